@@ -27,6 +27,7 @@ from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin, Torque
 from graspless_pin.solution.proof import ContactSplit
+from graspless_pin.solvers import Outcome
 
 RULES = Rules.parse()
 SPLIT = [
@@ -167,6 +168,42 @@ def test_rounding_of_equal_bounds_does_not_lead_the_search_about(
 
     nodes = proves_less(0.0)
     assert {proves_less(1e-9) for _ in range(4)} == {nodes}
+
+
+@pytest.mark.parametrize("index", range(len(SPLIT)))
+def test_traces_of_forbidden_friction_lead_nowhere(index, monkeypatch):
+    """A solver may leave more than counts as none where a part of the modes allows none."""
+    problem, honest = SPLIT[index], SearchState.solve
+    best = maximize_margin(problem)
+
+    def solve(state, lb, ub):
+        answer = honest(state, lb, ub)
+        if answer.outcome is not Outcome.SOLVED:
+            return answer
+        x = answer.x.copy()
+        columns = state.formulation.cone_columns[0]
+        x[columns] += 3e-8 * ((ub[columns] == 0.0) * 1.0 - (lb[columns] == 0.0))
+        return answer.moved(x, answer.value, answer.residual)
+
+    monkeypatch.setattr(SearchState, "solve", solve)
+    result = branch_and_bound(state_of(problem), Limits(node_limit=1000))
+    assert result.status is Status.OPTIMAL
+    assert result.state.best is not None
+    found = -result.state.best.value * problem.scales.force
+    assert found == pytest.approx(best.margin, abs=1e-6)
+
+
+def test_friction_that_hardly_counts_is_friction_where_no_rule_forbids_it():
+    """Forty contacts share what none of them alone has enough of to count."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    places = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(40)])
+    problem = QuasistaticProblem(
+        places, np.tile([0.0, 0.0, 1.0], (40, 1)), [3e-7, 0, -1, 0, 0, 0], friction=0.5
+    )
+    found = maximize_margin(problem, static_friction="coulomb")
+    assert found.status is Status.OPTIMAL
+    balance = problem.W @ found.contact_forces.ravel() + problem.external_wrench
+    assert np.abs(balance).max() < 1e-8
 
 
 def test_two_sets_of_forces_that_oppose_each_other_split_that_contact():

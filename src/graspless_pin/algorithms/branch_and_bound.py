@@ -6,7 +6,8 @@ kinematic conditions tells which decisions cannot stand together. A node is a pa
 its program the relaxation with the friction that they allow. If no feasible mode admits the
 friction of its optimum, the kinematics name a conflict: items "contact l virtually slides with sign
 s along t_m" and "contact l is selected" that exclude each other. At least one of them must give
-way, and each child lets another one. A document's proof splits the same tree (`solution_proof`).
+way, and each child lets another one. A document's proof bounds and splits the same parts
+(`solution_proof`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, closeness, finished
-from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
+from graspless_pin.modes.rules import SignRule, SlidingMode
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
 from graspless_pin.tree_search import TreeSearch
@@ -50,7 +51,7 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
             return finished(state)
         if limits.end(state.nodes):
             return finished(state, interrupted=True)
-        state.oracle.kinematic_programs += 1
+        state.oracle.kinematic_programs += int(part.selected.any())
         if tree.exclusion(part) is not None:
             continue
         answer = state.solve(*tree.bounds(part))
@@ -109,10 +110,11 @@ def _children(
     None where nothing in the part is better than what was kept, or it cannot be split; no children
     where it holds no mode.
     """
-    found = state.oracle.mode_for(answer.x)
+    x = tree.within(part, answer.x)
+    found = state.oracle.mode_for(x)
     state.modes_examined += 1
     if isinstance(found, SlidingMode):
-        if state.accept(answer, found) or state.rules.static_friction is StaticFriction.COULOMB:
+        if state.accept(answer, found):
             return None
         found = None
     elif state.modes_examined % _GUESS_EVERY == 1:
@@ -120,9 +122,12 @@ def _children(
         if state.closed(answer.bound):
             return None
     # What else the part knows of its modes may exclude them, where the friction alone does not.
-    conflict = state.oracle.conflict_for(answer.x, part) if found is None else found
-    split = tree.split(part, answer.x, conflict)
+    conflict = state.oracle.conflict_for(x, part) if found is None else found
+    split = tree.split(part, x, conflict)
     if split is None:
+        # It is one mode, which has a motion behind it, and the answer is its own program's.
+        state.oracle.is_clear, state.oracle.witness = False, None
+        state.accept(answer, part.mode, x)
         return None
     children = split[1]
     if state.rules.sign is SignRule.EXACT:

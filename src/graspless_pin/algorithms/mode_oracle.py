@@ -67,11 +67,15 @@ class ModeOracle:
         return verdict if isinstance(verdict, Conflict) else self._complete(known, verdict, every)
 
     def conflict_for(self, x: FloatArray, part: ModePart) -> Conflict | Blocked | None:
-        """Return what excludes every mode of a part that admits the friction in x; None: nothing.
+        """Return what excludes every mode of a part that admits the friction in x.
 
         Args:
             x: Solution of the program.
             part: The modes.
+
+        Returns:
+            None: that is not known, as where only the signs of vanishing components stand in the
+            way, or two sets of forces whose friction has opposite signs.
         """
         known = self._required(x, part)
         if known is None:

@@ -70,6 +70,12 @@ class ModePart:
         first, second = self.left(contact, 0), self.left(contact, 1)
         return first[0] if len(first) == 1 else 0, second[0] if len(second) == 1 else 0
 
+    @property
+    def mode(self) -> SlidingMode:
+        """The mode of a part that is one alone."""
+        signs = self.plus.astype(np.int8) - self.minus.astype(np.int8)
+        return SlidingMode.unchecked(self.selected, np.where(self.selected[:, None], signs, 0))
+
     def requirements(self) -> list[Requirement]:
         """Return what all its modes ask of the virtual motion."""
         return [Requirement(c, self.signs(c)) for c in np.flatnonzero(self.selected).tolist()]
@@ -139,10 +145,12 @@ class ModeTree:
     Attributes:
         formulation: The program.
         rules: The reading of the virtual-sliding constraint.
+        for_proof: Whether combinations are sharpened, for others to check.
     """
 
     formulation: Formulation
     rules: Rules
+    for_proof: bool = False
 
     def bounds(self, part: ModePart | None) -> tuple[FloatArray, FloatArray]:
         """Return bounds of the variables: friction opposes the sliding that is left to it.
@@ -162,6 +170,10 @@ class ModeTree:
             ub[columns[gone | ~part.minus[cones]]] = 0.0
             lb[columns[gone | ~part.plus[cones]]] = 0.0
         return lb, ub
+
+    def within(self, part: ModePart, x: FloatArray) -> FloatArray:
+        """Return x without the friction that a part forbids: a solver may leave traces of it."""
+        return np.clip(x, *self.bounds(part))
 
     def exclusion(self, part: ModePart) -> KinematicLeaf | None:
         """Return why no virtual motion is behind any mode of a part; None: one may be."""
@@ -184,12 +196,13 @@ class ModeTree:
 
         Args:
             part: The modes.
-            x: The optimum.
+            x: Its optimum, see `within`.
             found: What excludes every mode of the part that admits it, by
                 `ModeOracle.conflict_for`; None: that is not known.
 
         Returns:
-            How it is split, and the parts, the most promising one last; None: it is one mode.
+            How it is split, and the parts in the order of the items, or of the pairs of signs;
+            None: it is one mode.
         """
         size = self.formulation.friction_size(x)
         if found is None:
@@ -245,6 +258,8 @@ class ModeTree:
         """Return a combination of which motions see as little as rounding allows."""
         kinematics = self.formulation.kinematics
         seen, v = kinematics.seen, conflict.combination
+        if not self.for_proof:
+            return v
         still = np.zeros(v.shape, dtype=bool)
         for contact, signs in wanted:
             still[contact, 0] = True

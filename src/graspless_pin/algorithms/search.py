@@ -117,6 +117,8 @@ class SearchState:
             Whether the answer's own value was reached.
         """
         exact = answer
+        if self.rules.static_friction is StaticFriction.COULOMB:
+            admitted = answer.x  # the mode only describes it
         x = self.formulation.admitted(mode, answer.x) if admitted is None else admitted
         if x is not answer.x:
             residual = self.formulation.program.residual(x)

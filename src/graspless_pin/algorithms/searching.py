@@ -13,7 +13,7 @@ from graspless_pin.algorithms.options import Limits, Search, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished, undecided
 from graspless_pin.errors import OverrunError, UndecidedMotionError
 from graspless_pin.modes.enumeration import feasible_modes
-from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
 
@@ -38,8 +38,6 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
     state.modes_examined = 1
     if isinstance(mode, SlidingMode) and state.accept(answer, mode):
         return finished(state)
-    if state.rules.static_friction is StaticFriction.COULOMB:
-        return SearchResult(Status.UNVERIFIED, state)
     smallest = np.inf
     state.oracle.is_clear = False
     modes = feasible_modes(

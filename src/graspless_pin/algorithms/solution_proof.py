@@ -1,8 +1,9 @@
 """The whole proof of a solution, found or not: what its document carries for those who check it.
 
-The tree is that of the search (`mode_tree`), gone through again when a document is asked for: now
-that the bound is known it takes a small part of the search's time, and no solution has to keep the
-multipliers of every node. How the optimum was found plays no part in it.
+It bounds and splits the parts of all modes that the search does (`mode_tree`), again, when a
+document is asked for: now that the bound is known it takes a small part of the search's time, and
+no solution has to keep the multipliers of every node. How the optimum was found plays no part in
+it.
 """
 
 from __future__ import annotations
@@ -59,8 +60,8 @@ class ModeProver:
     target: float
 
     def __post_init__(self) -> None:
-        """Make the tree that the search splits, too."""
-        self.tree = ModeTree(self.formulation, self.rules)
+        """Make what bounds and splits parts, and what finds conflicts in them."""
+        self.tree = ModeTree(self.formulation, self.rules, for_proof=True)
         self.oracle = ModeOracle(self.formulation, self.rules)
 
     def prove(self, root: ModePart | None, known: DualVariables | None = None) -> ModeProof:
@@ -109,8 +110,8 @@ class ModeProver:
             return "that a part has no forces is not proven of the farthest", []
         if part is None:
             return "the relaxation does not prove the bound", []
-        found = self.oracle.conflict_for(answer.x, part)
-        split = self.tree.split(part, answer.x, found)
+        x = self.tree.within(part, answer.x)
+        split = self.tree.split(part, x, self.oracle.conflict_for(x, part))
         return split or ("a mode with a virtual motion seems better than the bound", [])
 
     def solved(self, part: ModePart | None, cutoff: float | None = None) -> Answer:

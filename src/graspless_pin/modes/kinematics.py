@@ -175,18 +175,6 @@ class VirtualKinematics:
         contacts, signs = _split(requirements)
         return self._fastest(contacts, signs, rule)[1].slowest
 
-    def witness(self, requirements: Sequence[Requirement], rule: SignRule) -> FloatArray | None:
-        """Velocities (M, 3) along n, t1, t2 of a motion that meets the requirements, or None.
-
-        Without conflicts named and without the nudge of `Witness.velocities`.
-        """
-        contacts, signs = _split(requirements)
-        touching, found = self._fastest(contacts, signs, rule)
-        if found.slowest < self.threshold:
-            return None
-        velocities: FloatArray = self.seen @ (touching.basis @ found.motion)
-        return velocities
-
     def counts(
         self, velocities: FloatArray, requirements: Sequence[Requirement], rule: SignRule
     ) -> bool:
