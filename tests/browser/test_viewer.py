@@ -408,7 +408,8 @@ def test_a_motion_is_shown_when_it_is_asked_for(page: Page):
         show.check(force=True)
         assert looked_at(page, WHOLE, lambda shot: differing(middle(shot), at_rest) > 0.01)
         show.uncheck(force=True)
-        assert looked_at(page, WHOLE, lambda shot: differing(middle(shot), at_rest) == 0.0)
+        # Not none at all: what a busy machine draws late was not there before.
+        assert looked_at(page, WHOLE, lambda shot: differing(middle(shot), at_rest) < 0.005)
         page.get_by_role("checkbox", name="play", exact=True).check(force=True)
         expect(show).to_be_checked()
         first = middle(drawing(page))

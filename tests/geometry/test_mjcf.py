@@ -416,6 +416,21 @@ def test_what_a_urdf_cannot_say_is_refused_by_name(
     assert str(claw) in str(caught.value)
 
 
+def test_visual_shapes_that_no_link_can_have_are_left_out(claw: Path) -> None:
+    seen = '<geom type="{}" size="0.01 0.02 0.03" contype="0" conaffinity="0" mass="0.01"/>'
+    both = seen.format("ellipsoid") + seen.format("box")
+    claw.write_text(HAND.replace('<geom type="sphere" size="0.01" mass="0.01"/>', both))
+    (tip,) = (link for link in read_robot(claw, visuals_collide=True).links if link.name == "tip")
+    assert [type(one.shape).__name__ for one in tip.collisions] == ["Box"]
+    assert len(tip.visuals) == 1
+
+
+def test_a_figure_that_is_none_is_named(claw: Path) -> None:
+    claw.write_text(HAND.replace('name="far" pos="0 0 0.06"', 'name="far" pos="0 0 2e12"'))
+    with capture(), pytest.raises(RobotError, match="joint 'curl' has the figure 2e"):
+        read_robot(claw)
+
+
 def test_what_is_left_out_is_said(claw: Path) -> None:
     claw.write_text(HAND.replace('range="-30 30"', 'range="-30 30" stiffness="0.1"'))
     with pytest.warns(GrasplessPinWarning, match="springs; their torques are left out"):

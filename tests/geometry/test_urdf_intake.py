@@ -161,6 +161,26 @@ def test_reversed_limits_are_called_reversed(tmp_path):
     assert "joint 'hinge' has the lower limit 1 above the upper limit -1" in said
 
 
+def test_a_limit_like_the_largest_number_is_none(tmp_path):
+    most = 'lower="-1.797e308" upper="1.797e308" effort="3.4028235e38"'
+    file = write_urdf(tmp_path, TWO + joint("hinge", "a", "b", limit=most))
+    hand = Hand.from_urdf(file, effort_limits={"hinge": 1.0})
+    assert hand.tree.lower == -np.inf and hand.tree.upper == np.inf
+    assert codes(audit_urdf(file)) == [FindingCode.PLACEHOLDER_EFFORT]
+
+
+@pytest.mark.parametrize("fault", ["shape", "joint"])
+def test_an_audit_goes_on_after_a_fault(tmp_path, fault):
+    weak = joint("right", "palm", "c", limit='lower="-1" upper="1" effort="0"')
+    body = robot_with_a_fault(tmp_path, fault).read_text()
+    body = body.replace(joint("right", "palm", "c"), weak)
+    file = tmp_path / "robot.urdf"
+    file.write_text(body.replace(BALL, MESH.format("gone.stl"), 1) if fault == "joint" else body)
+    found = codes(audit_urdf(file))
+    assert FindingCode.UNREADABLE in found
+    assert (FindingCode.PLACEHOLDER_EFFORT in found) == (fault == "shape")
+
+
 LOCKED = 'lower="{0}" upper="{0}" effort="0"'
 
 

@@ -25,10 +25,13 @@ from graspless_pin.geometry.hand.robot_model import (
     RobotJoint,
     RobotLink,
     RobotModel,
+    check_link_count,
+    limit_of,
     root_of_tree,
 )
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.robots.description import JointCoupling
+from graspless_pin.intake.files import is_file
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -75,6 +78,7 @@ class _Reader:
         """Return the robot."""
         model = self._model
         top, inside = self._robot_bodies()
+        check_link_count(str(self._source.path), int(inside.sum()))
         if np.any(model.jnt_stiffness[inside[model.jnt_bodyid]] > 0.0):
             emit(
                 Finding(
@@ -161,8 +165,9 @@ class _Reader:
             leaders, offset = self._mimics[joint]
             follows = {self._source.joint(leader): one for leader, one in leaders.items()}
             coupling = JointCoupling(name, follows, offset)
+        effort = limit_of(self._efforts.get(joint, np.inf))
         return RobotJoint(
-            name, word, parent, child, T, axis, low, high, self._efforts.get(joint, np.inf),
+            name, word, parent, child, T, axis, limit_of(low), limit_of(high), effort,
             float(model.dof_armature[model.jnt_dofadr[joint]]), coupling,
         )  # fmt: skip
 
@@ -178,15 +183,22 @@ class _Reader:
         geoms = [geom for geom in range(first, first + count) if model.geom_type[geom] != plane]
         touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
         seen = [geom for geom in geoms if geom not in touching] or touching
+        seen = [geom for geom in seen if self._is_known(geom)]
         if self._visuals_collide and not touching:
             touching = seen
         self._links.append(
             RobotLink(
                 name, mass, T[:3, 3].copy(), inertia,
-                tuple(self._shape(name, geom) for geom in touching),
-                tuple(self._shape(name, geom) for geom in seen if self._is_known(geom)),
+                tuple(self._shape(name, geom) for geom in touching), self._visuals(name, seen),
             )
         )  # fmt: skip
+
+    def _visuals(self, link: str, geoms: list[int]) -> tuple[LinkShape, ...]:
+        """Return how a link looks; nothing fails that is drawn only."""
+        try:
+            return tuple(self._shape(link, geom) for geom in geoms)
+        except RobotError:
+            return ()
 
     def _is_known(self, geom: int) -> bool:
         """Whether a link can have the shape of a geom."""
@@ -252,7 +264,8 @@ class _Reader:
         file = (folder / source.spec.compiler.meshdir / asset.file).resolve()
         x, y, z = scale.tolist()
         own = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
-        return LinkMesh(str(file), file, (file,), (x, y, z)), invert(own) @ T_file
+        found = file if is_file(file) else None
+        return LinkMesh(str(file), found, (file,), (x, y, z)), invert(own) @ T_file
 
 
 def _moved(by: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ _UNALIGNED = {
     "prismatic": pin.JointModelPrismaticUnaligned,
 }
 _BEYOND_COSINES = 1.01
+"""Pinocchio's limits of a cosine and a sine, which are none."""
 
 
 class _Frame(NamedTuple):
@@ -138,7 +139,8 @@ def _joint_model(item: RobotJoint) -> Any:
     for axis, kind in zip(np.eye(3), _ALIGNED[item.kind], strict=True):
         if (item.axis == axis).all():
             return kind()
-    axis = item.axis / np.linalg.norm(item.axis)
+    axis = item.axis / np.abs(item.axis).max()  # whose squares are numbers
+    axis = axis / np.linalg.norm(axis)
     return _unbounded(axis) if item.kind == "continuous" else _UNALIGNED[item.kind](axis)
 
 

@@ -16,7 +16,11 @@ from types import MappingProxyType
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import CrashError, OverrunError, RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.hand.robot_model import RobotModel, check_name_lengths
+from graspless_pin.geometry.hand.robot_model import (
+    RobotModel,
+    check_link_count,
+    check_name_lengths,
+)
 from graspless_pin.geometry.hand.urdf import robot_of_urdf
 from graspless_pin.geometry.hand.xacro_call import run_xacro
 from graspless_pin.intake.files import (
@@ -31,9 +35,6 @@ from graspless_pin.intake.text import parse_xml
 
 URDF = FileKind("URDF", 16, RobotError)
 _SRDF = FileKind("SRDF", 16, RobotError)
-
-MOST_LINKS = 1000
-"""More links than any robot has."""
 
 _OTHER_XML = ("XML file", "SDF file", "MuJoCo model", "xacro file")
 _SECONDS = 60.0
@@ -78,8 +79,7 @@ def read_robot(
         from graspless_pin.geometry.hand.mjcf import robot_of_mjcf
 
         robot = robot_of_mjcf(path, visuals_collide=visuals_collide, with_shapes=with_shapes)
-        _check_count(path, len(robot.links))
-        robot.check_names()
+        robot.check()
         robot = robot if root_link is None else robot.below(root_link)
     else:
         robot = robot_of_urdf(
@@ -118,17 +118,10 @@ def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, 
             f"{path}: a URDF starts with <robot> and an MJCF with <mujoco>, this file with "
             f"<{root.tag}>"
         )
-    _check_count(path, len(root.findall("link")))
+    check_link_count(str(path), len(root.findall("link")))
     for kind in ("link", "joint"):
         check_name_lengths(str(path), kind, (one.get("name", "") for one in root.findall(kind)))
     return root
-
-
-def _check_count(path: Path, links: int) -> None:
-    if links > MOST_LINKS:
-        raise RobotError(
-            f"{path}: has more than {MOST_LINKS} links, the most that a robot may have"
-        )
 
 
 def _is_xacro(root: ET.Element) -> bool:

@@ -5,6 +5,7 @@ Pinocchio gets it joint by joint (`pinocchio_model`).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.bodies.shape import Shape
 from graspless_pin.geometry.pickling import Record
@@ -25,6 +27,11 @@ FREE_KINDS = ("floating", "planar")
 
 LONGEST_CHAIN = 200
 """More joints between root and tip than any robot has."""
+MOST_LINKS = 1000
+"""More links than any robot has."""
+
+_UNLIMITED = 1e30
+"""Limits beyond it, such as the largest number that a computer has, mean that there is none."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +40,7 @@ class LinkMesh:
 
     Attributes:
         written: How the robot's file names it.
-        file: The file; None: it is missing.
+        file: The file; None: it is missing, which nobody needs to mind but who reads it.
         looked: Where it was looked for.
         scale: Metres per unit of the file along x, y, z.
     """
@@ -67,7 +74,7 @@ class RobotLink(Record):
         center_of_mass: (3,) in the link's frame, m.
         inertia: (3, 3) about the centre of mass, axes of the link's frame, kg m^2.
         collisions: What touches.
-        visuals: How it looks; empty where the file says nothing that can be drawn.
+        visuals: How it looks; empty where one of its visual shapes is malformed.
     """
 
     name: str
@@ -242,18 +249,56 @@ class RobotModel(Record):
                 frozenset(prefix + link for link in pair) for pair in self.disabled_pairs
             ),
         )
-        named.check_names()
+        named.check()
         return named
 
-    def check_names(self) -> None:
-        """Refuse names that are too long.
+    def check(self) -> None:
+        """Refuse too many links, names that are too long, and figures that are none.
 
         Raises:
-            RobotError: One is.
+            RobotError: There are.
         """
+        check_link_count(self.label, len(self.links))
         check_name_lengths(self.label, "link", (link.name for link in self.links))
         check_name_lengths(self.label, "joint", (joint.name for joint in self.joints))
         check_name_lengths(self.label, "tendon", self.tendons)
+        for link in self.links:
+            poses = [one.T_link_shape for one in (*link.collisions, *link.visuals)]
+            figures = [link.mass, link.center_of_mass, link.inertia, *poses]
+            _check_figures(f"{self.label}: link {link.name!r}", figures)
+        for joint in self.joints:
+            figures = [joint.T_parent_joint, joint.axis, joint.rotor_inertia]
+            _check_figures(f"{self.label}: joint {joint.name!r}", figures)
+
+
+def _check_figures(where: str, figures: Iterable[FloatArray | float]) -> None:
+    values = np.concatenate([np.ravel(one) for one in figures])
+    wrong = values[~(np.abs(values) <= LARGEST_LENGTH)]
+    if len(wrong):
+        raise RobotError(
+            f"{where} has the figure {wrong[0]:g}; it must be within ±{LARGEST_LENGTH:g}"
+        )
+
+
+def limit_of(value: float) -> float:
+    """Return a limit of a file, infinite where it is too far to be one."""
+    return float(np.copysign(np.inf, value)) if abs(value) > _UNLIMITED else value
+
+
+def check_link_count(label: str, count: int) -> None:
+    """Refuse more links than any robot has.
+
+    Args:
+        label: The file, for messages.
+        count: How many there are.
+
+    Raises:
+        RobotError: There are more.
+    """
+    if count > MOST_LINKS:
+        raise RobotError(
+            f"{label}: has more than {MOST_LINKS} links, the most that a robot may have"
+        )
 
 
 def check_name_lengths(label: str, kind: str, names: Iterable[str]) -> None:
@@ -288,10 +333,10 @@ def root_of_tree(
             no tree, or one that is too deep.
     """
     for kind, names in (("link", links), ("joint", joints)):
-        for index, name in enumerate(names):
+        for name, count in Counter(names).items():
             if not name:
                 raise RobotError(f"{label}: a <{kind}> has no name")
-            if name in names[:index]:
+            if count > 1:
                 raise RobotError(f"{label}: two {kind}s are called {name!r}; rename one")
     if not links:
         raise RobotError(f"{label}: the robot has no <link>")
@@ -303,8 +348,8 @@ def root_of_tree(
                     f"{label}: joint {joint!r} names the {end} link {link or None!r}, "
                     "which does not exist"
                 )
-    for link in children:
-        if children.count(link) > 1:
+    for link, count in Counter(children).items():
+        if count > 1:
             raise RobotError(f"{label}: link {link!r} is the child of two joints")
     roots = sorted(known - set(children))
     if len(roots) != 1:

@@ -51,8 +51,8 @@ class KinematicTree(Brief, Record):
         lower: (n,) lower position limits, -inf where there is none (radians or metres).
         upper: (n,) upper position limits, inf where there is none.
         visuals: How links look, of those of which a file says something; only drawing asks.
-        bases: The mounted robots: names of links and joints, and the Pinocchio inertia of what
-            does not move, in world axes.
+        bases: The mounted robots: names of their joints and frames, and the Pinocchio inertia of
+            what does not move, in world axes.
         disabled_pairs: Pairs of links that may be in each other, as SRDFs say.
     """
 

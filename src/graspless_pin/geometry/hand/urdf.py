@@ -1,13 +1,13 @@
-"""The record of a robot from a URDF: what Pinocchio's parser drops in silence is an error here.
+"""The record of a robot from a URDF: each figure is checked where it is read.
 
-That parser reports mistakes on standard error only, leaves malformed shapes and capsules out, opens
-what files name and crashes on some meshes that are broken. Each figure is checked where it is read.
+Pinocchio's own parser is not used: it reports mistakes on standard error only, leaves malformed
+shapes and capsules out, opens what files name and crashes on some meshes that are broken.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from graspless_pin.geometry.hand.robot_model import (
     RobotJoint,
     RobotLink,
     RobotModel,
+    limit_of,
     links_below,
     root_of_tree,
 )
@@ -69,7 +70,8 @@ def robot_of_urdf(
         top, kept = root_link, links_below(str(path), names, ends, root_link)
         links = [link for link in links if link.get("name") in kept]
         joints = [joint for joint, (parent, _) in zip(joints, ends, strict=True) if parent in kept]
-    rotors = _rotor_inertias(path, root)
+    kept_joints = {joint.get("name", "") for joint in joints}
+    rotors = _rotor_inertias(path, root, kept_joints)
     of_joints = tuple(_joint(path, joint, rotors) for joint in joints)
     return RobotModel(
         str(path),
@@ -133,17 +135,17 @@ def _limits(where: str, kind: str, limit: ET.Element | None) -> tuple[float, flo
         for key, text in limit.attrib.items()
     }
     if not is_limited:
-        return -np.inf, np.inf, found["effort"]
+        return -np.inf, np.inf, limit_of(found["effort"])
     if found["lower"] > found["upper"]:
         low, high = (limit.get(key, "0") for key in ("lower", "upper"))
         raise RobotError(
             f"{where} has the lower limit {low} above the upper limit {high}, so that it can "
             "stand nowhere; exchange them"
         )
-    return found["lower"], found["upper"], found["effort"]
+    return limit_of(found["lower"]), limit_of(found["upper"]), limit_of(found["effort"])
 
 
-def _rotor_inertias(path: Path, root: ET.Element) -> dict[str, float]:
+def _rotor_inertias(path: Path, root: ET.Element, joints: Collection[str]) -> dict[str, float]:
     """Return the inertia of each rotor at its joint: times the gear ratio squared.
 
     A transmission holds ``rotor_inertia`` (kg m^2, or kg) and ``gear_ratio`` as attributes called
@@ -152,6 +154,7 @@ def _rotor_inertias(path: Path, root: ET.Element) -> dict[str, float]:
     Args:
         path: The URDF file.
         root: Its ``<robot>`` element.
+        joints: Those of which rotors are looked for.
 
     Returns:
         kg m^2 (kg for linear joints) by joint.
@@ -166,15 +169,15 @@ def _rotor_inertias(path: Path, root: ET.Element) -> dict[str, float]:
             element.tag.rpartition(":")[2]: element.get("value") or element.text or ""
             for element in transmission.iter()
         }
-        joints = transmission.findall("joint")
-        if "rotor_inertia" not in texts or len(joints) != 1:
+        own = [joint.get("name", "") for joint in transmission.findall("joint")]
+        if "rotor_inertia" not in texts or len(own) != 1 or own[0] not in joints:
             continue
         inertia = _number(where, "rotor_inertia", texts["rotor_inertia"])
         if inertia < 0.0:
             raise RobotError(f"{where} has the negative rotor_inertia {inertia:g} kg m^2")
         ratio = texts.get("gear_ratio", texts.get("mechanicalReduction", "1"))
         factor = _number(where, "gear_ratio", ratio)
-        rotors[joints[0].get("name", "")] = inertia * factor**2
+        rotors[own[0]] = inertia * factor**2
     return rotors
 
 
@@ -310,7 +313,7 @@ def _numbers(
 ) -> list[float]:
     """Parse ``count`` numbers, none of them NaN and, unless they are limits, all within ±1e12."""
     try:
-        values = [float(word) for word in text.split()]
+        values = [] if "_" in text else [float(word) for word in text.split()]
     except ValueError:
         values = []
     if len(values) != count or any(value != value for value in values):

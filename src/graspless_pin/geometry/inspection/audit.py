@@ -1,13 +1,10 @@
-"""Audit a URDF: what will hurt later, and what to do about it.
-
-The part of an audit that looks at the meshes.
-"""
+"""Audit a URDF: what will hurt later, and what to do about it."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -191,36 +188,52 @@ def audit_urdf(
         robot = replace(robot, root_link=root_link)
     check_file(robot.urdf_path, URDF)
     findings: list[Finding] = []
-    joined: JoinedMounts | None = None
-    loads = False
+    errors: list[Exception] = []
     with capture() as emitted:
-        try:
-            joined = join_mounts([Mount(robot)], with_shapes=False)
-            with capture():  # said again below
-                model = read_robot(
-                    robot.urdf_path,
-                    package_dirs=robot.package_dirs,
-                    root_link=robot.root_link,
-                    xacro_args=robot.xacro_args,
-                    visuals_collide=robot.visuals_collide,
-                )
+        with capture(), _kept(errors):  # what is said of shapes is said again below
+            model = _read(robot, with_shapes=True)
             findings += [*_audit_meshes(robot, model), *_audit_shapes(model)]
-            findings += [*_audit_mimics(robot, model), *_audit_joints(robot, joined)]
-            joined = join_mounts([Mount(robot)])
-            loads = True
-        except (RobotError, MeshError, ArgumentError) as error:
-            way = _way_round(robot, joined)
-            if not any(item.code in _MESH_FAILURES for item in findings):
-                findings.append(_unreadable(robot, error))
-            findings = [
-                replace(item, advice=item.advice + way)
-                if item.code in (*_MESH_FAILURES, FindingCode.UNREADABLE)
-                else item
-                for item in findings
-            ]
+        joined: JoinedMounts | None = None
+        with _kept(errors):
+            joined = join_mounts([Mount(robot)], with_shapes=False)
+            findings += _audit_mimics(robot, _read(robot, with_shapes=False))
+            findings += _audit_joints(robot, joined)
+        if not errors:
+            with _kept(errors):
+                joined = join_mounts([Mount(robot)])
+    if errors:
+        way = _way_round(robot, joined)
+        if not any(item.code in _MESH_FAILURES for item in findings):
+            findings.append(_unreadable(robot, errors[0]))
+        findings = [
+            replace(item, advice=item.advice + way)
+            if item.code in (*_MESH_FAILURES, FindingCode.UNREADABLE)
+            else item
+            for item in findings
+        ]
     codes = {item.code for item in findings}
     findings += [item for item in emitted if item.code not in codes]
-    return _report(robot, joined, findings, loads=loads)
+    return _report(robot, joined, findings, loads=not errors)
+
+
+@contextmanager
+def _kept(errors: list[Exception]) -> Iterator[None]:
+    """Keep the error that says what is wrong with a robot, and go on."""
+    try:
+        yield
+    except (RobotError, MeshError, ArgumentError) as error:
+        errors.append(error)
+
+
+def _read(robot: RobotDescription, *, with_shapes: bool) -> RobotModel:
+    return read_robot(
+        robot.urdf_path,
+        package_dirs=robot.package_dirs,
+        root_link=robot.root_link,
+        xacro_args=robot.xacro_args,
+        visuals_collide=robot.visuals_collide,
+        with_shapes=with_shapes,
+    )
 
 
 def _way_round(robot: RobotDescription, joined: JoinedMounts | None) -> str:
