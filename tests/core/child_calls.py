@@ -11,7 +11,7 @@ from graspless_pin.errors import GrasplessPinWarning
 PATIENCE = 300.0
 
 
-class Stubborn(Exception):  # noqa: N818 - what it is called does not matter
+class StubbornError(Exception):
     """Cannot be made again from its arguments."""
 
     def __init__(self, one, two):
@@ -27,7 +27,7 @@ def fails(error):
 
 
 def fails_stubbornly():
-    raise Stubborn(1, 2)
+    raise StubbornError(1, 2)
 
 
 def yields_then(action, *arguments):

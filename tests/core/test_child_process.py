@@ -64,7 +64,7 @@ def test_errors_are_those_of_the_call(child):
     with pytest.raises(StateError) as caught:
         child.call(fails, StateError(StateFault.PARTED, "gone"))
     assert caught.value.kind is StateFault.PARTED
-    with pytest.raises(RuntimeError, match="Stubborn: 1 and 2"):
+    with pytest.raises(RuntimeError, match="StubbornError: 1 and 2"):
         child.call(fails_stubbornly)
     assert child.call(len, "four") == 4
 

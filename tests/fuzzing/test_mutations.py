@@ -48,7 +48,7 @@ def test_what_breaks_no_rule():
 def test_mutations_are_seeded_and_change_something():
     content = b"a: 1\nb: [2, 3]\nc: {d: text}\n"
     spoilt, again = (
-        [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(12) if i != 6]  # noqa: S311
+        [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(12)]  # noqa: S311
         for _ in range(2)
     )
     assert spoilt == again

@@ -1,6 +1,6 @@
 """A robot as its file describes it, whatever the file's kind: `urdf` and `mjcf` make this record.
 
-Pinocchio gets it joint by joint (`pinocchio_model`).
+Pinocchio gets it joint by joint (`tree`).
 """
 
 from __future__ import annotations

@@ -42,9 +42,8 @@ def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
                     relative.append(mesh.written)
                 if use == "collision" and mesh.file and mesh.file.suffix.lower() == ".dae":
                     with suppress(MeshError):  # found already
-                        up_axes[mesh.file.name] = dae_frame(mesh.file, read_bytes(mesh.file, MESH))[
-                            1
-                        ]
+                        frame = dae_frame(mesh.file, read_bytes(mesh.file, MESH))
+                        up_axes[mesh.file.name] = frame[1]
     if relative:
         count, example = len(relative), relative[0]
         yield Finding(
