@@ -23,7 +23,9 @@ def work():
 
 guarded(work)
 """
-WAITING = "print(os.getpid(), flush=True); time.sleep(600)"
+# In short sleeps: Python acts on a signal between two steps of a program, and one that comes just
+# before the system call of a sleep waits until that sleep ends.
+WAITING = "print(os.getpid(), flush=True); [time.sleep(0.05) for _ in range(100_000)]"
 PATIENCE = 300.0
 
 
