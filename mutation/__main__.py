@@ -35,7 +35,7 @@ TESTS = (
     "tests/holding", "tests/verify",
     "tests/studies/test_margin_torque_curve.py",
 )  # fmt: skip
-OF_LOOPS = ("algorithms/carried.py",)
+OF_LOOPS = ("algorithms/batch_optimum.py",)
 """Files that do nothing without compiled loops: their mutants are among those of `loops`."""
 FIRST, MORE = 4.0, 20.0
 """Seconds of tests that a mutant is tried with; and, if it survives, as a second chance."""

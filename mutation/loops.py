@@ -35,7 +35,7 @@ OF_OPTIMA = (
     "tests/compiled",
     "tests/core/test_loaded_optima.py",
     "tests/holding/test_outcome_bounds.py",
-    "tests/planning/test_carried.py",
+    "tests/planning/test_batch_optimum.py",
     "tests/planning/test_many_states.py",
 )
 _SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
@@ -85,8 +85,8 @@ class Mistake(NamedTuple):
 
 FRAMES, MOTIONS, SHARED = "contact_frames", "virtual_motions", "shared"
 SEARCH, PAIRS, CHAINS, STATES = "contact_search", "body_pairs", "kinematic_chains", "hand_states"
-ASSEMBLY, STARTS, CARRIED = "paper_programs", "optimum_starts", "carried_optima"
-COLD, LOADED, CALLER = "cold_optima", "loaded_states", "../algorithms/carried.py"
+ASSEMBLY, STARTS, CARRIED = "paper_programs", "optimum_starts", "warm_optima"
+COLD, LOADED, CALLER = "cold_optima", "loaded_states", "../algorithms/batch_optimum.py"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
 MISTAKES = tuple(
     Mistake(*one)
@@ -166,8 +166,8 @@ MISTAKES = tuple(
         (CALLER, "-unit if objective.maximizes else unit", "unit"),
         (CALLER, "or objective.regularization > 0.0", ""),
         (CALLER, "or options.rules.by_direction", ""),
-        (CALLER, "start.likeness.has_rows_of(likeness)", "start.likeness is not likeness"),
-        ("../algorithms/carried.py", "[*near, *self._pool]", "[*self._pool]"),
+        (CALLER, "start.structure.has_rows_of(structure)", "start.structure is not structure"),
+        ("../algorithms/batch_optimum.py", "[*near, *self._pool]", "[*self._pool]"),
         (CHAINS, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
         (FRAMES, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),

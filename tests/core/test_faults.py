@@ -390,7 +390,7 @@ def test_a_failed_program_in_a_mode_is_unverified(outcome, monkeypatch):
     assert found.status is expected[outcome]
 
 
-def test_torques_of_a_carried_optimum_are_checked():
+def test_torques_of_a_warm_optimum_are_checked():
     """A start that belongs to another problem changes no answer."""
     for name, other in zip(PROBLEMS, [*PROBLEMS][1:] + [*PROBLEMS][:1], strict=True):
         for objective, what, figure in (

@@ -9,7 +9,7 @@ from random_scenes import general_scene, slope_scene
 from scenes import scene
 
 from graspless_pin import Margin, QuasistaticProblem, SolveOptions, Torque, TorqueShare, compiled
-from graspless_pin.algorithms.carried import LoadedOptima, are_for
+from graspless_pin.algorithms.batch_optimum import LoadSweep, are_for
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.problem.cones import CONE_MODELS
 
@@ -58,12 +58,12 @@ def loaded(problem: QuasistaticProblem, seed: int) -> tuple[list[QuasistaticProb
 
 def found_of(problem, objective, rows, *, together=True) -> Found:
     """What loops find of states in order; those that they do not are left out."""
-    optima = LoadedOptima(problem, objective, SolveOptions())
+    optima = LoadSweep(problem, objective, SolveOptions())
     figures, torques = np.full((len(rows), 6), np.nan), np.zeros((len(rows), problem.joint_count))
     begin = 0
     while begin < len(rows):
         last = len(rows) if together else begin + 1
-        end = optima.carry_on(problem, rows[:last], begin, figures[:last], torques[:last])
+        end = optima.advance(problem, rows[:last], begin, figures[:last], torques[:last])
         begin = max(end, begin + 1) if not together else end + 1
     found = np.isfinite(figures[:, 0])
     return Found(figures[found], torques[found], found)
@@ -132,9 +132,7 @@ def test_arrays_that_do_not_fit_are_refused(wrong):
     else:
         begin = -1
     with pytest.raises(ValueError, match="needs"):
-        LoadedOptima(problem, Margin(), SolveOptions()).carry_on(
-            problem, rows, begin, figures, torques
-        )
+        LoadSweep(problem, Margin(), SolveOptions()).advance(problem, rows, begin, figures, torques)
 
 
 def test_loops_are_for_the_best_case_of_the_papers_programs():

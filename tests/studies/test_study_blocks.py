@@ -8,7 +8,7 @@ import pytest
 from study_tools import HEIGHT, PAPER, Here, data, study
 
 from graspless_pin import compiled, load_scene
-from graspless_pin.algorithms.carried import LoadedOptima
+from graspless_pin.algorithms.batch_optimum import LoadSweep
 from graspless_pin.errors import SceneError
 from graspless_pin.scene import problem_data
 from graspless_pin.scene.problem_data import jointed_contacts
@@ -117,15 +117,15 @@ def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, o
     samples = [*enumerate(made.samples)]
     whole = [*evaluate_each(made, samples)]
     bad = stated_sample(made.scene_at(samples[5][1]), {}, ALL_CHECKS, None).loads
-    carry_on = LoadedOptima.carry_on
+    advance = LoadSweep.advance
 
     def broken(self, problem, loads, begin, figures, torques):
-        end = carry_on(self, problem, loads, begin, figures, torques)
+        end = advance(self, problem, loads, begin, figures, torques)
         if (loads[begin : end + 1] == bad).all(axis=1).any():
             raise FloatingPointError("ours")
         return end
 
-    monkeypatch.setattr(LoadedOptima, "carry_on", broken)
+    monkeypatch.setattr(LoadSweep, "advance", broken)
     rows = [*evaluate_each(made, samples, one_by_one=one_by_one)]
     assert [row["sample"] for row in rows] == [*range(16)]
     assert rows[5]["status"] == "failed" and not rows[5]["found"]

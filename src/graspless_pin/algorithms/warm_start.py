@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.carried import WarmStart
+from graspless_pin.algorithms.batch_optimum import WarmStart
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.search import (
@@ -31,7 +31,7 @@ from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contac
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
-from graspless_pin.programs.assembly import likeness_of
+from graspless_pin.programs.assembly import structure_of
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
@@ -198,7 +198,7 @@ class _WarmState(SearchState):
             self.without_mode or start.relaxation,
             self.in_mode or (start.in_mode if mode is start.mode else None),
             self.oracle.motion,
-            likeness_of(problem) if problem.cone_model.regular and not open_still else None,
+            structure_of(problem) if problem.cone_model.regular and not open_still else None,
         )
 
 

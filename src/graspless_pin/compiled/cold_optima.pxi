@@ -20,15 +20,15 @@ cdef double _FRICTION = 1e-6  # over the load: the check shows whether less was 
 cdef double _RIDGE = 1e-14
 
 
-cdef class ColdCarrier(Carrier):
-    """A carrier that finds optima without a warm start, too."""
+cdef class ColdOptima(WarmOptima):
+    """Optima without a warm start, too."""
 
     cdef int guesses
     cdef tuple judged_by
     cdef Py_ssize_t count
     cdef cnp.npy_intp* one_sided
     cdef cnp.npy_intp* chosen
-    cdef double* wanted
+    cdef double* required
     cdef double* slide
     cdef double* guessed
     cdef double* rows
@@ -54,22 +54,22 @@ cdef class ColdCarrier(Carrier):
         Args:
             guesses: How many motions are tried behind the friction of an optimum.
             judged_by: The last four figures that `witness_of` judges by.
-            shared: See `Carrier`.
+            shared: See `WarmOptima`.
         """
-        Carrier.__init__(self, **shared)
+        WarmOptima.__init__(self, **shared)
         cdef Py_ssize_t n1 = self.n + 1, N = 6 + 3 * self.L + self.s + n1
         self.guesses, self.judged_by = guesses, judged_by
-        self.rows = self.room((6 + 3 * self.L) * n1)
-        self.side_bounds, self.slack, self.z = self.room(2 * N), self.room(2 * N), self.room(2 * N)
-        self.ds, self.dz = self.room(2 * N), self.room(2 * N)
-        self.primal_residual, self.target = self.room(2 * N), self.room(2 * N)
-        self.at, self.y, self.dy, self.dx = self.room(N), self.room(6), self.room(6), self.room(n1)
-        self.q, self.H = self.room(n1), self.room(n1 * n1)
-        self.solved_balance, self.schur = self.room(6 * n1), self.room(36)
+        self.rows = self.workspace((6 + 3 * self.L) * n1)
+        self.side_bounds, self.slack, self.z = self.workspace(2 * N), self.workspace(2 * N), self.workspace(2 * N)
+        self.ds, self.dz = self.workspace(2 * N), self.workspace(2 * N)
+        self.primal_residual, self.target = self.workspace(2 * N), self.workspace(2 * N)
+        self.at, self.y, self.dy, self.dx = self.workspace(N), self.workspace(6), self.workspace(6), self.workspace(n1)
+        self.q, self.H = self.workspace(n1), self.workspace(n1 * n1)
+        self.solved_balance, self.schur = self.workspace(6 * n1), self.workspace(36)
         # Sides that there are, two to a row, the upper one first; slacks and multipliers likewise.
         self.count, self.one_sided = 0, self.numbers(no_numbers(2 * N))
-        self.chosen, self.wanted = self.numbers(no_numbers(self.M)), self.room(2 * self.M)
-        self.slide, self.guessed = self.room(2 * self.M), self.room(witness_room(self.M, self.W))
+        self.chosen, self.required = self.numbers(no_numbers(self.M)), self.workspace(2 * self.M)
+        self.slide, self.guessed = self.workspace(2 * self.M), self.workspace(witness_workspace(self.M, self.W))
 
     cdef void row_values_at(self, const double* x, double* level) noexcept:
         """Put the values of all rows, and after them the variables, into a place."""
@@ -300,14 +300,14 @@ cdef class ColdCarrier(Carrier):
             pair = data(signs) + 2 * i
             if pair[0] != 0.0 or pair[1] != 0.0:
                 self.chosen[s] = i
-                memcpy(self.wanted + 2 * s, pair, 2 * sizeof(double))
+                memcpy(self.required + 2 * s, pair, 2 * sizeof(double))
                 s += 1
         map_of(M, self.L, self.points, self.normals, self.tangents, self.J, self.map)
         scaled_of(3 * M, W, self.map, self.scale, self.scaled)
         memset(self.motion, 0, W * sizeof(double))
         damping, corrections, rank_tolerance, least = self.judged_by
         if s and not witness_of(
-            M, W, self.scaled, s, self.chosen, self.wanted, NULL, self.guesses, damping,
+            M, W, self.scaled, s, self.chosen, self.required, NULL, self.guesses, damping,
             corrections, rank_tolerance, least, self.guessed, self.slide, self.motion,
         ):
             return None

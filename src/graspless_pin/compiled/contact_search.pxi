@@ -141,21 +141,21 @@ cdef class _Rows:
 
     cdef cnp.ndarray array
     cdef double* data
-    cdef Py_ssize_t count, room
+    cdef Py_ssize_t count, capacity
 
     def __cinit__(self):
-        self.count, self.room = 0, 16
-        self.array = empty(self.room, 6)
+        self.count, self.capacity = 0, 16
+        self.array = empty(self.capacity, 6)
         self.data = data(self.array)
 
     cdef void add(self, const double* surface, double height, const double* normal):
         """A contact half a height back along its normal from a point."""
         cdef cnp.ndarray larger
         cdef int i
-        if self.count == self.room:
-            larger = empty(2 * self.room, 6)
-            memcpy(data(larger), self.data, 6 * self.room * sizeof(double))
-            self.array, self.data, self.room = larger, data(larger), 2 * self.room
+        if self.count == self.capacity:
+            larger = empty(2 * self.capacity, 6)
+            memcpy(data(larger), self.data, 6 * self.capacity * sizeof(double))
+            self.array, self.data, self.capacity = larger, data(larger), 2 * self.capacity
         for i in range(3):
             self.data[6 * self.count + i] = surface[i] - 0.5 * height * normal[i]
             self.data[6 * self.count + 3 + i] = normal[i]

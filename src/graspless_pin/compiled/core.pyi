@@ -129,7 +129,7 @@ Optimum: TypeAlias = tuple[
 
 FIGURES: tuple[str, ...]
 
-class Carrier(PaperPrograms):
+class WarmOptima(PaperPrograms):
     def __init__(
         self,
         damping: float,
@@ -139,9 +139,11 @@ class Carrier(PaperPrograms):
         cutoff: float,
         **shared: Any,
     ) -> None: ...
-    def told(self) -> Optimum: ...
-    def carried(self, problem: Any, starts: list[Start | None]) -> tuple[int, Optimum] | None: ...
-    def carried_many(
+    def result(self) -> Optimum: ...
+    def warm_optimum(
+        self, problem: Any, starts: list[Start | None]
+    ) -> tuple[int, Optimum] | None: ...
+    def optima_of_states(
         self,
         problem: Any,
         starts: list[Start | None],
@@ -156,12 +158,12 @@ class Carrier(PaperPrograms):
         torques: Array,
     ) -> int: ...
 
-class ColdCarrier(Carrier):
+class ColdOptima(WarmOptima):
     def __init__(
         self, guesses: int, judged_by: tuple[float, int, float, float], **shared: Any
     ) -> None: ...
 
-class LoadedStates(ColdCarrier):
+class LoadedStates(ColdOptima):
     def optima(
         self,
         problem: Any,

@@ -146,7 +146,7 @@ cdef class DenseSimplex(Dictionary):
     cdef int _primal(self) noexcept nogil:
         """Go on until the cost is least; every variable stays within its bounds."""
         cdef Py_ssize_t r, q, i, j, v, steps, most = 50 + 20 * (self.m + self.n)
-        cdef double best, way, room, entry, step, limit, size, target = 0.0, scale = 0.0
+        cdef double best, way, slack, entry, step, limit, size, target = 0.0, scale = 0.0
         for j in range(self.n):
             scale = fmax(scale, fabs(self.cost[j]))
         for steps in range(most):
@@ -164,9 +164,9 @@ cdef class DenseSimplex(Dictionary):
             for i in range(self.m):
                 entry = way * self.table[i * self.n + q]
                 if is_pivot(entry):
-                    room = self._room(self.basic[i], entry) + _FEASIBLE
-                    if room / fabs(entry) < limit:
-                        limit = room / fabs(entry)
+                    slack = self._slack(self.basic[i], entry) + _FEASIBLE
+                    if slack / fabs(entry) < limit:
+                        limit = slack / fabs(entry)
             step = self.upper[v] - self.lower[v]
             if step <= limit:
                 if not isfinite(step):
@@ -178,20 +178,20 @@ cdef class DenseSimplex(Dictionary):
             for i in range(self.m):
                 entry = way * self.table[i * self.n + q]
                 if is_pivot(entry) and fabs(entry) > size:
-                    if self._room(self.basic[i], entry) / fabs(entry) <= limit:
+                    if self._slack(self.basic[i], entry) / fabs(entry) <= limit:
                         r, size = i, fabs(entry)
             if r < 0:
                 return FAILED
             entry = way * self.table[r * self.n + q]
             target = self.upper[self.basic[r]] if entry > 0.0 else self.lower[self.basic[r]]
-            step = fmax(self._room(self.basic[r], entry), 0.0) / size
+            step = fmax(self._slack(self.basic[r], entry), 0.0) / size
             v = self.basic[r]
             self.shift(q, way * step)
             self.value[v] = target
             self.pivot(r, q)
         return FAILED
 
-    cdef inline double _room(self, Py_ssize_t v, double way) noexcept nogil:
+    cdef inline double _slack(self, Py_ssize_t v, double way) noexcept nogil:
         """How far a variable may go up (way > 0) or down."""
         if way > 0.0:
             return self.upper[v] - self.value[v]

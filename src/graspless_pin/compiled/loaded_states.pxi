@@ -5,7 +5,7 @@ from libc.math cimport M_PI, cos, sqrt
 cimport numpy as cnp
 
 
-cdef class LoadedStates(ColdCarrier):
+cdef class LoadedStates(ColdOptima):
     """A carrier for problems that differ in what bears on the same contacts."""
 
     cdef void rub(self, const double* friction) noexcept:
@@ -29,7 +29,7 @@ cdef class LoadedStates(ColdCarrier):
                         self.directions[self.edges * (axis - 1) + i % self.edges]
                         if axis else -slope
                     ) / size
-        self.rubbed += 1
+        self.friction_count += 1
 
     def optima(self, problem, loads, Py_ssize_t begin, list starts, bint cold, figures, torques):
         """Find the optima of states, one after the other, until one is not found.
@@ -40,7 +40,7 @@ cdef class LoadedStates(ColdCarrier):
                 the (L,) lower and (L,) upper torques, those that the hand's weight takes, and the
                 (M,) largest normal forces.
             begin: The first state.
-            starts: As in `Carrier.carried`; that which served last comes first afterwards.
+            starts: As in `WarmOptima.warm_optimum`; that which served last comes first afterwards.
             cold: Whether to look for an optimum that none of them leads to.
             figures: (K, 6) array for the `FIGURES` of all states.
             torques: (K, L) array for their torques.
@@ -48,8 +48,8 @@ cdef class LoadedStates(ColdCarrier):
         Returns:
             The first state whose optimum is not found, or K.
         """
-        cdef list held = []
-        self.hold(problem, held)
+        cdef list kept = []
+        self.hold(problem, kept)
         cdef Py_ssize_t M = self.M, L = self.L, count = len(loads), width = 2 * M + 6 + 3 * L
         cdef cnp.ndarray rows = as_shaped(loads, count, width)
         cdef const double* row
@@ -64,6 +64,6 @@ cdef class LoadedStates(ColdCarrier):
             self.count_rows()
             if not self.tried(starts, cold):
                 break
-            self.tell(data(figures) + 6 * begin, data(torques) + L * begin, 3 * M)
+            self.write_figures(data(figures) + 6 * begin, data(torques) + L * begin, 3 * M)
             begin += 1
         return begin

@@ -1,4 +1,4 @@
-"""What an optimum leaves behind, as the loops take it that carry it over."""
+"""Warm starts: what an optimum leaves behind for those of similar problems."""
 
 from libc.string cimport memset
 
@@ -8,7 +8,7 @@ cimport numpy as cnp
 cdef class Start:
     """What is active at an optimum, the mode that admits it and a motion behind that mode."""
 
-    cdef Py_ssize_t R, D, S, s, n1, W, p, rubbed
+    cdef Py_ssize_t R, D, S, s, n1, W, p, friction_count
     cdef readonly str solver
     cdef list kept
     cdef cnp.npy_intp* rows
@@ -27,7 +27,7 @@ cdef class Start:
     cdef double* w
     cdef double* b
     cdef double* sides
-    cdef double* room
+    cdef double* workspace
     cdef double judged[4]
 
     def __init__(
@@ -118,7 +118,7 @@ cdef class Start:
         self.A = self.real(empty1(self.D * n1 + 1))
         self.w, self.b = self.real(empty1(m + 1)), self.real(empty1(m + 1))
         self.sides = self.real(empty1(m + 1))
-        self.room = self.real(empty1(witness_room(self.s, programs.W)))
+        self.workspace = self.real(empty1(witness_workspace(self.s, programs.W)))
 
     cdef void fit(self, PaperPrograms programs) noexcept:
         """Take the cones of the programs that it was made of, whose friction may have changed."""
@@ -136,7 +136,7 @@ cdef class Start:
                     self.gram[self.n1 * self.columns[i] + self.columns[j]] += (
                         self.values[i] * self.values[j]
                     )
-        self.rubbed = programs.rubbed
+        self.friction_count = programs.friction_count
 
     cdef double* real(self, cnp.ndarray array):
         self.kept.append(array)

@@ -13,7 +13,7 @@ cpdef enum:
 
 
 cdef class PaperPrograms:
-    """One of the paper's programs for problems that are alike, with room for one of them.
+    """One of the paper's programs for problems that are alike, with a workspace for one of them.
 
     Rows: balance, largest torque, those that no state changes (cones, normal forces), torques.
     """
@@ -24,7 +24,7 @@ cdef class PaperPrograms:
     cdef double required, least_lever, rounding, farthest, least_limit, most_strict
     cdef bint loaded
     # How often friction was changed.
-    cdef Py_ssize_t rubbed
+    cdef Py_ssize_t friction_count
     cdef list kept
     # Of all problems.
     cdef cnp.npy_intp* axes
@@ -79,9 +79,9 @@ cdef class PaperPrograms:
             required: The required margin, N.
             turns: (L,) whether a joint's torque is in N m.
             axes: (n,) which axis each coordinate is along, see `ForceLayout`.
-            sides: (n + 1, s) see `Likeness`.
+            sides: (n + 1, s) see `ProgramStructure`.
             face_count: How many of these rows are side faces; the next M are normal forces.
-            reach: (2, n) see `Likeness`.
+            reach: (2, n) see `ProgramStructure`.
             has_cone: (M,).
             friction: (M,).
             slopes: (M,) slopes of the side faces.
@@ -95,7 +95,7 @@ cdef class PaperPrograms:
         """
         cdef cnp.ndarray given = as_reals(sides, 2), cones = as_reals(has_cone, 1)
         cdef Py_ssize_t n, L = len(turns), c, i, count, rows
-        self.kept, self.rubbed = [], 0
+        self.kept, self.friction_count = [], 0
         self.kind, self.required, self.L, self.M = kind, required, L, cones.shape[0]
         self.least_limit, self.most_strict = least_limit, most_strict
         self.n = n = given.shape[0] - 1
@@ -125,7 +125,7 @@ cdef class PaperPrograms:
             count += data(given)[i] != 0.0
         self.row_start = self.numbers(no_numbers(self.s + 1))
         self.row_column = self.numbers(no_numbers(count))
-        self.row_value = self.room(count)
+        self.row_value = self.workspace(count)
         count = 0
         for i in range(self.s):
             # In Algorithm 2 the margin is no variable.
@@ -135,14 +135,14 @@ cdef class PaperPrograms:
                     count += 1
             self.row_start[i + 1] = count
         self.joint = self.numbers(no_numbers(2 * L))
-        self.share, self.level = self.room(2 * L), self.room(2 * L)
-        self.frames, self.joint_scale = self.room(9 * self.M), self.room(L)
-        self.B, self.torque = self.room(n * self.W), self.room(L)
-        self.box, self.bounds = self.room(2 * n + 2), self.room(2 * n + 2)
-        self.x, self.w, self.d = self.room(n + 1), self.room(6 + 3 * L + self.s), self.room(n + 1)
-        self.counted, self.levels = self.room(self.W), self.room(self.W)
+        self.share, self.level = self.workspace(2 * L), self.workspace(2 * L)
+        self.frames, self.joint_scale = self.workspace(9 * self.M), self.workspace(L)
+        self.B, self.torque = self.workspace(n * self.W), self.workspace(L)
+        self.box, self.bounds = self.workspace(2 * n + 2), self.workspace(2 * n + 2)
+        self.x, self.w, self.d = self.workspace(n + 1), self.workspace(6 + 3 * L + self.s), self.workspace(n + 1)
+        self.counted, self.levels = self.workspace(self.W), self.workspace(self.W)
 
-    cdef double* room(self, Py_ssize_t count):
+    cdef double* workspace(self, Py_ssize_t count):
         return self.reals(empty1(max(count, 1)))
 
     cdef double* reals(self, cnp.ndarray array):
@@ -153,14 +153,14 @@ cdef class PaperPrograms:
         self.kept.append(array)
         return numbers_of(array)
 
-    cdef void take(self, problem, list held):
+    cdef void take(self, problem, list kept):
         """Take what a problem shares with those of other states; its arrays are kept in a list."""
         cdef cnp.ndarray most = as_vector(problem.max_normal_force, self.M)
         cdef cnp.ndarray wrench = as_vector(problem.external_wrench, 6)
         cdef cnp.ndarray lower = as_vector(problem.lower_torque, self.L)
         cdef cnp.ndarray upper = as_vector(problem.upper_torque, self.L)
         cdef cnp.ndarray sliding = as_shaped(problem.sliding, self.M, 3)
-        held += [most, wrench, lower, upper, sliding]
+        kept += [most, wrench, lower, upper, sliding]
         self.most, self.wrench, self.lower = data(most), data(wrench), data(lower)
         self.upper, self.sliding = data(upper), data(sliding)
         self.count_rows()
@@ -182,15 +182,15 @@ cdef class PaperPrograms:
         self.T = 6 + self.p + self.s
         self.R = self.T + self.L
 
-    cdef void hold(self, problem, list held):
+    cdef void hold(self, problem, list kept):
         """Take a whole problem; its arrays are kept in a list."""
         cdef cnp.ndarray points = as_shaped(problem.positions, self.M, 3)
         cdef cnp.ndarray normals = as_shaped(problem.normals, self.M, 3)
         cdef cnp.ndarray tangents = as_blocks(problem.tangents, self.M, 3, 2)
         cdef cnp.ndarray J = as_shaped(problem.jacobian, 3 * self.M, self.L)
         cdef cnp.ndarray gravity = as_vector(problem.gravity_torques, self.L)
-        held += [points, normals, tangents, J, gravity]
-        self.take(problem, held)
+        kept += [points, normals, tangents, J, gravity]
+        self.take(problem, kept)
         self.points, self.normals, self.tangents = data(points), data(normals), data(tangents)
         self.J, self.gravity = data(J), data(gravity)
 

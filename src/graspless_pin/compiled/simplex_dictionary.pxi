@@ -22,7 +22,7 @@ cdef class Dictionary:
     Variables are numbered: the n of the program first, then the rows' own values.
     """
 
-    cdef Py_ssize_t n, m, room
+    cdef Py_ssize_t n, m, capacity
     cdef double* rows  # (m, n) R
     cdef double* table  # (m, n) basic variables in terms of the others
     cdef double* cost  # (n,) c
@@ -40,7 +40,7 @@ cdef class Dictionary:
     def __cinit__(self, cost, lb, ub):
         cdef Py_ssize_t j
         cdef cnp.ndarray c = as_vector(cost, len(cost))
-        self.n, self.m, self.room, self.pivots = c.shape[0], 0, 0, 0
+        self.n, self.m, self.capacity, self.pivots = c.shape[0], 0, 0, 0
         self.cost = <double*>malloc(5 * self.n * sizeof(double))
         self.others = <Py_ssize_t*>malloc(self.n * sizeof(Py_ssize_t))
         if self.cost == NULL or self.others == NULL:
@@ -67,23 +67,23 @@ cdef class Dictionary:
 
     cdef int _make_room(self, Py_ssize_t count) except -1:
         """Make room for as many rows."""
-        if count <= self.room:
+        if count <= self.capacity:
             return 0
-        cdef Py_ssize_t room = max(count, 2 * self.room), entries = room * self.n
-        cdef Py_ssize_t all_of = self.n + room
+        cdef Py_ssize_t capacity = max(count, 2 * self.capacity), entries = capacity * self.n
+        cdef Py_ssize_t all_of = self.n + capacity
         self.rows = <double*>realloc(self.rows, entries * sizeof(double))
         self.table = <double*>realloc(self.table, entries * sizeof(double))
         self.lower = <double*>realloc(self.lower, all_of * sizeof(double))
         self.upper = <double*>realloc(self.upper, all_of * sizeof(double))
         self.value = <double*>realloc(self.value, all_of * sizeof(double))
-        self.basic = <Py_ssize_t*>realloc(self.basic, room * sizeof(Py_ssize_t))
+        self.basic = <Py_ssize_t*>realloc(self.basic, capacity * sizeof(Py_ssize_t))
         self.place = <Py_ssize_t*>realloc(self.place, all_of * sizeof(Py_ssize_t))
         if (
             self.rows == NULL or self.table == NULL or self.lower == NULL or self.upper == NULL
             or self.value == NULL or self.basic == NULL or self.place == NULL
         ):
             raise MemoryError
-        self.room = room
+        self.capacity = capacity
         return 0
 
     def add_rows(self, rows, low, high):

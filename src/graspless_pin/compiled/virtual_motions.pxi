@@ -54,7 +54,7 @@ cdef bint factor_of(
     return factor(gram, count)
 
 
-cdef Py_ssize_t witness_room(Py_ssize_t s, Py_ssize_t n) noexcept nogil:
+cdef Py_ssize_t witness_workspace(Py_ssize_t s, Py_ssize_t n) noexcept nogil:
     """Numbers that `witness_of` keeps on its way."""
     return 5 * s * n + 5 * s * s + 5 * s + 1
 
@@ -62,7 +62,7 @@ cdef Py_ssize_t witness_room(Py_ssize_t s, Py_ssize_t n) noexcept nogil:
 cdef bint witness_of(
     Py_ssize_t M, Py_ssize_t n, const double* local, Py_ssize_t s, const cnp.npy_intp* number,
     const double* wanted_signs, const double* near, int guesses, double damping, int corrections,
-    double rank_tolerance, double least, double* room, double* sign, double* x
+    double rank_tolerance, double least, double* workspace, double* sign, double* x
 ) noexcept nogil:
     """Find a motion that keeps some contacts touching and slides with signs, near another one.
 
@@ -80,14 +80,14 @@ cdef bint witness_of(
         rank_tolerance: Largest velocity along a normal that counts as none, over the length of all
             contact velocities.
         least: Least square of a sliding that counts as one, over the square of that length.
-        room: `witness_room` numbers.
+        workspace: `witness_workspace` numbers.
         sign: Takes the (2 s,) signs, with those of the sliding in the place of zeros.
         x: Takes the (n,) motion.
 
     Returns:
         Whether one was found.
     """
-    cdef double* N = room
+    cdef double* N = workspace
     cdef double* T = N + s * n
     cdef double* H = T + 2 * s * n
     cdef double* G = H + 2 * s * n

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from graspless_pin.algorithms.search import CLOSED
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
-from graspless_pin.planning.state_solver import CarriedStates, StateSolver
-from graspless_pin.planning.warm_starts import CarriedState
+from graspless_pin.planning.state_solver import SolvedStates, StateSolver
+from graspless_pin.planning.warm_starts import WarmState
 from graspless_pin.problem.checks import FloatArray, whole_number
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Margin, Objective
@@ -76,7 +76,7 @@ class StateFigures(NamedTuple):
             self.gaps[number] = certificate.gap
             self.residuals[number] = certificate.primal_residual
 
-    def put_carried(self, number: int, state: CarriedState, torque_names: tuple[str, ...]) -> None:
+    def put_solved(self, number: int, state: WarmState, torque_names: tuple[str, ...]) -> None:
         """Enter what was found of one state whose optimum was carried over: see `put`."""
         problem, optimum = state.problem, state.optimum
         self.codes[number] = _FOUND
@@ -88,12 +88,12 @@ class StateFigures(NamedTuple):
         self.gaps[number] = optimum.gap
         self.residuals[number] = optimum.residual
 
-    def put_all(self, carried: CarriedStates, columns: Any) -> None:
-        """Enter what was carried over, with the torques in some columns: see `put`."""
-        found, faulty = carried.found, carried.faults != _FOUND
-        self.codes[found], self.codes[faulty] = _FOUND, carried.faults[faulty]
-        self.contact_counts[found] = carried.contact_counts[found]
-        margins, _, bounds, gaps, residuals, _ = carried.figures.T
+    def put_all(self, solved: SolvedStates, columns: Any) -> None:
+        """Enter what was found, with the torques in some columns: see `put`."""
+        found, faulty = solved.found, solved.faults != _FOUND
+        self.codes[found], self.codes[faulty] = _FOUND, solved.faults[faulty]
+        self.contact_counts[found] = solved.contact_counts[found]
+        margins, _, bounds, gaps, residuals, _ = solved.figures.T
         for own, values in (
             (self.margins, margins),
             (self.bounds, bounds),
@@ -101,7 +101,7 @@ class StateFigures(NamedTuple):
             (self.residuals, residuals),
         ):
             own[found] = values[found]
-        self.torques[np.ix_(found, columns)] = carried.torques[found]
+        self.torques[np.ix_(found, columns)] = solved.torques[found]
 
 
 def _columns(names: tuple[str, ...], torque_names: tuple[str, ...]) -> Any:
@@ -207,23 +207,23 @@ def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
         if isinstance(answer, Evaluation):
             figures.put(number, answer, names)
         else:
-            figures.put_carried(number, answer, names)
+            figures.put_solved(number, answer, names)
 
-    carried = carried_or_alone(solver, states, solver.objective, alone)
-    if carried is not None and hand is not None:
-        figures.put_all(carried, [names.index(name) for name in hand.joint_names])
+    solved = solved_or_alone(solver, states, solver.objective, alone)
+    if solved is not None and hand is not None:
+        figures.put_all(solved, [names.index(name) for name in hand.joint_names])
     return figures
 
 
-def carried_or_alone(
+def solved_or_alone(
     solver: StateSolver, states: StateArrays, objective: Objective, alone: Callable[[int], object]
-) -> CarriedStates | None:
-    """Return what `StateSolver.carried_many` does; where that is None, solve each state alone."""
-    carried = solver.carried_many(states.configurations, objective, alone)
-    if carried is None:
+) -> SolvedStates | None:
+    """Solve many states by `StateSolver.optima_of_states`; where that is None, each alone."""
+    solved = solver.optima_of_states(states.configurations, objective, alone)
+    if solved is None:
         for number in range(states.total):
             alone(number)
-    return carried
+    return solved
 
 
 def feasible_states(
@@ -246,10 +246,10 @@ def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Ar
     def alone(number: int) -> None:
         feasible[number] = solver.reaches(*states.one(number), margin)
 
-    carried = carried_or_alone(solver, states, Margin(), alone)
-    if carried is not None:
-        found = carried.found
-        _, value, _, _, _, unit = carried.figures[found].T
+    solved = solved_or_alone(solver, states, Margin(), alone)
+    if solved is not None:
+        found = solved.found
+        _, value, _, _, _, unit = solved.figures[found].T
         goal = margin / np.abs(unit)
         feasible[found] = value <= CLOSED * np.maximum(1.0, goal) - goal
     return (feasible,)

@@ -9,7 +9,7 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 
-from graspless_pin.algorithms.carried import Carried, solution_carried
+from graspless_pin.algorithms.batch_optimum import WarmOptimum, solution_of_optimum
 from graspless_pin.errors import NoSolutionError, StateFault
 from graspless_pin.findings import Finding
 from graspless_pin.holding.verdict import StabilityKeywords, StabilityVerdict
@@ -54,7 +54,7 @@ STATUSES = tuple(StateStatus)
 """Arrays of many states hold places among these."""
 
 
-class CarriedAnswer(NamedTuple):
+class WarmAnswer(NamedTuple):
     """The optimum of a state as loops carry it over: what is made of it is made when it is read.
 
     Attributes:
@@ -69,7 +69,7 @@ class CarriedAnswer(NamedTuple):
 
     objective: Objective
     rules: Rules
-    optimum: Carried
+    optimum: WarmOptimum
     margin: float
     torques: FloatArray
     joint_names: tuple[str, ...]
@@ -92,7 +92,7 @@ class Evaluation(Brief):
     status: StateStatus
     reason: str
     scene: Scene
-    _found: TorqueSolution | CarriedAnswer | None
+    _found: TorqueSolution | WarmAnswer | None
 
     @property
     def found(self) -> bool:
@@ -131,7 +131,7 @@ class Evaluation(Brief):
         if isinstance(found, TorqueSolution):
             return found
         problem = self.scene.problem()
-        return solution_carried(problem, found.objective, found.rules, found.optimum)
+        return solution_of_optimum(problem, found.objective, found.rules, found.optimum)
 
     @property
     def contacts(self) -> SceneContacts:
@@ -172,5 +172,5 @@ class Evaluation(Brief):
         return self.scene.stability(self.torques, **options)
 
 
-def _with_joints(found: TorqueSolution | CarriedAnswer) -> QuasistaticProblem | CarriedAnswer:
+def _with_joints(found: TorqueSolution | WarmAnswer) -> QuasistaticProblem | WarmAnswer:
     return found.problem if isinstance(found, TorqueSolution) else found

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.carried import Carried, carried_many, carried_state
+from graspless_pin.algorithms.batch_optimum import WarmOptimum, optima_of_states, state_optimum
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import closeness
 from graspless_pin.algorithms.warm_start import reaches_margin
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.evaluation import STATUSES, CarriedAnswer, Evaluation, StateStatus
-from graspless_pin.planning.warm_starts import CarriedState, WarmStarts
+from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus, WarmAnswer
+from graspless_pin.planning.warm_starts import WarmStarts, WarmState
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
@@ -27,8 +27,8 @@ from graspless_pin.solution import UNDECIDED, TorqueSolution
 _FOUND = STATUSES.index(StateStatus.FOUND)
 
 
-class CarriedStates(NamedTuple):
-    """What was carried over to K states; NaN and zero where nothing was.
+class SolvedStates(NamedTuple):
+    """What warm starts found of K states; NaN and zero where nothing.
 
     Attributes:
         figures: (K, 6) with the columns that `core.FIGURES` names.
@@ -44,7 +44,7 @@ class CarriedStates(NamedTuple):
     faults: NDArray[np.uint8]
 
     @classmethod
-    def room(cls, count: int, joint_count: int) -> CarriedStates:
+    def room(cls, count: int, joint_count: int) -> SolvedStates:
         """Return room for states."""
         figures = np.full((count, 6), np.nan)
         torques, counts = np.full((count, joint_count), np.nan), np.zeros(count, np.int32)
@@ -89,10 +89,10 @@ class StateSolver:
         plain = PlainProblems(self.configurations.scene, collisions=self.checks.collisions)
         return {**self.__dict__, "_starts": WarmStarts(), "_plain": plain}
 
-    def carried_many(
+    def optima_of_states(
         self, q: FloatArray | None, objective: Objective, alone: Callable[[int], object]
-    ) -> CarriedStates | None:
-        """Carry optima over to many states by loops alone, and have others solved as they come.
+    ) -> SolvedStates | None:
+        """Solve many states by warm starts in loops alone, and others one by one as they come.
 
         Args:
             q: (K, a) configurations in which nothing else differs from the scene; None: something
@@ -102,18 +102,18 @@ class StateSolver:
                 what is learned there serves those after it.
 
         Returns:
-            What was carried over; None: nothing can be, and nothing was called.
+            What was found; None: nothing can be, and nothing was called.
         """
         states = None if q is None else self._plain.at(q)
         if states is None or q is None:
             return None
         count, joints = states.weights.shape
-        found = CarriedStates.room(count, joints)
+        found = SolvedStates.room(count, joints)
         for shapes, order in states.groups():
             order = self._sound(shapes, order, q, states, found.faults)
             begin = 0
             while begin < len(order):
-                begin += self._carry_on(shapes, objective, order[begin:], states, found)
+                begin += self._advance(shapes, objective, order[begin:], states, found)
                 if begin < len(order):
                     alone(int(order[begin]))
                     begin += 1
@@ -136,7 +136,7 @@ class StateSolver:
             order: Their numbers.
             q: (K, a) configurations.
             states: What loops have found.
-            faults: See `CarriedStates`.
+            faults: See `SolvedStates`.
         """
         at, off = self.configurations, self.checks.need_hand and not shapes
         of_overlaps = self.checks._replace(need_hand=False)
@@ -153,15 +153,15 @@ class StateSolver:
                 faults[number] = STATUSES.index(StateStatus.of(found[0]))
         return order[faults[order] == _FOUND]
 
-    def _carry_on(
+    def _advance(
         self,
         shapes: tuple[int, ...],
         objective: Objective,
         order: NDArray[np.intp],
         states: PlainStates,
-        found: CarriedStates,
+        found: SolvedStates,
     ) -> int:
-        """Carry optima over to states with the same contacts; how many before one needs more."""
+        """Solve states with the same contacts; how many before one needs more."""
         alike = self._plain.alike(shapes)
         if alike is None:
             return 0
@@ -169,7 +169,7 @@ class StateSolver:
         learned, pool = self._starts.for_loops(bodies, problem, objective)
         if not pool.is_due():
             return 0
-        count = carried_many(
+        count = optima_of_states(
             problem, objective, self.options, learned, pool.starts, order, states,
             self._plain.moves, carriers, *self._plain.frame, found.figures, found.torques,
         )  # fmt: skip
@@ -177,7 +177,7 @@ class StateSolver:
         found.contact_counts[order[:count]] = problem.contact_count
         return count
 
-    def solved(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation | CarriedState:
+    def solved(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation | WarmState:
         """Solve for one state, with as few records as can be: see `Evaluator.evaluate`."""
         solved = self._solved(q, T_world_object, twist)
         return solved if isinstance(solved, Evaluation) else solved[1]
@@ -193,15 +193,15 @@ class StateSolver:
         if isinstance(solved, Evaluation):
             return solved
         scene, (problem, optimum) = solved
-        answer = CarriedAnswer(
+        answer = WarmAnswer(
             self.objective, self.options.rules, optimum, problem.margin_of(optimum.forces),
             problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques,
             problem.joint_names, problem.joint_units,
         )  # fmt: skip
         return Evaluation(StateStatus.FOUND, "", scene, answer)
 
-    def _batch_of_one(self, q: Any, objective: Objective) -> CarriedAnswer | None:
-        """Carry an optimum over to one state as to many; None: it has to be solved by itself."""
+    def _batch_of_one(self, q: Any, objective: Objective) -> WarmAnswer | None:
+        """Solve one state as many are; None: it has to be solved by itself."""
         row = self.configurations.row(q)
         states = None if row is None else self._plain.at(row[None])
         if states is None or states.counts[0] < 0 or states.doubtful[0]:
@@ -215,7 +215,7 @@ class StateSolver:
         if not pool.is_due():
             return None
         figures, torques = np.empty((1, 6)), np.empty(states.weights.shape)
-        optimum = carried_state(
+        optimum = state_optimum(
             problem, objective, self.options, learned, pool.starts, states, self._plain.moves,
             carriers, *self._plain.frame, figures, torques,
         )  # fmt: skip
@@ -224,18 +224,18 @@ class StateSolver:
             return None
         rules, margin = self.options.rules, float(figures[0, 0])
         names, units = problem.joint_names, problem.joint_units
-        return CarriedAnswer(objective, rules, optimum, margin, torques[0], names, units)
+        return WarmAnswer(objective, rules, optimum, margin, torques[0], names, units)
 
     def _solved(
         self, q: Any, T_world_object: Any, twist: Any
-    ) -> Evaluation | tuple[Scene, CarriedState]:
+    ) -> Evaluation | tuple[Scene, WarmState]:
         """Solve for one state; what a search finds is learned."""
         state = self._checked(q, T_world_object, twist)
         if isinstance(state, Evaluation):
             return state
         scene, problem = state
         bodies = scene.contacts.bodies
-        found = self._starts.carried(bodies, problem, self.objective, self.options)
+        found = self._starts.optimum(bodies, problem, self.objective, self.options)
         if found is not None:
             return scene, found
         solution = self._starts.searched(
@@ -256,7 +256,7 @@ class StateSolver:
             return False
         scene, problem = state
         what = scene.contacts.bodies, problem, objective
-        found = self._starts.carried(*what, self.options)
+        found = self._starts.optimum(*what, self.options)
         if found is None:
             start = self._starts.best(*what)
             reached, learned = reaches_margin(
@@ -283,7 +283,7 @@ class StateSolver:
         return unknown_of(scene) if self.options.strong else ""
 
 
-def _reaches(optimum: Carried, margin: float) -> bool:
+def _reaches(optimum: WarmOptimum, margin: float) -> bool:
     """Return whether the largest margin is one at least, N."""
     goal = margin / abs(optimum.unit)
     return optimum.value <= closeness(goal) - goal

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from graspless_pin.algorithms.carried import Carried, WarmStart, carried, solution_carried
+from graspless_pin.algorithms.batch_optimum import (
+    WarmOptimum,
+    WarmStart,
+    solution_of_optimum,
+    warm_optimum,
+)
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.warm_start import COLD_START, solve_from
 from graspless_pin.problem import QuasistaticProblem
@@ -20,8 +25,8 @@ _Contacts = tuple[Any, ...]
 """What must be alike for what was learned of one state to serve in another."""
 
 
-class CarriedState(NamedTuple):
-    """A state whose optimum was carried over.
+class WarmState(NamedTuple):
+    """A state whose optimum a warm start led to.
 
     Attributes:
         problem: Its problem.
@@ -29,7 +34,7 @@ class CarriedState(NamedTuple):
     """
 
     problem: QuasistaticProblem
-    optimum: Carried
+    optimum: WarmOptimum
 
 
 class LoopStarts:
@@ -98,13 +103,13 @@ class WarmStarts:
         starts = self._starts.get(_contacts(bodies, problem, objective))
         return starts[0] if starts else COLD_START
 
-    def carried(
+    def optimum(
         self,
         bodies: tuple[Any, ...],
         problem: QuasistaticProblem,
         objective: Objective,
         options: SolveOptions,
-    ) -> CarriedState | None:
+    ) -> WarmState | None:
         """Return the optimum that something learned of the same contacts leads to.
 
         Args:
@@ -115,14 +120,14 @@ class WarmStarts:
         """
         contacts = _contacts(bodies, problem, objective)
         starts = self._starts.get(contacts, ())
-        found = carried(problem, objective, options, starts)
+        found = warm_optimum(problem, objective, options, starts)
         if found is None:
             return None
         optimum, place = found
         if place:
             others = starts[:place] + starts[place + 1 :]
             self._starts[contacts] = (starts[place], *others)
-        return CarriedState(problem, optimum)
+        return WarmState(problem, optimum)
 
     def searched(
         self,
@@ -159,7 +164,7 @@ class WarmStarts:
         contacts = _contacts(bodies, problem, objective)
         self._learned[contacts] = learned
         before = self._starts.get(contacts, ())
-        others = [start for start in before if start.likeness is not None]
+        others = [start for start in before if start.structure is not None]
         self._starts[contacts] = (learned, *others[: _MOST_ALIKE - 1])
 
     def solved(
@@ -170,11 +175,11 @@ class WarmStarts:
         options: SolveOptions,
         unknown: str = "",
     ) -> TorqueSolution:
-        """Return the solution: carried over if it can be, else searched; see `searched`."""
-        found = self.carried(bodies, problem, objective, options)
+        """Return the solution: by a warm start if one leads to it, else by a search."""
+        found = self.optimum(bodies, problem, objective, options)
         if found is None:
             return self.searched(bodies, problem, objective, options, unknown)
-        return solution_carried(problem, objective, options.rules, found.optimum)
+        return solution_of_optimum(problem, objective, options.rules, found.optimum)
 
 
 def _contacts(

@@ -1,4 +1,4 @@
-"""The optimum of one program, carried over to another of slightly different numbers.
+"""The optimum of one program, as a warm start for another of slightly different numbers.
 
 A warm start by the active set: where the same constraints are active in both, the second optimum
 follows from the first by the KKT conditions, two linear systems with one matrix: the active rows

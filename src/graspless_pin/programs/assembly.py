@@ -61,7 +61,7 @@ def scaled_program(problem: QuasistaticProblem, objective: Objective) -> ScaledP
 
 
 @dataclass(frozen=True, eq=False)
-class Likeness:
+class ProgramStructure:
     """What problems share whose contacts have the same cones and slide alike.
 
     Attributes:
@@ -80,7 +80,7 @@ class Likeness:
     friction: FloatArray
     section: Section
 
-    def has_rows_of(self, other: Likeness) -> bool:
+    def has_rows_of(self, other: ProgramStructure) -> bool:
         """Whether the programs of both have the same rows, whatever the coefficients of friction.
 
         Then what is active in one may be in the other. It is told by content: which objects are
@@ -94,7 +94,9 @@ class Likeness:
         )
 
 
-def likeness_of(problem: QuasistaticProblem, friction: FloatArray | None = None) -> Likeness:
+def structure_of(
+    problem: QuasistaticProblem, friction: FloatArray | None = None
+) -> ProgramStructure:
     """Return what a problem with pyramids for cones shares with those like it: the same object.
 
     Args:
@@ -103,25 +105,25 @@ def likeness_of(problem: QuasistaticProblem, friction: FloatArray | None = None)
     """
     rubbing = problem.friction if friction is None else friction
     mask, sliding = problem.has_cone.tobytes(), problem.is_sliding.tobytes()
-    return _likeness(mask, rubbing.tobytes(), sliding, problem.cone_section)
+    return _structure(mask, rubbing.tobytes(), sliding, problem.cone_section)
 
 
 @lru_cache(maxsize=256)
-def _likeness(mask: bytes, friction: bytes, _sliding: bytes, section: Section) -> Likeness:
+def _structure(mask: bytes, friction: bytes, _sliding: bytes, section: Section) -> ProgramStructure:
     layout = layout_of(mask)
     cones = face_rows(layout, np.frombuffer(friction)[layout.cones], section)
     n, normal = layout.size, layout.picks
     parts = [cones.rows, normal, -normal[layout.without_cone]]
     sides = np.ones((sum(map(len, parts)), n + 1), order="F")
     sides[:, :-1] = np.concatenate(parts)
-    return Likeness(
+    return ProgramStructure(
         layout, len(cones.rows), reach_of(mask, friction), read_only(sides.T),
         read_only(np.frombuffer(friction)), section,
     )  # fmt: skip
 
 
 def shared_arguments(
-    likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]
+    structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
 ) -> dict[str, Any]:
     """Return what `compiled.core` takes for one of the paper's objectives."""
     kinds = core.MARGIN, core.TORQUE, core.SHARE
@@ -129,14 +131,14 @@ def shared_arguments(
         "kind": kinds[[type(objective) is kind for kind in PAPER_OBJECTIVES].index(True)],
         "required": objective.required_margin,
         "turns": [unit is JointUnit.TORQUE for unit in units],
-        "axes": likeness.layout.axes,
-        "sides": likeness.sides,
-        "face_count": likeness.face_count,
-        "reach": likeness.reach,
-        "has_cone": ~likeness.layout.without_cone,
-        "friction": likeness.friction,
-        "slopes": likeness.friction * likeness.section.distances[0],
-        "directions": likeness.section.directions,
+        "axes": structure.layout.axes,
+        "sides": structure.sides,
+        "face_count": structure.face_count,
+        "reach": structure.reach,
+        "has_cone": ~structure.layout.without_cone,
+        "friction": structure.friction,
+        "slopes": structure.friction * structure.section.distances[0],
+        "directions": structure.section.directions,
         "least_lever": LEAST_LEVER,
         "rounding": LEAST_DIFFERENCE,
         "farthest": FARTHEST,

@@ -29,11 +29,11 @@ class Certificate:
         infeasibility: Proven smallest common violation of all constraints where infeasible.
         modes_examined: Virtual-sliding modes that were solved or ruled out one by one.
         nodes: Nodes of the search.
-        force_programs: LPs or QPs in forces that were solved, or carried over and proven.
+        force_programs: LPs or QPs in forces that were solved, or that a warm start answered.
         kinematic_programs: Kinematic feasibility problems that were solved.
-        solver: The solver whose answer passed the check, or, where an `Evaluator` carried the
-            optimum of another state over, the one that answered there; ``loops``: the
-            compiled loops did by themselves.
+        solver: The solver whose answer passed the check, or, where an `Evaluator` warm-started
+            from another state, the one that answered there; ``loops``: the compiled loops did
+            by themselves.
         force_reach: The largest normal force up to which the bound is proven, N: the largest limit,
             or 1e8 times the load.
         threshold_optima: The optimum with a tenth and with ten times the threshold of what counts

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.carried import LoadedOptima, are_for
+from graspless_pin.algorithms.batch_optimum import LoadSweep, are_for
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
@@ -126,7 +126,7 @@ class SampleBlock:
         self._starts = WarmStarts()
         self._kind: _Kind | None = None
         self._run: list[_Loaded] = []
-        self._optima: dict[tuple[Any, ...], LoadedOptima] = {}
+        self._optima: dict[tuple[Any, ...], LoadSweep] = {}
 
     def rows(self, number: int, stated: StatedSample) -> Iterator[Row]:
         """Take the next sample, and yield the rows that are ready then.
@@ -179,7 +179,7 @@ class SampleBlock:
         while begin < count:
             start = self._starts.best(bodies, problem, kind.objective)
             optima.learn(problem, start)
-            end = optima.carry_on(problem, loads, begin, figures, torques)
+            end = optima.advance(problem, loads, begin, figures, torques)
             margins, found = figures[begin:end, 0].tolist(), torques[begin:end].tolist()
             of_run = zip(run[begin:end], margins, found, strict=True)
             for (number, scene, wrong, _), margin, each in of_run:
@@ -196,12 +196,12 @@ class SampleBlock:
                 yield self._alone(*run[end][:3], self._starts)
             begin = end + 1
 
-    def _optima_of(self, kind: _Kind, problem: QuasistaticProblem) -> LoadedOptima:
+    def _optima_of(self, kind: _Kind, problem: QuasistaticProblem) -> LoadSweep:
         """Return what was learned in loops of these contacts, wherever they are."""
         shape = problem.is_sliding.tobytes(), problem.joint_count
         key = *kind[1:], kind.state.contacts.bodies, *shape
         if key not in self._optima:
-            self._optima[key] = LoadedOptima(problem, kind.objective, kind.options)
+            self._optima[key] = LoadSweep(problem, kind.objective, kind.options)
         return self._optima[key]
 
 

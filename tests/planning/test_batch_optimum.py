@@ -15,13 +15,13 @@ from graspless_pin import (
     compiled,
     load_scene,
 )
-from graspless_pin.algorithms.carried import WarmStart, carried, solution_carried
+from graspless_pin.algorithms.batch_optimum import WarmStart, solution_of_optimum, warm_optimum
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.geometry.hand.configuration import independent_positions
 from graspless_pin.planning import Evaluator
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.state_solver import CarriedState, StateSolver
+from graspless_pin.planning.state_solver import StateSolver, WarmState
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import batch_states
@@ -41,7 +41,7 @@ def learned():
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("objective", [Margin(), Torque(required_margin=0.1)])
 @pytest.mark.parametrize("name", [SCENE, "trihand_push_box", "paper/cuboid_sliding_up"])
-def test_a_carried_optimum_is_the_optimum(name, objective):
+def test_a_warm_optimum_is_the_optimum(name, objective):
     solver = StateSolver(Configurations(example(name)), objective, SolveOptions())
     evaluator = Evaluator(example(name))
     rng = np.random.default_rng(8)
@@ -49,12 +49,12 @@ def test_a_carried_optimum_is_the_optimum(name, objective):
     for _ in range(12):
         q = nearby(evaluator, rng, 2e-4)
         answer = solver.solved(q, None, None)
-        if not isinstance(answer, CarriedState):
+        if not isinstance(answer, WarmState):
             continue
         seen += 1
         full = evaluator.scene_at(q).problem()
         _, optimum = answer
-        solution = solution_carried(full, objective, SolveOptions().rules, optimum)
+        solution = solution_of_optimum(full, objective, SolveOptions().rules, optimum)
         cold = solve_problem(full, objective)
         assert solution.value == pytest.approx(cold.value, abs=2e-7)
         assert abs(optimum.gap) <= 1e-8 * abs(optimum.unit)
@@ -90,13 +90,13 @@ def test_an_evaluation_is_a_batch_of_one(algorithm, monkeypatch):
 
 
 @pytest.mark.parametrize("turn", [0.05, 1.0])
-def test_a_carried_optimum_is_scaled_as_its_problem(turn):
+def test_a_warm_optimum_is_scaled_as_its_problem(turn):
     """Under a load that is a moment more than a force, about the contacts' centre."""
     problem = example("paper/cuboid_at_rest").problem()
     twisted = problem.with_changes(external_wrench=[0.0, 0.0, -turn, 0.0, turn, 0.0])
     solution, start = solve_from(twisted, Margin(), SolveOptions())
     assert solution.found
-    found = carried(twisted, Margin(), SolveOptions(), (start,))
+    found = warm_optimum(twisted, Margin(), SolveOptions(), (start,))
     assert found is not None
     assert twisted.scales.force > 1.5 * turn
     assert abs(found[0].unit) == pytest.approx(twisted.scales.force, rel=1e-12)
@@ -104,7 +104,7 @@ def test_a_carried_optimum_is_scaled_as_its_problem(turn):
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("objective", [Margin(), Torque(required_margin=0.01)])
-def test_a_load_that_no_forces_balance_is_not_carried(objective, way):
+def test_a_load_that_no_forces_balance_has_no_warm_optimum(objective, way):
     """Two points on one line bear no moment about it, whatever was active before."""
     pinch = QuasistaticProblem(
         [[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
@@ -114,22 +114,22 @@ def test_a_load_that_no_forces_balance_is_not_carried(objective, way):
     options = SolveOptions.parse(sign_rule="nonzero")
     solution, start = solve_from(pinch, objective, options)
     assert solution.found
-    found = carried(pinch, objective, options, (start,))
+    found = warm_optimum(pinch, objective, options, (start,))
     twisted = pinch.with_changes(external_wrench=[0.0, 0.0, -1.0, 0.02 * way, 0.0, 0.0])
     assert found is not None
-    assert carried(twisted, objective, options, (start,)) is None
+    assert warm_optimum(twisted, objective, options, (start,)) is None
 
 
 def test_the_first_start_that_serves_is_taken_for_the_best_case_alone(learned):
     problem, start = learned
-    found = carried(problem, Margin(), SolveOptions(), (WarmStart(), start))
+    found = warm_optimum(problem, Margin(), SolveOptions(), (WarmStart(), start))
     assert found is not None
     assert found[1] == 1
     for options in (SolveOptions.parse(stability="strong"), SolveOptions.parse(
         sign_rule="direction")):  # fmt: skip
-        assert carried(problem, Margin(), options, (start,)) is None
-    assert carried(problem, Margin(regularization=1e-3), SolveOptions(), (start,)) is None
-    assert carried(problem, Margin(), SolveOptions(), ()) is None
+        assert warm_optimum(problem, Margin(), options, (start,)) is None
+    assert warm_optimum(problem, Margin(regularization=1e-3), SolveOptions(), (start,)) is None
+    assert warm_optimum(problem, Margin(), SolveOptions(), ()) is None
 
 
 @pytest.mark.parametrize(
@@ -144,14 +144,14 @@ def test_the_first_start_that_serves_is_taken_for_the_best_case_alone(learned):
                                                         upper=start.relaxation.upper[:10],
                                                         weights=start.relaxation.weights[:10])
         ),
-        lambda start: replace(start, likeness=replace(start.likeness, face_count=1)),
+        lambda start: replace(start, structure=replace(start.structure, face_count=1)),
     ],
-    ids=["motion", "sides", "rows", "likeness"],
+    ids=["motion", "sides", "rows", "structure"],
 )  # fmt: skip
 def test_a_start_that_does_not_fit_says_nothing(learned, spoil):
     problem, start = learned
-    assert carried(problem, Margin(), SolveOptions(), (start,)) is not None
-    assert carried(problem, Margin(), SolveOptions(), (spoil(start),)) is None
+    assert warm_optimum(problem, Margin(), SolveOptions(), (start,)) is not None
+    assert warm_optimum(problem, Margin(), SolveOptions(), (spoil(start),)) is None
 
 
 @pytest.mark.sampled(5)

@@ -1,4 +1,4 @@
-"""The optimum of a state that is like one before: carried over and certified, by loops alone.
+"""The optimum of a state by a warm start from one like it, in compiled loops, and certified.
 
 Where the same constraints are active, the same mode admits the friction and the same motion is
 behind it, a state is answered by a handful of compiled loops on plain arrays, and no record is made
@@ -31,9 +31,9 @@ from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT, ActiveSet
 from graspless_pin.programs.assembly import (
     PAPER_OBJECTIVES,
-    Likeness,
-    likeness_of,
+    ProgramStructure,
     shared_arguments,
+    structure_of,
 )
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
@@ -49,8 +49,8 @@ class WarmStart:
         relaxation: What is active at the optimum of the program without modes; None: not known.
         in_mode: Likewise of the mode's own program.
         motion: A virtual motion behind the mode, scaled; None: not at hand.
-        likeness: What the problem shares with those like it; None: the optimum cannot be carried
-            over by loops alone, as cones are no regular pyramids, or the mode's own program was
+        structure: What the problem shares with those like it; None: the optimum cannot be found
+            by loops alone, as cones are no regular pyramids, or the mode's own program was
             needed or leaves signs open.
     """
 
@@ -58,11 +58,11 @@ class WarmStart:
     relaxation: ActiveSet | None = None
     in_mode: ActiveSet | None = None
     motion: FloatArray | None = None
-    likeness: Likeness | None = None
+    structure: ProgramStructure | None = None
 
 
-class Carried(NamedTuple):
-    """The optimum of a problem over all feasible modes, carried over from another and certified.
+class WarmOptimum(NamedTuple):
+    """The optimum of a problem over all feasible modes, by a warm start from another, certified.
 
     Attributes:
         forces: (M, 3) contact forces, N.
@@ -76,7 +76,7 @@ class Carried(NamedTuple):
         motion: A virtual motion behind the mode, scaled.
         scale: Factors from that to m/s and rad/s.
         mode: The mode.
-        solver: That of the optimum that it was carried over from.
+        solver: That of the optimum that the start was taken from.
     """
 
     forces: FloatArray
@@ -98,12 +98,12 @@ class Carried(NamedTuple):
         return (self.value - self.bound) * abs(self.unit)
 
 
-def carried(
+def warm_optimum(
     problem: QuasistaticProblem,
     objective: Objective,
     options: SolveOptions,
     starts: Sequence[WarmStart],
-) -> tuple[Carried, int] | None:
+) -> tuple[WarmOptimum, int] | None:
     """Return the optimum of a problem if what is active, the mode and the motion are as before.
 
     Args:
@@ -113,7 +113,7 @@ def carried(
         starts: What similar problems left behind, the most promising first.
 
     Returns:
-        The optimum, proven like any other, and the place of what it was carried over from; None
+        The optimum, proven like any other, and the place of the start that led to it; None
         where none serves, more than the best case is asked for, or nothing was compiled.
     """
     loops = _loops(problem, objective, options) if starts else None
@@ -121,21 +121,21 @@ def carried(
         return None
     prepared = prepared_starts(loops, problem, starts)
     with LOOPS_LOCK:
-        found = loops.carried(problem, prepared)
+        found = loops.warm_optimum(problem, prepared)
     if found is None:
         return None
     place, optimum = found
-    return _as_carried(problem, objective, optimum), place
+    return _as_optimum(problem, objective, optimum), place
 
 
-def _as_carried(
+def _as_optimum(
     problem: QuasistaticProblem, objective: Objective, optimum: tuple[Any, ...]
-) -> Carried:
+) -> WarmOptimum:
     forces, unit, *found, contacts, signs, solver = optimum
     x, value, bound, residual, multipliers, motion, scale = found
     selection = np.zeros(len(signs), dtype=bool)
     selection[contacts] = True
-    return Carried(
+    return WarmOptimum(
         forces=forces,
         unit=-unit if objective.maximizes else unit,
         reach=max(problem.max_normal_force.tolist()),
@@ -151,24 +151,24 @@ def _as_carried(
     )
 
 
-def carried_state(
+def state_optimum(
     problem: QuasistaticProblem,
     objective: Objective,
     options: SolveOptions,
     learned: WarmStart | None,
     pool: list[Any],
     *state: Any,
-) -> Carried | None:
-    """Return the optimum of one state where `carried_many`, whose arguments these are, finds it."""
+) -> WarmOptimum | None:
+    """Return the optimum of one state, where `optima_of_states` with these arguments finds it."""
     order = np.zeros(1, dtype=np.intp)
     with LOOPS_LOCK:
-        if not carried_many(problem, objective, options, learned, pool, order, *state):
+        if not optima_of_states(problem, objective, options, learned, pool, order, *state):
             return None
-        optimum = _loops(problem, objective, options).told()
-    return _as_carried(problem, objective, optimum)
+        optimum = _loops(problem, objective, options).result()
+    return _as_optimum(problem, objective, optimum)
 
 
-def carried_many(
+def optima_of_states(
     problem: QuasistaticProblem,
     objective: Objective,
     options: SolveOptions,
@@ -186,7 +186,7 @@ def carried_many(
         learned: What a search has left behind since the last time; None: nothing.
         pool: What loops have learned of these contacts, the most promising first: it changes.
         order: Numbers of the states.
-        states: The arguments of `core.Carrier.carried_many` after that.
+        states: The arguments of `core.WarmOptima.optima_of_states` after that.
 
     Returns:
         How many in that order were found before the first one that was not.
@@ -199,7 +199,7 @@ def carried_many(
             start for start in prepared_starts(loops, problem, [learned]) if start is not None
         ]
     with LOOPS_LOCK:
-        return loops.carried_many(problem, pool, may_begin(problem, options), order, *states)
+        return loops.optima_of_states(problem, pool, may_begin(problem, options), order, *states)
 
 
 def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
@@ -207,7 +207,7 @@ def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOpti
     # They count on one free object.
     if problem.wrench_matrix is not None or not are_for(problem.cone_model, objective, options):
         return None
-    return _carrier(likeness_of(problem), objective, problem.joint_units)
+    return _engine(structure_of(problem), objective, problem.joint_units)
 
 
 def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
@@ -234,14 +234,14 @@ def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> boo
 
 
 @lru_cache(maxsize=64)
-def _carrier(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
-    return core.ColdCarrier(**carrier_arguments(likeness, objective, units))
+def _engine(structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
+    return core.ColdOptima(**engine_arguments(structure, objective, units))
 
 
-def carrier_arguments(
-    likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]
+def engine_arguments(
+    structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
 ) -> dict[str, Any]:
-    """Return what `core.ColdCarrier` takes for one of the paper's objectives."""
+    """Return what `core.ColdOptima` takes for one of the paper's objectives."""
     return {
         "guesses": GUESSES,
         "judged_by": judged_by(CLEARLY * THRESHOLD),
@@ -250,7 +250,7 @@ def carrier_arguments(
         "exact": EXACT,
         "close": PRIMAL_TOLERANCE,
         "cutoff": objective.cutoff,
-        **shared_arguments(likeness, objective, units),
+        **shared_arguments(structure, objective, units),
     }
 
 
@@ -258,12 +258,12 @@ def prepared_starts(
     loops: Any, problem: QuasistaticProblem, starts: Sequence[WarmStart]
 ) -> list[Any]:
     """Return starts as the loops take them; None in the place of one that does not fit."""
-    likeness, prepared = likeness_of(problem), []
+    structure, prepared = structure_of(problem), []
     for start in starts:
         known = _STARTS.of(start)
         own, active = known[0]
         if own is not loops:
-            fits = start.likeness is not None and start.likeness.has_rows_of(likeness)
+            fits = start.structure is not None and start.structure.has_rows_of(structure)
             active = _start(loops, start) if fits else None
             known[0] = loops, active
         prepared.append(active)
@@ -271,7 +271,7 @@ def prepared_starts(
 
 
 LOOPS_LOCK = RLock()
-"""One room serves all threads."""
+"""One workspace serves all threads."""
 _STARTS: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
 """The loops that a start was prepared for last, and what they take it as."""
 
@@ -290,13 +290,13 @@ def _start(loops: Any, start: WarmStart) -> Any:
     )  # fmt: skip
 
 
-def solution_carried(
+def solution_of_optimum(
     problem: QuasistaticProblem,
     objective: Objective,
     rules: Rules,
-    found: Carried,
+    found: WarmOptimum,
 ) -> TorqueSolution:
-    """Return a carried optimum as a solution.
+    """Return an optimum that loops found as a solution.
 
     Args:
         problem: The problem.
@@ -304,7 +304,7 @@ def solution_carried(
         rules: The reading of the virtual-sliding constraint.
         found: The optimum.
     """
-    size = likeness_of(problem).layout.size
+    size = structure_of(problem).layout.size
     proof = found.multipliers[:6], found.multipliers[6:]
     certificate = Certificate(
         primal_residual=found.residual,
@@ -339,7 +339,7 @@ _MOST_COLD = 24
 """Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
 
 
-class LoadedOptima:
+class LoadSweep:
     """Optima of states with the same contacts under other loads, friction and limits, in order.
 
     What has led to one is tried first for the next.
@@ -355,8 +355,8 @@ class LoadedOptima:
             objective: What is optimised; `are_for` tells whether loops do.
             options: How.
         """
-        likeness = likeness_of(problem, problem.has_cone.astype(np.float64))
-        self._loops = _states(likeness, objective, problem.joint_units)
+        structure = structure_of(problem, problem.has_cone.astype(np.float64))
+        self._loops = _states(structure, objective, problem.joint_units)
         self._may_begin = may_begin(problem, options) and self._loops.n <= _MOST_COLD
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
@@ -370,12 +370,10 @@ class LoadedOptima:
         """
         if start is not self._last:
             self._last = start
-            near = [
-                one for one in prepared_starts(self._loops, problem, [start]) if one is not None
-            ]
-            self._pool = [*near, *self._pool][:_MOST_STARTS]
+            own = [one for one in prepared_starts(self._loops, problem, [start]) if one is not None]
+            self._pool = [*own, *self._pool][:_MOST_STARTS]
 
-    def carry_on(
+    def advance(
         self,
         problem: QuasistaticProblem,
         loads: FloatArray,
@@ -398,5 +396,5 @@ class LoadedOptima:
 
 
 @lru_cache(maxsize=64)
-def _states(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
-    return core.LoadedStates(**carrier_arguments(likeness, objective, units))
+def _states(structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
+    return core.LoadedStates(**engine_arguments(structure, objective, units))
