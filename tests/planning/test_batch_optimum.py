@@ -1,4 +1,4 @@
-"""Optima that loops alone carry over: what they prove, and that nothing else passes."""
+"""Optima that warm starts in loops lead to: what they prove, and that nothing else passes."""
 
 import pickle
 from dataclasses import replace
@@ -15,6 +15,7 @@ from graspless_pin import (
     compiled,
     load_scene,
 )
+from graspless_pin.algorithms import batch_optimum
 from graspless_pin.algorithms.batch_optimum import WarmStart, solution_of_optimum, warm_optimum
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
@@ -202,3 +203,14 @@ def test_loops_leave_a_link_with_several_shapes_near_the_object_to_the_search(mo
     monkeypatch.setattr(batch_states, "solids_of", of_one_link)
     together = PlainProblems(evaluator.scene).at(q)
     assert together is not None and together.counts.tolist() == [-1]
+
+
+def test_an_optimum_is_asked_of_the_loops_that_found_it(monkeypatch):
+    """Another thread may put loops of its own into the cache, or push these out, in between."""
+    made = batch_optimum._engine.__wrapped__
+    monkeypatch.setattr(batch_optimum, "_engine", made)
+    evaluator = Evaluator(example(SCENE), algorithm="margin")
+    first, again = evaluator.evaluate(), evaluator.evaluate()
+    assert again.margin == pytest.approx(first.margin, abs=1e-8)
+    reached = [evaluator.is_feasible(margin=share * first.margin) for share in (0.9, 0.9, 1.1)]
+    assert reached == [True, True, False]

@@ -119,9 +119,8 @@ def warm_optimum(
     loops = _loops(problem, objective, options) if starts else None
     if loops is None:
         return None
-    prepared = prepared_starts(loops, problem, starts)
     with LOOPS_LOCK:
-        found = loops.warm_optimum(problem, prepared)
+        found = loops.warm_optimum(problem, prepared_starts(loops, problem, starts))
     if found is None:
         return None
     place, optimum = found
@@ -160,11 +159,16 @@ def state_optimum(
     *state: Any,
 ) -> WarmOptimum | None:
     """Return the optimum of one state, where `optima_of_states` with these arguments finds it."""
+    loops = _loops(problem, objective, options)
+    if loops is None:
+        return None
     order = np.zeros(1, dtype=np.intp)
     with LOOPS_LOCK:
-        if not optima_of_states(problem, objective, options, learned, pool, order, *state):
+        if not _found(loops, problem, options, learned, pool, order, state):
             return None
-        optimum = _loops(problem, objective, options).result()
+        # Asked of the same object: the cache may have dropped it meanwhile, or another thread
+        # have put its own there.
+        optimum = loops.result()
     return _as_optimum(problem, objective, optimum)
 
 
@@ -194,12 +198,25 @@ def optima_of_states(
     loops = _loops(problem, objective, options)
     if loops is None:
         return 0
+    with LOOPS_LOCK:
+        return _found(loops, problem, options, learned, pool, order, states)
+
+
+def _found(
+    loops: Any,
+    problem: QuasistaticProblem,
+    options: SolveOptions,
+    learned: WarmStart | None,
+    pool: list[Any],
+    order: NDArray[np.intp],
+    states: tuple[Any, ...],
+) -> int:
+    """Do what `optima_of_states` does with loops that no other thread uses meanwhile."""
     if learned is not None:
         pool[:0] = [
             start for start in prepared_starts(loops, problem, [learned]) if start is not None
         ]
-    with LOOPS_LOCK:
-        return loops.optima_of_states(problem, pool, may_begin(problem, options), order, *states)
+    return loops.optima_of_states(problem, pool, may_begin(problem, options), order, *states)
 
 
 def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:

@@ -239,6 +239,8 @@ cdef class WarmOptima(PaperPrograms):
         """What was found of the last problem, as `warm_optimum` returns it."""
         cdef Start start = self.served
         cdef Py_ssize_t k
+        if start is None:
+            raise ValueError("no optimum was found")
         return (
             _copied(self.forces, 3 * self.M).reshape(self.M, 3), self.unit,
             _copied(self.x, self.n + 1), self.value, self.bound, self.residual,
