@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scene_tools import EXAMPLES, PAPER, content, loaded
+from test_geometric_stiffness import on_mesh, turned_icosphere
 from test_minimum_stiffness import ball, board_on_cylinder, pressing_arm, standing
 from typer.testing import CliRunner, Result
 
@@ -66,15 +67,21 @@ def test_motions_that_do_not_grow_let_it_hold(tmp_path: Path) -> None:
         assert str(said).endswith("); no small motion grows")
 
 
-def test_what_is_not_known_is_said_with_its_reason() -> None:
+def test_a_mesh_is_known_by_its_facets_and_by_what_they_stand_for() -> None:
     scene = load_scene(EXAMPLES / "allegro_mug_against_wall.yaml")
-    said = scene.stability(scene.solve("margin").torques)
-    assert said.status == "strong" and not said.lasts
-    assert np.isnan([said.stiffness_needed, said.growth_rate]).all()
-    assert str(said).startswith(
-        "stays at the first instant; small motions not known: 'mug' is a mesh and turns where "
-        "'link_3.0_tip' touches the object (proof: "
-    )
+    torques = scene.solve("margin").torques
+    said, known = scene.stability(torques), minimum_stiffness(scene, torques)
+    assert said.stiffness_needed == pytest.approx(known.stiffness, rel=1e-6)
+    assert said.small_motions is not None
+    assert set(said.small_motions.growth_by_surface) == {"facets", "fitted"}
+    assert "; without it the " in str(said) and "facets" not in str(said)
+
+
+def test_where_facets_and_surface_differ_both_are_told(tmp_path: Path) -> None:
+    mesh = turned_icosphere()
+    height = float(mesh.vertices[:, 2].max()) + 0.05
+    said = on_mesh(tmp_path, mesh, height).stability([])
+    assert "(on a mesh's facets 0 /s, on a smooth surface fitted to them 5." in str(said)
 
 
 def test_a_problem_without_a_scene_is_known_where_nothing_rolls() -> None:

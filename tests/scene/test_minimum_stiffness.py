@@ -261,9 +261,6 @@ def test_what_it_cannot_tell_is_refused(tmp_path):
         minimum_stiffness(scene, [0.0, 1.0])
     with pytest.raises(ArgumentError, match=r"^damping: is -1"):
         minimum_stiffness(scene, torques, damping=-1)
-    mug = load_scene(EXAMPLES / "allegro_mug_against_wall.yaml")
-    with pytest.raises(SceneError, match=r"'mug' is a mesh and turns where 'link_3.0_tip' touches"):
-        minimum_stiffness(mug, mug.solve("torque").torques)
     data = content(PAPER / "cuboid_at_rest.yaml")
     data["hand"]["control"] = {"finger_6/finger": "hybrid"}
     with pytest.raises(SceneError, match="a hybrid finger follows the object"):

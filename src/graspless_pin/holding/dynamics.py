@@ -241,6 +241,8 @@ def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
 
 NEGLIGIBLE = 1e-6
 """A speed below this share of the others is none, and so is a lever."""
+_IN_ONE_PLACE = 1e-3
+"""Of the distance from the reference point: contacts nearer to each other are in one place."""
 
 
 def free_motions(problem: QuasistaticProblem) -> FloatArray:
@@ -262,7 +264,8 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
         (k, P + L) velocities, read-only: of the object [linear of the reference point; angular],
         world axes, m/s and rad/s, or of other passive coordinates, then of the joints. k = 0: none.
         The rows are orthonormal when linear velocities count in `problem.scales.length` per second,
-        angular ones in rad/s, and a joint's rate in that length over its longest lever. Those that
+        angular ones in rad/s, and a joint's rate in that length over its longest lever. Of contacts
+        in one place the length is their distance from the reference point. Those that
         move the object most come first.
 
     Raises:
@@ -309,16 +312,28 @@ def _without_slip(
     moving = np.concatenate([np.ones(counts[0], dtype=bool), hybrid < 0])
     units = motion_units(problem)[moving]
     velocities = contact_map(problem) * np.repeat([1.0, -1.0], counts)
-    velocities = velocities[:, :, moving] * (units / problem.scales.length)
+    velocities = velocities[:, :, moving] * (units / motion_length(problem))
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
     still[hybrid[hybrid >= 0], 0] = False
     return null_space(velocities[still], rcond=NEGLIGIBLE), moving, units
 
 
+def motion_length(problem: QuasistaticProblem) -> float:
+    """Return the length that linear velocities count in, m: of contacts in one place their lever.
+
+    Their distance from each other, and with it `problem.scales.length`, may be next to nothing.
+    """
+    length = problem.scales.length
+    if problem.wrench_matrix is not None:
+        return length
+    farthest = float(np.linalg.norm(problem.positions, axis=1).max())
+    return farthest if length < _IN_ONE_PLACE * farthest else length
+
+
 def motion_units(problem: QuasistaticProblem) -> FloatArray:
     """Return the (P + L,) velocities of object and joints that count as one in `free_motions`."""
-    length = problem.scales.length
+    length = motion_length(problem)
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     levers = np.linalg.norm(blocks, axis=1).max(axis=0)
     levers = np.maximum(levers, NEGLIGIBLE * levers.max(initial=0.0))

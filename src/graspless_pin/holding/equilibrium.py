@@ -139,6 +139,45 @@ def _balance(
     return Balance(float(np.abs(left).max()), float(outside.max()), forces, proof, programs)
 
 
+def farthest_forces(
+    jacobian: FloatArray,
+    load: FloatArray,
+    friction: FloatArray,
+    cost: FloatArray,
+    most: FloatArray,
+) -> FloatArray | None:
+    """Find forces of rest inside polygons in the cones that go farthest against a cost.
+
+    Args:
+        jacobian: (M, 3, k) G in units of the load.
+        load: (k,) g in those units.
+        friction: (M,) coefficients.
+        cost: (M, 3) of forces in contact frames.
+        most: (M,) largest normal forces, in loads.
+
+    Returns:
+        (M, 3) in contact frames, in loads; None where there are none, or the solver has no answer.
+    """
+    count = len(jacobian)
+    sides = np.maximum(friction * most, _EXACT)
+    ub = np.column_stack([most, sides, sides])
+    lb = np.column_stack([np.zeros(count), -sides, -sides])
+    size = float(np.abs(cost).max(initial=0.0))
+    if size == 0.0:
+        return None
+    simplex = Simplex((cost / size).ravel(), lb.ravel(), ub.ravel())
+    simplex.add_rows(jacobian.reshape(3 * count, -1).T.copy(), -load - _EXACT, -load + _EXACT)
+    around_each = np.tile(around(_DIRECTIONS), (count, 1))
+    contacts = np.repeat(np.arange(count), _DIRECTIONS)
+    rows = np.zeros((len(contacts), count, 3))
+    planes = np.column_stack([-_INSCRIBED * friction[contacts], around_each])
+    rows[np.arange(len(contacts)), contacts] = planes
+    none = np.full(len(contacts), -np.inf)
+    simplex.add_rows(rows.reshape(len(contacts), -1), none, np.zeros(len(contacts)))
+    answer = simplex.solve()
+    return answer.x.reshape(count, 3) if answer.is_optimal else None
+
+
 def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:
     """Find normal forces alone that balance the load, or leave little of it, by least squares.
 

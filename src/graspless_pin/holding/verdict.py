@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from math import ceil, floor, isinf, log10, nan
 from typing import Never, TypedDict
@@ -68,6 +68,7 @@ class SmallMotions:
         unit: Of the stiffness.
         moving: What that one does, such as "the fingers buckle"; empty: none grows.
         unknown: Why it is not known; empty: it is.
+        growth_by_surface: See `MinimumStiffness`; empty where no mesh touches.
     """
 
     stiffness: float
@@ -75,6 +76,7 @@ class SmallMotions:
     unit: str = ""
     moving: str = ""
     unknown: str = ""
+    growth_by_surface: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def not_known(cls, why: str) -> SmallMotions:
@@ -347,6 +349,8 @@ class StabilityVerdict:
 _NOTICED = 0.2
 """Of the torque that is left over most: joints with less are not named."""
 _MOST_NAMED = 3
+_ALIKE = 2.0
+"""Growth on both models of a mesh that differs by less than this factor is told as one."""
 
 
 def parted(message: str) -> tuple[str, str]:
@@ -369,7 +373,7 @@ def strong_words(verdict: StabilityVerdict) -> str:
         return message + (feedback if free else "")
     if not small.moving:
         return f"holds: the object provably stays at rest ({proof}); no small motion grows"
-    grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s"
+    grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s{_surface_words(small)}"
     if isinf(small.stiffness):
         message = f"stays at the first instant; then {grows}: no joint feedback stops it"
         return f"{message} (proof: {proof})"
@@ -378,6 +382,15 @@ def strong_words(verdict: StabilityVerdict) -> str:
         f"holds with joint feedback of at least {least:g} {small.unit}; without it {grows} "
         f"(first instant: {proof})"
     )
+
+
+def _surface_words(small: SmallMotions) -> str:
+    """Return how growth hangs on what a mesh stands for, where that makes much of it."""
+    rates = small.growth_by_surface
+    if not rates or min(rates.values()) * _ALIKE >= max(rates.values()):
+        return ""
+    facets, fitted = (_rounded(rates[name]) for name in ("facets", "fitted"))
+    return f" (on a mesh's facets {facets:g} /s, on a smooth surface fitted to them {fitted:g} /s)"
 
 
 def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:

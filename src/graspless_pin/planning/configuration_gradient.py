@@ -27,6 +27,7 @@ from graspless_pin.geometry.bodies.shapes import Sphere
 from graspless_pin.geometry.contact.convex_sets import Revolved
 from graspless_pin.geometry.contact.distances import bounded_set
 from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
+from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluation import Evaluation
 from graspless_pin.problem.checks import FloatArray, choice, read_only
@@ -66,56 +67,6 @@ class MovingContacts:
     moves: FloatArray
     turns: FloatArray
     gaps: FloatArray
-
-
-class JointColumns:
-    """The spatial columns of all joints of a hand and how each moves the others.
-
-    Attributes:
-        linear: (n, 3) v_j about the world's origin.
-        angular: (n, 3) omega_j.
-        supports: (n + 1, n) whether joint j moves what is on Pinocchio joint i.
-    """
-
-    def __init__(self, hand: Hand) -> None:
-        """Work out the columns at the hand's configuration."""
-        kinematics = hand.tree.kinematics(hand.positions)
-        self.linear: FloatArray = kinematics.J[:3].T
-        self.angular: FloatArray = kinematics.J[3:].T
-        self.T_world_joint = kinematics.T_world_joint
-        self.supports = hand.tree.supports
-        # [k, j]: does joint k carry joint j along?
-        carried = self.supports[1:].T[:, :, None]
-        v, w = self.linear, self.angular
-        self._turned: FloatArray = carried * np.cross(w[:, None], w[None])
-        self._shifted: FloatArray = carried * (
-            np.cross(w[:, None], v[None]) + np.cross(v[:, None], w[None])
-        )
-
-    def velocity(self, link: int, point: FloatArray) -> FloatArray:
-        """Return (3, n) the velocities of a point of a link per joint rate."""
-        arms = self.linear + np.cross(self.angular, point)
-        return (arms * self.supports[link][:, None]).T
-
-    def rotation(self, link: int) -> FloatArray:
-        """Return (3, n) the angular velocities of a link per joint rate."""
-        return (self.angular * self.supports[link][:, None]).T
-
-    def by_lever_arms(
-        self, link: int, point: FloatArray, move: FloatArray, weights: FloatArray
-    ) -> FloatArray:
-        """Return (n,) the change of sum_j w_j . J_j(p) by each joint.
-
-        Args:
-            link: Pinocchio joint that carries the point.
-            point: (3,) p, world, m.
-            move: (3, n) its derivatives.
-            weights: (3, n) w_j.
-        """
-        weights = weights * self.supports[link]
-        carried = self._shifted + np.cross(self._turned, point)
-        moment = np.cross(weights.T, self.angular).sum(axis=0)
-        return np.einsum("ij,kji->k", weights, carried) + moment @ move
 
 
 def moving_contacts(scene: Scene, columns: JointColumns, follows: Follows) -> MovingContacts:

@@ -1,0 +1,208 @@
+"""Small motions about a rest: how fast they grow, and which joint feedback ends that.
+
+Contacts that neither slip nor open leave the velocities N z of object and joints, G N = 0. About
+the rest M_z z'' + D_z z' + (K_geo + N_q^T K N_q) z = 0 with M_z = N^T M N, the joints' damping in
+D_z and their feedback K. K_geo, the geometric stiffness, is linear in the contact forces: levers,
+normals and contact points change as the bodies roll. Where friction bears on contacts that roll it
+is not symmetric, and the eigenvalues decide.
+
+Torques may leave contact forces open. Then the rest is as stable as it is under the worst of them:
+they are looked for by successive linear programs (Frank and Wolfe's method) on the growth rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eig, eigh
+
+from graspless_pin.holding.certificate import in_loads
+from graspless_pin.holding.dynamics import free_friction, world_forces
+from graspless_pin.holding.equilibrium import farthest_forces
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+
+_DOUBLINGS = 60
+_HALVINGS = 24
+_MOST_ROUNDS = 8
+_MOST_STARTS = 6
+_MOST_FORCE = 1e3
+"""Of the load: admissible forces are looked at up to this, or the normal forces' limit."""
+_BETTER = 1e-6
+_INFLUENCE = 1e-9
+"""Of the largest entry: forces that change the stiffness by less leave it alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearizedMotion:
+    """Small motions z about a rest, and how their stiffness depends on the contact forces.
+
+    Attributes:
+        inertia: (d, d) N^T M N.
+        force_stiffness: (M, 3, d, d) of unit contact forces along the world's axes.
+        constant_stiffness: (d, d) the rest of K_geo: of the links' weights.
+        joint_rates: (c, d) N_q: of the joints that carry touching links.
+        velocities: (P + L, d) N.
+        slowest: Growth up to this is none, 1/s.
+    """
+
+    inertia: FloatArray
+    force_stiffness: FloatArray
+    constant_stiffness: FloatArray
+    joint_rates: FloatArray
+    velocities: FloatArray
+    slowest: float
+
+    def stiffness(self, forces: FloatArray) -> FloatArray:
+        """Return K_geo (d, d) under contact forces (M, 3), N, world axes."""
+        return self.constant_stiffness + np.einsum("mi,miab->ab", forces, self.force_stiffness)
+
+    def system(
+        self, stiffness: FloatArray, damping: float, pattern: FloatArray, factors: FloatArray
+    ) -> FloatArray:
+        """Return A of (z, z')' = A (z, z') under multiples of a pattern of feedback.
+
+        Args:
+            stiffness: (d, d) K_geo.
+            damping: At each joint, N m s/rad (N s/m).
+            pattern: (c,) gains.
+            factors: (K,) on them.
+
+        Returns:
+            (K, 2 d, 2 d).
+        """
+        count, N_q = len(self.inertia), self.joint_rates
+        parts = [stiffness, damping * N_q.T @ N_q, N_q.T @ (pattern[:, None] * N_q)]
+        rolled = -np.linalg.solve(self.inertia, np.hstack(parts))
+        found = np.zeros((len(factors), 2 * count, 2 * count))
+        found[:, :count, count:] = np.eye(count)
+        found[:, count:] = rolled[:, : 2 * count]
+        found[:, count:, :count] += factors[:, None, None] * rolled[:, 2 * count :]
+        return found
+
+    def fastest(self, stiffness: FloatArray, damping: float) -> tuple[float, FloatArray]:
+        """Return the fastest growth without feedback, 1/s, and its motion (P + L,)."""
+        rate, shape, _ = self._fastest_mode(stiffness, damping)
+        motion = self.velocities @ shape
+        return (rate if rate > self.slowest else 0.0), motion
+
+    def _fastest_mode(
+        self, stiffness: FloatArray, damping: float
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """Return the largest growth, its motion (d,), and its gradient (d, d) by the stiffness."""
+        count = len(self.inertia)
+        if count == 0:
+            return 0.0, np.zeros(0), np.zeros((0, 0))
+        A = self.system(stiffness, damping, np.zeros(len(self.joint_rates)), np.zeros(1))[0]
+        values, left, right = eig(A, left=True, right=True)
+        most = int(np.argmax(np.real(values)))
+        w, v = left[:, most], right[:, most]
+        scale = np.vdot(w, v)
+        gradient = np.zeros((count, count))
+        if abs(scale) > np.finfo(float).eps:
+            back = np.linalg.solve(self.inertia, np.conj(w[count:]))
+            gradient = -np.real(np.outer(back, v[:count]) / scale)
+        return float(np.real(values[most])), np.real(v[:count]), gradient
+
+    def least_feedback(self, stiffness: FloatArray, damping: float, pattern: FloatArray) -> float:
+        """Return the smallest factor on (c,) gains beyond which nothing grows; inf: there is none.
+
+        Args:
+            stiffness: (d, d) K_geo.
+            damping: At each joint, N m s/rad (N s/m).
+            pattern: (c,) gains.
+        """
+
+        def growing(factors: FloatArray) -> NDArray[np.bool_]:
+            values = np.linalg.eigvals(self.system(stiffness, damping, pattern, factors))
+            return np.real(values).max(axis=1, initial=0.0) > self.slowest
+
+        size = float(np.abs(stiffness).max(initial=0.0))
+        rates = self.joint_rates
+        reach = float(np.square(rates).sum(axis=0).max(initial=0.0)) if len(rates) else 0.0
+        if not growing(np.zeros(1))[0]:
+            return 0.0
+        if reach == 0.0:
+            return np.inf
+        powers = np.arange(-_DOUBLINGS // 2, _DOUBLINGS // 2, dtype=float)
+        factors = size / reach * np.exp2(powers)
+        grows = growing(factors)
+        if grows[-1]:
+            return np.inf
+        last = len(grows) - 1 - int(np.argmax(grows[::-1])) if grows.any() else 0
+        low, high = factors[last], factors[last + 1]
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if growing(np.array([middle]))[0] else (low, middle)
+        return float(high)
+
+
+def worst_forces(
+    motion: LinearizedMotion,
+    problem: QuasistaticProblem,
+    torques: FloatArray,
+    forces: FloatArray,
+    damping: float,
+) -> FloatArray:
+    """Return admissible contact forces under which a small motion grows fastest, as found.
+
+    Args:
+        motion: The small motions.
+        problem: Contacts and loads, at rest.
+        torques: (L,) N m (N).
+        forces: (M, 3) those of one rest, world axes, N, to begin with.
+        damping: At each joint, N m s/rad (N s/m).
+
+    Returns:
+        (M, 3) world axes, N: those to begin with where torques leave nothing open that counts.
+    """
+    jacobian, load = in_loads(problem, torques)
+    _, values, turns = np.linalg.svd(jacobian.reshape(3 * len(forces), -1).T)
+    rank = int((values > _INFLUENCE * values.max(initial=0.0)).sum())
+    in_frames = np.einsum("mji,mjab->miab", problem.frames, motion.force_stiffness)
+    open_forces = turns[rank:].reshape(-1, len(forces), 3)
+    influence = np.einsum("kmi,miab->kab", open_forces, in_frames)
+    size = float(np.abs(in_frames).max(initial=0.0))
+    if np.abs(influence).max(initial=0.0) <= _INFLUENCE * size:
+        return forces
+    unit = problem.scales.force
+    most = np.minimum(problem.max_normal_force / unit, _MOST_FORCE)
+
+    def against(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return growth, forces and gradient where forces go farthest along a gradient."""
+        cost = -np.einsum("ab,miab->mi", gradient, in_frames)
+        found = farthest_forces(jacobian, load, free_friction(problem), cost, most)
+        if found is None:
+            return -np.inf, forces, gradient
+        other = world_forces(problem, found * unit)
+        rate, _, next_gradient = motion._fastest_mode(motion.stiffness(other), damping)
+        return rate, other, next_gradient
+
+    rate, _, gradient = motion._fastest_mode(motion.stiffness(forces), damping)
+    best = max(
+        (against(-_softest(motion, side * one)) for one in _largest(influence) for side in (1, -1)),
+        key=lambda one: one[0],
+    )
+    if best[0] > rate:
+        rate, forces, gradient = best
+    for _ in range(_MOST_ROUNDS):
+        new_rate, other, next_gradient = against(gradient)
+        if new_rate <= rate + _BETTER * max(rate, motion.slowest):
+            return forces
+        rate, forces, gradient = new_rate, other, next_gradient
+    return forces
+
+
+def _largest(influence: FloatArray) -> FloatArray:
+    """Return the changes of the stiffness (k, d, d) that are largest, a few."""
+    sizes = np.abs(influence).max(axis=(1, 2))
+    return influence[np.argsort(-sizes)[:_MOST_STARTS]]
+
+
+def _softest(motion: LinearizedMotion, stiffness: FloatArray) -> FloatArray:
+    """Return z z^T (d, d) of the motion with the smallest eigenvalue of a stiffness."""
+    symmetric = 0.5 * (stiffness + stiffness.T)
+    _, vectors = eigh(symmetric, motion.inertia, subset_by_index=[0, 0])
+    return np.outer(vectors[:, 0], vectors[:, 0])
