@@ -85,7 +85,7 @@ class Mistake(NamedTuple):
 
 FRAMES, MOTIONS, SHARED = "contact_frames", "virtual_motions", "shared"
 SEARCH, PAIRS, CHAINS, STATES = "contact_search", "body_pairs", "kinematic_chains", "hand_states"
-ASSEMBLY, STARTS, CARRIED = "paper_programs", "optimum_starts", "warm_optima"
+ASSEMBLY, STARTS, WARM = "paper_programs", "optimum_starts", "warm_optima"
 COLD, LOADED, CALLER = "cold_optima", "loaded_states", "../algorithms/batch_optimum.py"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
 MISTAKES = tuple(
@@ -139,13 +139,13 @@ MISTAKES = tuple(
         (STATES, "data(self._lower)[j] <= position[j]", "position[j]"),
         (STATES, "or times[links.bodies[k]] != 1", ""),
         (CHAINS, "step[1] -= s * axis[5]", "step[1] += s * axis[5]"),
-        (CARRIED, "starts.insert(0, starts.pop(place))", "pass"),
-        (CARRIED, "if self.value > self.cutoff:", "if False:"),
-        (CARRIED, "friction * near.signs", "-friction * near.signs"),
+        (WARM, "starts.insert(0, starts.pop(place))", "pass"),
+        (WARM, "if self.value > self.cutoff:", "if False:"),
+        (WARM, "friction * start.signs", "-friction * start.signs"),
         (ASSEMBLY, "residual = max(residual, at if i >= 6 else fabs(at))",
          "residual = max(residual, at)"),
         (ASSEMBLY, "v[6 + self.joint[i - 6] % self.L] += self.share[i - 6] * weight", "pass"),
-        (CARRIED, "self.bound * figures[5], (self", "self.bound * self.unit, (self"),
+        (WARM, "self.bound * figures[5], (self", "self.bound * self.unit, (self"),
         (CHAINS, "+ J[4 * n + j] * (x[2] * g[0] - x[0] * g[2])",
          "+ J[4 * n + j] * (x[2] * g[0] + x[0] * g[2])"),
         (COLD, "-1.0 if self.x[c] > 0.0 else 1.0",
@@ -167,7 +167,7 @@ MISTAKES = tuple(
         (CALLER, "or objective.regularization > 0.0", ""),
         (CALLER, "or options.rules.by_direction", ""),
         (CALLER, "start.structure.has_rows_of(structure)", "start.structure is not structure"),
-        ("../algorithms/batch_optimum.py", "[*near, *self._pool]", "[*self._pool]"),
+        ("../algorithms/batch_optimum.py", "[*own, *self._pool]", "[*self._pool]"),
         (CHAINS, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
         (FRAMES, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),
