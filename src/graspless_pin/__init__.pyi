@@ -33,10 +33,12 @@ from .findings import Finding as Finding
 from .findings import FindingCode as FindingCode
 from .findings import Severity as Severity
 from .geometry.hand.model import Hand as Hand
+from .holding.controller import Controller as Controller
 from .holding.dynamics import free_motions as free_motions
 from .holding.stability import stability as stability
 from .holding.verdict import ContactState as ContactState
 from .holding.verdict import DynamicOutcome as DynamicOutcome
+from .holding.verdict import Holding as Holding
 from .holding.verdict import RestProof as RestProof
 from .holding.verdict import Stability as Stability
 from .holding.verdict import StabilityVerdict as StabilityVerdict

@@ -41,7 +41,7 @@ def test_a_scene_that_moves_has_a_time_lapse_and_is_held_by_feedback(tmp_path):
     assert "<strong>Moved.</strong>" in page
     assert "the object ball at each time" in page
     assert "http" not in page.replace("http-equiv", "")
-    held = run("simulate", BALL, "--feedback", "2", *BRIEFLY)
+    held = run("simulate", BALL, "--controller", "2", *BRIEFLY)
     assert held.exit_code == 0
     assert held.stdout.startswith("held: the object stays")
 
@@ -78,7 +78,7 @@ def test_without_torques_there_is_nothing_to_simulate(tmp_path):
         (("--push", "1,2,nan"), "--push: needs three numbers"),
         (("--save", "out.gif"), "--save: needs a file that ends in .html or .mp4, got 'out.gif'"),
         (("--seconds", "-1"), "seconds: is -1.0"),
-        (("--feedback", "-1"), "feedback: is -1.0"),
+        (("--controller", "-1"), "stiffness: is -1.0"),
         (("--friction-factor", "-1"), "friction_factor: is -1.0"),
     ],
 )

@@ -13,8 +13,16 @@ from test_geometric_stiffness import on_mesh, turned_icosphere
 from test_minimum_stiffness import ball, board_on_cylinder, pressing_arm, standing
 from typer.testing import CliRunner, Result
 
-from graspless_pin import Scene, free_motions, load_scene, minimum_stiffness, stability
+from graspless_pin import (
+    Controller,
+    Scene,
+    free_motions,
+    load_scene,
+    minimum_stiffness,
+    stability,
+)
 from graspless_pin.cli.commands import app
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.report import solution_document
 
 BOX_ON_SLOPE = EXAMPLES / "allegro_box_on_slope.yaml"
@@ -31,7 +39,7 @@ def test_fingers_that_buckle_are_told_from_an_object_that_goes(tmp_path: Path) -
     assert (said.stiffness_needed, said.growth_rate) == pytest.approx(
         (known.stiffness, known.growth), rel=1e-6
     )
-    assert len(free_motions(scene.problem())) == 0 and not said.lasts
+    assert len(free_motions(scene.problem())) == 0 and said.holding == "needs_feedback"
     assert said.small_motions is not None and said.small_motions.unit == "N m/rad"
     assert "; without it the fingers buckle, growing at " in str(said)
     # "At least" is not less than what is needed.
@@ -62,9 +70,64 @@ def test_motions_that_do_not_grow_let_it_hold(tmp_path: Path) -> None:
         load_scene(PAPER / "cuboid_at_rest.yaml"),
     ):
         said = scene.stability(scene.solve().torques)
-        assert (said.stiffness_needed, said.growth_rate, said.lasts) == (0.0, 0.0, True)
+        assert (said.stiffness_needed, said.growth_rate, said.holding) == (0.0, 0.0, "holds")
         assert str(said).startswith("holds: the object provably stays at rest (")
-        assert str(said).endswith("); no small motion grows")
+        assert "); no small motion grows" in str(said)
+
+
+def test_a_ball_that_rolls_about_is_neutral(tmp_path: Path) -> None:
+    said = standing(tmp_path, ball(0.05), 0.05, {"shape": {"type": "half_space"}}).stability([])
+    lead, _, neutral = str(said).partition("; no small motion grows; neutral: ")
+    assert lead.startswith("holds: ")
+    assert set(neutral.split(", ")) == {"the object rolls", "the object turns"}
+
+
+def test_the_controller_decides_whether_it_holds() -> None:
+    """Gains of fingers and joints come from the scene; the least stiffness is told either way."""
+    scene = load_scene(BOX_ON_SLOPE)
+    torques = scene.solve().torques
+    free = scene.stability(torques)
+    needed = free.stiffness_needed
+    assert free.holding == "needs_feedback" and 0.0 < needed < 1.0
+    least = "needs joint feedback of at least "
+    for controller, holding, start in (
+        (Controller(1.1 * needed), "holds", "holds with joint feedback of 0.02"),
+        (0.5 * needed, "needs_feedback", least),
+        (Controller({"default": 2.0, "index": 1}), "holds", "holds with joint feedback of 1 to 2 "),
+        (Controller({"index": 0.1 * needed}), "needs_feedback", least),
+        (Controller({"thumb": 5.0}), "needs_feedback", "holds with joint feedback of at least "),
+    ):
+        said = scene.with_changes(controller=controller).stability(torques)
+        assert said.holding == holding and str(said).startswith(start)
+        assert said.stiffness_needed == pytest.approx(needed, rel=1e-6)
+    slower = scene.with_changes(controller=0.5 * needed).stability(torques)
+    assert 0.1 < slower.growth_rate < free.growth_rate
+    assert "; with joint feedback of 0.0" in str(slower)
+
+
+def test_what_holds_without_torques_that_keep_rest(tmp_path: Path) -> None:
+    """Rest that is none fails whatever the gains, and a joint alone is not the object."""
+    scene = load_scene(BOX_ON_SLOPE).with_changes(controller=5.0)
+    said = scene.stability(np.zeros(scene.problem().joint_count))
+    assert said.holding in ("fails", "finger_moves") and np.isnan(said.stiffness_needed)
+    known = standing(tmp_path, ball(0.05), 0.25, {"shape": ball(0.2)}).stability([])
+    assert known.holding == "fails"
+
+
+def test_gains_stand_in_the_file(tmp_path: Path) -> None:
+    data = content(BOX_ON_SLOPE)
+    data["hand"] = data["hand"] | {}
+    data["controller"] = {"stiffness": {"index": 2.0, "default": 0.5}, "damping": 0.05}
+    scene = loaded(tmp_path, data)
+    assert scene.controller == Controller({"index": 2.0, "default": 0.5}, 0.05)
+    data["controller"] = {"stiffness": {"indx": 2.0}}
+    with pytest.raises(SceneError, match=r"yaml:\d+: controller\b.*stiffness.indx: is no joint"):
+        loaded(tmp_path, data)
+    data["controller"] = {"stiffness": -1.0}
+    with pytest.raises(SceneError, match=r"scene.yaml:\d+: controller.stiffness: "):
+        loaded(tmp_path, data)
+    with pytest.raises(ArgumentError, match="controller: found 'stiff'; needs a Controller"):
+        scene.with_changes(controller="stiff")
 
 
 def test_a_mesh_is_known_by_its_facets_and_by_what_they_stand_for() -> None:
@@ -113,7 +176,7 @@ def test_a_declared_motion_keeps_its_words() -> None:
     said = scene.stability(scene.solve().torques)
     assert str(said).startswith("keeps its motion: nothing else is an outcome (proof: ")
     assert str(said).endswith("; needs position feedback: 3 free motions")
-    assert np.isnan(said.growth_rate) and not said.lasts
+    assert np.isnan(said.growth_rate) and said.holding == "needs_feedback"
 
 
 def test_the_same_sentence_stands_everywhere(
@@ -126,12 +189,17 @@ def test_the_same_sentence_stands_everywhere(
     solution = scene.solve()
     said = scene.stability(solution.torques, node_limit=300)
     assert said.message in " ".join(solved.stdout.split())
-    stated = json.loads(file.read_text())["stability"]
-    assert stated["message"] == said.message
+    document = json.loads(file.read_text())
+    assert document["stability"]["message"] == said.message
+    stated = document["holding"]
+    assert stated["status"] == "needs_feedback" and stated["controller"] == "constant torques"
+    assert stated["acceleration"] == {"status": "strong"}
+    assert said.small_motions is not None and said.small_motions.motion is not None
+    np.testing.assert_allclose(stated["unstable_motion"], said.small_motions.motion, atol=1e-6)
     assert stated["stiffness_needed"] == pytest.approx(said.stiffness_needed, rel=1e-6)
     assert stated["growth_rate"] == pytest.approx(said.growth_rate, rel=1e-6)
     assert run("verify", file).exit_code == 0
     alone = solution_document(solution, scene, stability(scene.problem(), solution.torques))
-    assert alone["stability"]["stiffness_needed"] is alone["stability"]["growth_rate"] is None
+    assert alone["holding"]["stiffness_needed"] is alone["holding"]["growth_rate"] is None
     strong = run("solve", BOX_ON_SLOPE, "--stability", "strong").stdout
     assert "; without it the fingers buckle, growing at " in " ".join(strong.split())

@@ -82,12 +82,13 @@ def test_a_cart_slips_away_below_a_ball(tmp_path, armature):
     hand = {"urdf": "cart.urdf", "armature": 0.0}
     far = {"shape": {"type": "half_space"}, "pose": {"position": [0, 0, -1]}}
     scene = standing(tmp_path, ball(0.05), 0.25, far, mass=0.5, hand=hand)
-    found = minimum_stiffness(scene, [0.0], armature=armature, damping=0.0)
+    # What is per radian counts over (0.1 m)^2 at a joint that slides.
+    found = minimum_stiffness(scene, [0.0], armature=0.01 * armature, damping=0.0)
     effective = 7 / 5 * 0.5 - 0.5**2 / (0.5 + 1.6 + armature)
     assert found.growth == pytest.approx(np.sqrt(0.5 * G / 0.25 / effective), rel=1e-4)
     assert found.stiffness == np.inf  # across the rail it falls all the same
     assert dict(found.per_joint) == {"slide": np.inf}
-    assert (found.armature, found.damping) == (armature, 0.0)
+    assert (found.armature, found.damping) == (0.01 * armature, 0.0)
 
 
 def of_spheres(scene, torques, armature, damping):

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_tools import BOX, EXAMPLES, PAPER, hand_of
 
-from graspless_pin import Hand, Scene, load_scene
+from graspless_pin import Controller, Hand, Scene, load_scene
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry import (
     Box,
@@ -36,7 +36,7 @@ REST = PAPER / "cuboid_at_rest.yaml"
 TWO_HANDS = EXAMPLES / "two_hands_slide_crate.yaml"
 SETTINGS = ("gravity", "max_normal_force", "cone_edges", "cone", "contact_tolerance",
             "points_per_patch", "count_own_weight", "hybrid_force_limit", "hand_material",
-            "tangent_axes", "materials", "friction", "solve_options")  # fmt: skip
+            "tangent_axes", "materials", "friction", "solve_options", "controller")  # fmt: skip
 
 
 def again(scene: Scene, path: Path) -> Scene:
@@ -186,6 +186,7 @@ def odd(tmp_path: Path) -> Scene:
         ),
         max_normal_force=30.0, cone_edges=8, contact_tolerance=2e-3, points_per_patch=4,
         tangent_axes=(np.array([1.0, 0.0, 0.0]),), count_own_weight=False, hybrid_force_limit=7.0,
+        controller=Controller({"left/hinge": 2.0, "default": 1.0}, damping=0.1),
         solve_options=load_scene(REST).solve_options,
     )  # fmt: skip
 
@@ -202,6 +203,7 @@ def test_a_scene_made_in_python_says_everything(tmp_path: Path) -> None:
     bare = loaded.with_changes(
         motion=None, given_contacts=None, hand=None, hand_material=None, friction={"default": 0.5},
         materials=Materials({}), tangent_axes=(), count_own_weight=True, hybrid_force_limit=None,
+        controller=Controller(),
         object=replace(loaded.object, material=None, inertia=None, shape=Box((0.2, 0.2, 0.2))),
         supports=(replace(loaded.supports[0], material=None, friction=None),),
     )  # fmt: skip

@@ -21,5 +21,5 @@ def test_the_ball_stays_from_the_stated_feedback_on(algorithm):
         (0.9, SimulatedOutcome.MOVED, 10.0),
         (1.1, SimulatedOutcome.HELD, 4.0),
     ):
-        stiff = simulate(scene, torques, feedback=factor * needed, seconds=seconds).runs[0]
+        stiff = simulate(scene, torques, controller=factor * needed, seconds=seconds).runs[0]
         assert stiff.outcome is outcome, (factor, stiff)

@@ -97,7 +97,7 @@ def test_the_ball_needs_position_feedback():
     solution = scene.solve()
     dropped = simulate(scene, solution.torques)
     assert outcomes(dropped) == ["moved", "moved"]
-    kept = simulate(scene, solution.torques, feedback=2.0, seconds=1.0)
+    kept = simulate(scene, solution.torques, controller=2.0, seconds=1.0)
     assert kept.outcome is SimulatedOutcome.HELD
     assert kept.runs[0].normal_forces["slope"] == pytest.approx(6.477, rel=1e-3)
 
@@ -111,8 +111,8 @@ def test_the_ball_falls_at_the_rate_of_its_instability():
     grown = (gone > 1e-5) & (gone < 1e-3)
     rate = np.polyfit(run.times[grown], np.log(gone[grown]), 1)[0]
     assert rate == pytest.approx(14.0, rel=0.2)
-    assert outcomes(simulate(scene, torques, feedback=0.5))[0] == "moved"
-    assert outcomes(simulate(scene, torques, feedback=1.0, seconds=1.0))[0] == "held"
+    assert outcomes(simulate(scene, torques, controller=0.5))[0] == "moved"
+    assert outcomes(simulate(scene, torques, controller=1.0, seconds=1.0))[0] == "held"
 
 
 def test_a_box_falls_between_two_walls():
@@ -130,7 +130,7 @@ def test_a_box_falls_between_two_walls():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"feedback": -1.0}, "feedback: is -1.0"),
+        ({"controller": -1.0}, "stiffness: is -1.0"),
         ({"push": (1.0, 2.0)}, "push: has shape"),
         ({"friction_factor": np.nan}, "friction_factor: is nan"),
         ({"seconds": 0.0}, "seconds: is 0.0"),

@@ -112,6 +112,7 @@ def test_guaranteed_torques_and_verdicts_have_their_column(tmp_path):
     assert (row["status"], row["verdict"]) == ("optimal", "strong")
     plain = run(study(vary, compute={"verdict": True}), tmp_path / "plain.csv").iloc[0]
     assert plain["verdict"] == "strong"
+    assert (plain["holding"], plain["stiffness_needed"], plain["growth_rate"]) == ("holds", 0, 0)
 
 
 def test_analyses_have_columns(tmp_path):

@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -69,6 +69,22 @@ def loaded_scene(path: Path) -> Scene:
 
     with waiting_for(f"loading {path}"):
         return load_scene(path)
+
+
+ControllerOption = Annotated[
+    float | None,
+    typer.Option(
+        "--controller",
+        metavar="K",
+        help="Stiffness of position feedback at the joints beside the torques, N m/rad, over "
+        "(0.1 m)^2 where joints slide; 0: constant torques; default: the file's.",
+    ),
+]
+
+
+def under_controller(scene: Scene, stiffness: float | None) -> Scene:
+    """Return a scene under joint feedback of a stiffness; None: its own controller."""
+    return scene if stiffness is None else scene.with_changes(controller=stiffness)
 
 
 def exit_code(solution: TorqueSolution) -> ExitCode:

@@ -12,11 +12,13 @@ from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
+    ControllerOption,
     ExitCode,
     echo_findings,
     loaded_scene,
     plain_errors,
     three_numbers,
+    under_controller,
 )
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import emit
@@ -46,12 +48,7 @@ def simulate_scene(
         RequiredStability | None,
         typer.Option("--stability", help="strong: torques of which rest is the only outcome."),
     ] = None,
-    feedback: Annotated[
-        float,
-        typer.Option(
-            metavar="K", help="Stiffness of position feedback at the joints, N m/rad or N/m."
-        ),
-    ] = 0.0,
+    controller: ControllerOption = None,
     push: Annotated[
         str, typer.Option(metavar="FX,FY,FZ", help="Force on the object's centre of mass, N.")
     ] = "0,0,0",
@@ -90,6 +87,7 @@ def simulate_scene(
     with plain_errors():
         loaded = loaded_scene(scene)
         emit(*loaded.findings)
+        loaded = under_controller(loaded, controller)
         force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
@@ -105,7 +103,6 @@ def simulate_scene(
             found = simulate(
                 loaded,
                 solution.torques,
-                feedback=feedback,
                 push=force,
                 friction_factor=friction_factor,
                 seconds=seconds,

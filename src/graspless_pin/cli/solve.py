@@ -12,7 +12,14 @@ from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.objective_options import asking_by_name
-from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
+from graspless_pin.cli.outcome import (
+    ControllerOption,
+    echo_findings,
+    exit_code,
+    loaded_scene,
+    plain_errors,
+    under_controller,
+)
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, NODE_LIMIT, StabilityVerdict
@@ -73,6 +80,7 @@ def solve_scene(
             f"{NODE_LIMIT} for --stability strong."
         ),
     ] = None,
+    controller: ControllerOption = None,
     no_verdict: Annotated[
         bool,
         typer.Option(
@@ -96,6 +104,7 @@ def solve_scene(
     with plain_errors():
         loaded = loaded_scene(scene)
         emit(*loaded.findings)
+        loaded = under_controller(loaded, controller)
         given: dict[str, Any] = {
             "margin": margin,
             "sign_rule": sign_rule,

@@ -13,6 +13,7 @@ they are looked for by successive linear programs (Frank and Wolfe's method) on 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ from graspless_pin.holding.equilibrium import farthest_forces
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 
+GROWTH_LIMIT = 0.1
+"""Motions that grow no faster than this do not count as growing, 1/s."""
 _DOUBLINGS = 60
 _HALVINGS = 24
 _MOST_ROUNDS = 8
@@ -45,7 +48,6 @@ class LinearizedMotion:
         constant_stiffness: (d, d) the rest of K_geo: of the links' weights.
         joint_rates: (c, d) N_q: of the joints that carry touching links.
         velocities: (P + L, d) N.
-        slowest: Growth up to this is none, 1/s.
     """
 
     inertia: FloatArray
@@ -53,20 +55,19 @@ class LinearizedMotion:
     constant_stiffness: FloatArray
     joint_rates: FloatArray
     velocities: FloatArray
-    slowest: float
 
     def stiffness(self, forces: FloatArray) -> FloatArray:
         """Return K_geo (d, d) under contact forces (M, 3), N, world axes."""
         return self.constant_stiffness + np.einsum("mi,miab->ab", forces, self.force_stiffness)
 
     def system(
-        self, stiffness: FloatArray, damping: float, pattern: FloatArray, factors: FloatArray
+        self, stiffness: FloatArray, damping: FloatArray, pattern: FloatArray, factors: FloatArray
     ) -> FloatArray:
         """Return A of (z, z')' = A (z, z') under multiples of a pattern of feedback.
 
         Args:
-            stiffness: (d, d) K_geo.
-            damping: At each joint, N m s/rad (N s/m).
+            stiffness: (d, d) K_geo, with that of a feedback where there is one.
+            damping: (c,) D, N m s/rad (N s/m).
             pattern: (c,) gains.
             factors: (K,) on them.
 
@@ -74,7 +75,7 @@ class LinearizedMotion:
             (K, 2 d, 2 d).
         """
         count, N_q = len(self.inertia), self.joint_rates
-        parts = [stiffness, damping * N_q.T @ N_q, N_q.T @ (pattern[:, None] * N_q)]
+        parts = [stiffness, N_q.T @ (damping[:, None] * N_q), N_q.T @ (pattern[:, None] * N_q)]
         rolled = -np.linalg.solve(self.inertia, np.hstack(parts))
         found = np.zeros((len(factors), 2 * count, 2 * count))
         found[:, :count, count:] = np.eye(count)
@@ -82,21 +83,35 @@ class LinearizedMotion:
         found[:, count:, :count] += factors[:, None, None] * rolled[:, 2 * count :]
         return found
 
-    def fastest(self, stiffness: FloatArray, damping: float) -> tuple[float, FloatArray]:
-        """Return the fastest growth without feedback, 1/s, and its motion (P + L,)."""
-        rate, shape, _ = self._fastest_mode(stiffness, damping)
-        motion = self.velocities @ shape
-        return (rate if rate > self.slowest else 0.0), motion
+    def feedback(self, gains: FloatArray) -> FloatArray:
+        """Return N_q^T K N_q (d, d) of the joints' gains (c,)."""
+        return self.joint_rates.T @ (gains[:, None] * self.joint_rates)
 
-    def _fastest_mode(
-        self, stiffness: FloatArray, damping: float
+    def fastest(self, stiffness: FloatArray, damping: FloatArray) -> tuple[float, FloatArray]:
+        """Return the fastest growth, 1/s, zero up to `GROWTH_LIMIT`, and its motion (P + L,)."""
+        rate, shape, _ = self.fastest_mode(stiffness, damping)
+        return (rate if rate > GROWTH_LIMIT else 0.0), self.velocities @ shape
+
+    def neutral(self, stiffness: FloatArray) -> FloatArray:
+        """Return (P + L, k) motions that nothing drives, neither back nor on."""
+        if not len(stiffness):
+            return np.zeros((len(self.velocities), 0))
+        unit = np.sqrt(np.diag(self.inertia))
+        scaled = stiffness / np.outer(unit, unit)
+        _, values, turns = np.linalg.svd(scaled)
+        still = values <= GROWTH_LIMIT**2
+        return self.velocities @ (turns[still].T / unit[:, None])
+
+    def fastest_mode(
+        self, stiffness: FloatArray, damping: FloatArray
     ) -> tuple[float, FloatArray, FloatArray]:
         """Return the largest growth, its motion (d,), and its gradient (d, d) by the stiffness."""
         count = len(self.inertia)
         if count == 0:
             return 0.0, np.zeros(0), np.zeros((0, 0))
         A = self.system(stiffness, damping, np.zeros(len(self.joint_rates)), np.zeros(1))[0]
-        values, left, right = eig(A, left=True, right=True)
+        found: Any = eig(A, left=True, right=True)
+        values, left, right = found
         most = int(np.argmax(np.real(values)))
         w, v = left[:, most], right[:, most]
         scale = np.vdot(w, v)
@@ -106,18 +121,20 @@ class LinearizedMotion:
             gradient = -np.real(np.outer(back, v[:count]) / scale)
         return float(np.real(values[most])), np.real(v[:count]), gradient
 
-    def least_feedback(self, stiffness: FloatArray, damping: float, pattern: FloatArray) -> float:
+    def least_feedback(
+        self, stiffness: FloatArray, damping: FloatArray, pattern: FloatArray
+    ) -> float:
         """Return the smallest factor on (c,) gains beyond which nothing grows; inf: there is none.
 
         Args:
             stiffness: (d, d) K_geo.
-            damping: At each joint, N m s/rad (N s/m).
+            damping: (c,) D, N m s/rad (N s/m).
             pattern: (c,) gains.
         """
 
         def growing(factors: FloatArray) -> NDArray[np.bool_]:
             values = np.linalg.eigvals(self.system(stiffness, damping, pattern, factors))
-            return np.real(values).max(axis=1, initial=0.0) > self.slowest
+            return np.real(values).max(axis=1, initial=0.0) > GROWTH_LIMIT
 
         size = float(np.abs(stiffness).max(initial=0.0))
         rates = self.joint_rates
@@ -144,7 +161,8 @@ def worst_forces(
     problem: QuasistaticProblem,
     torques: FloatArray,
     forces: FloatArray,
-    damping: float,
+    damping: FloatArray,
+    gains: FloatArray,
 ) -> FloatArray:
     """Return admissible contact forces under which a small motion grows fastest, as found.
 
@@ -153,7 +171,8 @@ def worst_forces(
         problem: Contacts and loads, at rest.
         torques: (L,) N m (N).
         forces: (M, 3) those of one rest, world axes, N, to begin with.
-        damping: At each joint, N m s/rad (N s/m).
+        damping: (c,) D of the joints, N m s/rad (N s/m).
+        gains: (c,) K of their feedback, N m/rad (N/m).
 
     Returns:
         (M, 3) world axes, N: those to begin with where torques leave nothing open that counts.
@@ -167,7 +186,7 @@ def worst_forces(
     size = float(np.abs(in_frames).max(initial=0.0))
     if np.abs(influence).max(initial=0.0) <= _INFLUENCE * size:
         return forces
-    unit = problem.scales.force
+    unit, held = problem.scales.force, motion.feedback(gains)
     most = np.minimum(problem.max_normal_force / unit, _MOST_FORCE)
 
     def against(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
@@ -177,10 +196,10 @@ def worst_forces(
         if found is None:
             return -np.inf, forces, gradient
         other = world_forces(problem, found * unit)
-        rate, _, next_gradient = motion._fastest_mode(motion.stiffness(other), damping)
+        rate, _, next_gradient = motion.fastest_mode(motion.stiffness(other) + held, damping)
         return rate, other, next_gradient
 
-    rate, _, gradient = motion._fastest_mode(motion.stiffness(forces), damping)
+    rate, _, gradient = motion.fastest_mode(motion.stiffness(forces) + held, damping)
     best = max(
         (against(-_softest(motion, side * one)) for one in _largest(influence) for side in (1, -1)),
         key=lambda one: one[0],
@@ -189,7 +208,7 @@ def worst_forces(
         rate, forces, gradient = best
     for _ in range(_MOST_ROUNDS):
         new_rate, other, next_gradient = against(gradient)
-        if new_rate <= rate + _BETTER * max(rate, motion.slowest):
+        if new_rate <= rate + _BETTER * max(rate, GROWTH_LIMIT):
             return forces
         rate, forces, gradient = new_rate, other, next_gradient
     return forces

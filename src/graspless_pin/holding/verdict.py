@@ -54,21 +54,43 @@ class MovingPart(StrEnum):
     """Joints alone: the object stays in this outcome, which tells nothing of others."""
 
 
+class Holding(StrEnum):
+    """Whether the object stays with these torques under the controller that runs.
+
+    See the example of `Controller`.
+    """
+
+    HOLDS = "holds"
+    """Rest is the only outcome, and no small motion grows."""
+    NEEDS_FEEDBACK = "needs_feedback"
+    """Rest is the only outcome of the first instant; joints need more feedback to keep it."""
+    MAY_FAIL = "may_fail"
+    """Rest is an outcome, and so is a motion of the object."""
+    FAILS = "fails"
+    """Rest is no outcome, or no joint feedback keeps it."""
+    FINGER_MOVES = "finger_moves"
+    """The object stays in an outcome in which joints move by themselves."""
+    UNDECIDED = "undecided"
+    """The first instant is not decided, or what small motions do is not known."""
+
+
 @dataclass(frozen=True, eq=False)
 class SmallMotions:
-    """What becomes of small motions about a rest under constant torques, to second order.
+    """What becomes of small motions about a rest under the controller, to second order.
 
     Slips and contacts that part are another question, which the verdict itself answers.
 
     Attributes:
-        stiffness: Feedback at each joint beyond which none grows, N m/rad (N/m for linear joints);
-            0 where none grows without, inf where no feedback is enough, NaN where it is not known.
-        growth: Rate of the one that grows fastest without feedback, 1/s; 0: none grows; NaN as
-            above.
+        stiffness: Feedback at each joint beyond which none grows, N m/rad (N/m where all joints
+            slide); 0: none grows without; inf: no feedback is enough; NaN: it is not known.
+        growth: Rate of the one that grows fastest under the controller, 1/s; 0: none grows faster
+            than `small_motions.GROWTH_LIMIT`; NaN as above.
         unit: Of the stiffness.
         moving: What that one does, such as "the fingers buckle"; empty: none grows.
         unknown: Why it is not known; empty: it is.
         growth_by_surface: See `MinimumStiffness`; empty where no mesh touches.
+        motion: (P + L,) the velocity of the one that grows fastest; None: none grows.
+        neutral: What motions do that nothing drives on or back.
     """
 
     stiffness: float
@@ -77,6 +99,8 @@ class SmallMotions:
     moving: str = ""
     unknown: str = ""
     growth_by_surface: Mapping[str, float] = field(default_factory=dict)
+    motion: FloatArray | None = None
+    neutral: tuple[str, ...] = ()
 
     @classmethod
     def not_known(cls, why: str) -> SmallMotions:
@@ -261,6 +285,8 @@ class StabilityVerdict:
         seconds: Processor time that looking at `nodes` took.
         next_nodes: Of an undecided verdict: a limit worth asking for; 0: more would not help.
         message: One sentence.
+        controller: The joint feedback beside the torques, in words; empty: the torques are
+            constant.
     """
 
     status: Stability
@@ -279,6 +305,7 @@ class StabilityVerdict:
     seconds: float
     next_nodes: int
     message: str
+    controller: str = ""
 
     def __bool__(self) -> Never:
         """Refuse, since there are four answers.
@@ -307,20 +334,28 @@ class StabilityVerdict:
 
     @property
     def growth_rate(self) -> float:
-        """Rate at which rest is lost without feedback, 1/s; 0: it is not; NaN: not known."""
+        """Rate at which rest is lost under the controller, 1/s; 0: it is not; NaN: not known."""
         return nan if self.small_motions is None else self.small_motions.growth
 
     @property
-    def lasts(self) -> bool:
-        """Whether a strong verdict lasts under constant torques: no small motion grows.
+    def holding(self) -> Holding:
+        """Whether the object stays under the controller that runs on the joints.
 
-        Of a declared motion: no motion is free.
+        A declared motion is kept where no motion is free.
         """
+        if self.status is Stability.NONE:
+            moves_joints = self.moves is MovingPart.FINGER
+            return Holding.FINGER_MOVES if moves_joints else Holding.FAILS
         if self.status is not Stability.STRONG:
-            return False
+            return Holding.MAY_FAIL if self.status is Stability.WEAK else Holding.UNDECIDED
         if self.problem.is_sliding.any():
-            return not self.free_motions
-        return self.growth_rate == 0.0
+            return Holding.NEEDS_FEEDBACK if self.free_motions else Holding.HOLDS
+        small = self.small_motions
+        if small is None or small.unknown:
+            return Holding.UNDECIDED
+        if not small.moving:
+            return Holding.HOLDS
+        return Holding.FAILS if isinf(small.stiffness) else Holding.NEEDS_FEEDBACK
 
     def full_message(self, option: str = "node_limit={}") -> str:
         """Return the message, and where more nodes might decide, how to ask for them.
@@ -372,12 +407,22 @@ def strong_words(verdict: StabilityVerdict) -> str:
         message = f"stays at the first instant; small motions not known: {why} (proof: {proof})"
         return message + (feedback if free else "")
     if not small.moving:
-        return f"holds: the object provably stays at rest ({proof}); no small motion grows"
+        under = f" with {verdict.controller}" if verdict.controller else ""
+        neutral = f"; neutral: {', '.join(small.neutral)}" if small.neutral else ""
+        return (
+            f"holds{under}: the object provably stays at rest ({proof}); no small motion grows"
+            f"{neutral}"
+        )
     grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s{_surface_words(small)}"
     if isinf(small.stiffness):
         message = f"stays at the first instant; then {grows}: no joint feedback stops it"
         return f"{message} (proof: {proof})"
     least = _rounded(small.stiffness, up=True)
+    if verdict.controller:
+        return (
+            f"needs joint feedback of at least {least:g} {small.unit}; with {verdict.controller} "
+            f"{grows} (first instant: {proof})"
+        )
     return (
         f"holds with joint feedback of at least {least:g} {small.unit}; without it {grows} "
         f"(first instant: {proof})"

@@ -21,6 +21,7 @@ _WORDS = {
     ("found", "False"): "nothing found",
     ("mode", "nan"): "nothing found",
     ("verdict", "nan"): "nothing found",
+    ("holding", "nan"): "nothing found",
 }
 _MOST_NAMED = 12
 """Outcomes that a legend has room for."""

@@ -24,7 +24,7 @@ from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.proof_data import cone_data, multipliers_data, objective_data, proof_data
 from graspless_pin.report.provenance import provenance
-from graspless_pin.report.verdict_data import disturbance_data, verdict_data
+from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
 from graspless_pin.report.verify.bounds import proven_violation
 from graspless_pin.report.verify.reading import KNOWN_CONES
 from graspless_pin.scene import Scene
@@ -64,7 +64,8 @@ def solution_document(
         ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
         ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
         (best case, gap to it, sets of torques tried), ``stability`` (see `verdict_data`),
-        ``disturbances`` (see `disturbance_data`) and ``provenance``.
+        ``holding`` (see `holding_data`), ``disturbances`` (see `disturbance_data`) and
+        ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
@@ -134,6 +135,7 @@ def solution_document(
         }
     if verdict is not None:
         document["stability"] = verdict_data(verdict)
+        document["holding"] = holding_data(verdict)
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
     plain: dict[str, Any] = _plain(document)
     _state_what_is_proven(plain["certificate"], plain)

@@ -33,8 +33,7 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
     Returns:
         ``status``, ``message``, ``acceleration_resolution``, ``acceleration_limit`` (m/s^2),
         ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes``,
-        ``free_motions``, ``stiffness_needed`` (N m/rad or N/m) and ``growth_rate`` (1/s; both
-        NaN where they are not known), ``moves`` and ``proof``.
+        ``free_motions``, ``moves`` and ``proof``.
     """
     return {
         "status": str(verdict.status),
@@ -47,10 +46,27 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "programs": verdict.programs,
         "nodes": verdict.nodes,
         "free_motions": verdict.free_motions,
-        "stiffness_needed": verdict.stiffness_needed,
-        "growth_rate": verdict.growth_rate,
         "moves": None if verdict.moves is None else str(verdict.moves),
         "proof": None if verdict.proof is None else _proof(verdict.proof),
+    }
+
+
+def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
+    """Return whether the object stays under the controller that runs.
+
+    Returns:
+        ``status`` (see `Holding`), ``controller`` in words, ``stiffness_needed`` (N m/rad or N/m)
+        and ``growth_rate`` (1/s; both NaN where they are not known), ``unstable_motion`` (P + L;
+        None where none grows) and ``acceleration`` with the ``status`` of the first instant.
+    """
+    small = verdict.small_motions
+    return {
+        "status": str(verdict.holding),
+        "controller": verdict.controller or "constant torques",
+        "stiffness_needed": verdict.stiffness_needed,
+        "growth_rate": verdict.growth_rate,
+        "unstable_motion": None if small is None else small.motion,
+        "acceleration": {"status": str(verdict.status)},
     }
 
 

@@ -21,6 +21,7 @@ from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import PickledByFields
+from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.records import changed
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
@@ -125,6 +126,7 @@ _CHECKS: dict[str, _Check] = {
     "count_own_weight": _one(bool),
     "hybrid_force_limit": _force,
     "max_penetration": _as_in_a_file,
+    "controller": Controller.of,
     "solve_options": _options,
     "load_findings": _several(Finding),
 }
@@ -184,6 +186,7 @@ class SceneFields(PickledByFields):
     count_own_weight: bool = True
     hybrid_force_limit: float | None = None
     max_penetration: float = 5e-3
+    controller: Controller = field(default_factory=Controller)
     solve_options: Mapping[str, Any] = field(default_factory=dict)
     load_findings: tuple[Finding, ...] = ()
 

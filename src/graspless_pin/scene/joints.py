@@ -105,6 +105,22 @@ def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
     return inertia
 
 
+def fingers_of_motors(hand: Hand) -> dict[str, str]:
+    """Return the finger of each motor that moves links of one finger alone."""
+    moved: dict[str, set[str | None]] = {}
+    for link, carrier in hand.tree.link_joints.items():
+        own = np.abs(hand.actuation.from_joints[hand.tree.supports[carrier]]).sum(axis=0)
+        for column in np.flatnonzero(own):
+            moved.setdefault(hand.actuation.names[column], set()).add(hand.finger_of(link))
+    return {
+        name: finger
+        for name, of in moved.items()
+        if len(of - {None}) == 1
+        for finger in of
+        if finger is not None
+    }
+
+
 def _with_hybrid_fingers(
     joints: ControlledJoints, hand: Hand, touching: ContactArrays
 ) -> ControlledJoints:

@@ -26,6 +26,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
+from graspless_pin.holding.controller import Controller
 from graspless_pin.records import changed
 from graspless_pin.scene.body_building import build_object, build_pose, build_support, twist_of
 from graspless_pin.scene.build_cache import Last, SceneParts
@@ -285,11 +286,21 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
         "motion": parts.latest.of(
             "motion", (entry.motion, tree), lambda: _motion(file, entry.motion, hand)
         ),
+        "controller": parts.latest.of(
+            "controller", (entry.controller, tree), lambda: _controller(file, entry, hand)
+        ),
         "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
         "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
     }
     emit(*entry_findings(entry, materials))
     return _Built(tuple(bodies), made, others)
+
+
+def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Controller:
+    controller = Controller(entry.controller.stiffness, entry.controller.damping)
+    joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
+    file.at(("controller",), lambda: controller.check(joints, fingers))
+    return controller
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:

@@ -26,6 +26,7 @@ from graspless_pin.geometry.contact.curvature import FLAT, Rolling, has_mesh, ra
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.certificate import balance
+from graspless_pin.holding.controller import ARMATURE, DAMPING, Controller, gain_shares
 from graspless_pin.holding.dynamics import (
     NEGLIGIBLE,
     contact_jacobian,
@@ -41,17 +42,14 @@ from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields, checked_scene
+from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.problem_data import problem_of
 
-ARMATURE, DAMPING = 1e-4, 0.02
-"""Of each joint unless told otherwise, kg m^2 and N m s/rad."""
 _BALANCED = 1e-3
-_STILL = 1e-3
 _PART = 1e-3
 """Of the motion: a smaller part of it is none."""
 _ALONG = float(np.cos(np.radians(20.0)))
 _TINY = 1e-300
-_PER = {JointUnit.TORQUE: "/rad", JointUnit.FORCE: "/m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +59,9 @@ class MinimumStiffness:
     See the example of `minimum_stiffness`.
 
     Attributes:
-        stiffness: Smallest k, N m/rad (N/m for linear joints), of the same feedback at every joint
-            that carries a touching link; 0 where none is needed, inf where none is enough.
+        stiffness: Smallest k, N m/rad, of the same feedback at every joint that carries a touching
+            link, over (0.1 m)^2 at joints that slide, and N/m where all slide; 0 where none is
+            needed, inf where none is enough.
         per_joint: The same of feedback at one joint alone, by its name.
         growth: Rate at which a small motion grows without feedback, 1/s; 0 where none does.
         motion: (P + L,) velocity of the motion that grows fastest, read-only: of the object
@@ -72,8 +71,8 @@ class MinimumStiffness:
         growth_by_surface: Growth where convex hulls of meshes are taken as they are (``facets``),
             and as the smooth surfaces that they stand for (``fitted``); the figures above are the
             worse of both. Empty where no mesh touches.
-        armature: Rotor inertia that was added at each joint, kg m^2.
-        damping: Damping at each joint, N m s/rad.
+        armature: Rotor inertia that was added at each joint, kg m^2, as the stiffness.
+        damping: Damping at each joint, N m s/rad, as the stiffness.
     """
 
     stiffness: float
@@ -95,6 +94,7 @@ class _Found(NamedTuple):
     growth: float
     fastest: FloatArray
     least_feedback: float
+    neutral: FloatArray
 
 
 def minimum_stiffness(
@@ -109,8 +109,8 @@ def minimum_stiffness(
     Args:
         scene: A scene whose contacts are found from shapes.
         torques: (L,) of the motors, N m (N), that hold the object in balance.
-        armature: Added to the inertia of each joint, kg m^2 (kg).
-        damping: At each joint, N m s/rad (N s/m).
+        armature: Added to the inertia of each joint, kg m^2, over (0.1 m)^2 at joints that slide.
+        damping: At each joint, N m s/rad, likewise.
 
     Raises:
         ArgumentError: If the torques do not hold the object in balance, the joints' inertia is
@@ -126,17 +126,19 @@ def minimum_stiffness(
         0.4 N m/rad
     """
     added, damping = real_number("armature", armature, 0.0), real_number("damping", damping, 0.0)
-    problem, models = _by_surface(scene, torques, added, damping)
+    problem, models = _by_surface(scene, torques, added, Controller(0.0, damping))
     worst = _worst(models)
-    names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
+    carriers = _carriers(scene, problem)
+    names = [problem.joint_names[joint] for joint in carriers]
+    _, given = _gains(scene, problem, Controller(0.0, damping))
     alone = dict.fromkeys(names, 0.0)
     if worst.growth > 0.0:
         alone = {
-            name: worst.motion.least_feedback(worst.stiffness, damping, row)
+            name: worst.motion.least_feedback(worst.stiffness, given, row)
             for name, row in zip(names, np.eye(len(names)), strict=True)
         }
     return MinimumStiffness(
-        worst.least_feedback,
+        worst.least_feedback * _per_all(scene, problem),
         MappingProxyType(alone),
         worst.growth,
         read_only(worst.fastest) if worst.growth > 0.0 else None,
@@ -148,7 +150,7 @@ def minimum_stiffness(
 
 
 def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
-    """Return what `minimum_stiffness` says of all joints together, or why it says nothing.
+    """Return what becomes of small motions under the scene's controller, or why nobody knows.
 
     Args:
         scene: The scene.
@@ -156,21 +158,60 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
     """
     try:
         with capture():
-            problem, models = _by_surface(scene, torques, ARMATURE, DAMPING)
+            problem, models = _by_surface(scene, torques, ARMATURE, scene.controller)
     except GrasplessPinError as error:
         why = str(error).removeprefix(f"{scene.name}: ").partition("; ")[0]
         return SmallMotions.not_known(why)
     worst = _worst(models)
-    if worst.growth == 0.0:
-        return SmallMotions(0.0, 0.0)
-    units = {problem.joint_units[joint] for joint in _carriers(scene, problem)}
+    growing = worst.growth > 0.0
+    neutral = [_moving_words(scene, problem, motion) for motion in worst.neutral.T]
     return SmallMotions(
-        worst.least_feedback,
+        worst.least_feedback * _per_all(scene, problem),
         worst.growth,
-        " or ".join(f"{unit}{_PER[unit]}" for unit in JointUnit if unit in units),
-        _moving_words(scene, problem, worst.fastest),
+        _unit(scene, problem),
+        _moving_words(scene, problem, worst.fastest) if growing else "",
         growth_by_surface=_growths(models),
+        motion=read_only(worst.fastest) if growing else None,
+        neutral=tuple(dict.fromkeys(neutral)),
     )
+
+
+def controller_words(scene: SceneFields) -> str:
+    """Return the feedback at the joints that carry touching links; empty: constant torques."""
+    problem = problem_of(scene)
+    gains, _ = _gains(scene, problem, scene.controller)
+    gains = gains / _shares(scene, problem) * _per_all(scene, problem)
+    low, high = gains.min(initial=np.inf), gains.max(initial=0.0)
+    given = f"{low:g} to {high:g}" if low < high else f"{high:g}"
+    return f"joint feedback of {given} {_unit(scene, problem)}" if high > 0.0 else ""
+
+
+def _unit(scene: SceneFields, problem: QuasistaticProblem) -> str:
+    """Return the unit of the stiffness of all joints that carry touching links."""
+    if not len(_carriers(scene, problem)):
+        return ""
+    return "N m/rad" if _per_all(scene, problem) == 1.0 else "N/m"
+
+
+def _per_all(scene: SceneFields, problem: QuasistaticProblem) -> float:
+    """Return what makes a stiffness per radian that of all joints: per metre where all slide."""
+    shares = _shares(scene, problem)
+    return float(shares.min()) if len(shares) else 1.0
+
+
+def _shares(scene: SceneFields, problem: QuasistaticProblem) -> FloatArray:
+    """Return `gain_shares` of the joints that carry touching links."""
+    units = [problem.joint_units[joint] for joint in _carriers(scene, problem)]
+    return gain_shares([unit is JointUnit.FORCE for unit in units])
+
+
+def _gains(
+    scene: SceneFields, problem: QuasistaticProblem, controller: Controller
+) -> tuple[FloatArray, FloatArray]:
+    """Return K and D, each (c,), of the joints that carry touching links."""
+    fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
+    names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
+    return controller.gains(names, _shares(scene, problem), fingers)
 
 
 def _growths(models: Mapping[str, _Found]) -> Mapping[str, float]:
@@ -180,7 +221,7 @@ def _growths(models: Mapping[str, _Found]) -> Mapping[str, float]:
 
 
 def _worst(models: Mapping[str, _Found]) -> _Found:
-    return max(models.values(), key=lambda one: (one.least_feedback, one.growth))
+    return max(models.values(), key=lambda one: (one.growth > 0.0, one.least_feedback, one.growth))
 
 
 def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: FloatArray) -> str:
@@ -199,9 +240,11 @@ def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: Float
 
 
 def _by_surface(
-    scene: SceneFields, torques: ArrayLike, armature: float, damping: float
+    scene: SceneFields, torques: ArrayLike, armature: float, controller: Controller
 ) -> tuple[QuasistaticProblem, Mapping[str, _Found]]:
     """Return a scene's problem at rest, and its small motions by how meshes are taken.
+
+    Growth is that under the controller, the least feedback that of all joints alike without it.
 
     Raises:
         ArgumentError: See `minimum_stiffness`.
@@ -214,7 +257,8 @@ def _by_surface(
         raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
     if scene.hand is not None and scene.hand.control.hybrid_fingers:
         raise SceneError(f"{scene.name}: a hybrid finger follows the object; control it by force")
-    velocities, inertia, slowest = _motions(scene, problem, torque, armature)
+    velocities, inertia = _motions(scene, problem, torque, armature)
+    gains, damping = _gains(scene, problem, controller)
     found = balance(problem, torque)
     if found is None or not found.is_rest:
         raise ArgumentError(
@@ -229,23 +273,25 @@ def _by_surface(
             scene, problem, rolling, velocities, bodies
         )
         motion = LinearizedMotion(
-            inertia, force_stiffness, constant, velocities[carriers], velocities, slowest
+            inertia, force_stiffness, constant, velocities[carriers], velocities
         )
-        worst = worst_forces(motion, problem, torque, forces, damping)
+        worst = worst_forces(motion, problem, torque, forces, damping, gains)
         stiffness = motion.stiffness(worst)
-        growth, fastest = motion.fastest(stiffness, damping)
+        held = stiffness + motion.feedback(gains)
+        growth, fastest = motion.fastest(held, damping)
         if growth > 0.0:
             fastest = fastest / fastest[np.argmax(np.abs(fastest))]
-        pattern = np.ones(len(carriers))
-        least = motion.least_feedback(stiffness, damping, pattern) if growth > 0.0 else 0.0
-        models[name] = _Found(motion, stiffness, worst, growth, fastest, least)
+        least = motion.least_feedback(stiffness, damping, _shares(scene, problem))
+        models[name] = _Found(
+            motion, stiffness, worst, growth, fastest, least, motion.neutral(held)
+        )
     return problem, models
 
 
 def _motions(
     scene: SceneFields, problem: QuasistaticProblem, torques: FloatArray, armature: float
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return N (6 + L, d), N^T M N, and the growth, 1/s, up to which there is none.
+) -> tuple[FloatArray, FloatArray]:
+    """Return N (6 + L, d) and N^T M N.
 
     Raises:
         ArgumentError: See `minimum_stiffness`.
@@ -271,12 +317,11 @@ def _motions(
     inertia[:6, :6] = problem.object_inertia
     own = problem.joint_inertia
     if own is not None and len(carriers):
-        rotors = armature * np.eye(problem.joint_count)
+        slides = [unit is JointUnit.FORCE for unit in problem.joint_units]
+        rotors = np.diag(armature * gain_shares(slides))
         moving_joints(problem.with_changes(joint_inertia=own + rotors))
         inertia[6:, 6:] = (own + rotors)[np.ix_(carriers, carriers)]
-    reduced = velocities[kept].T @ inertia @ velocities[kept]
-    lightest = float(np.linalg.eigvalsh(reduced).min(initial=np.inf))
-    return velocities, reduced, _STILL * float(np.sqrt(scale / lightest))
+    return velocities, velocities[kept].T @ inertia @ velocities[kept]
 
 
 def _carriers(scene: SceneFields, problem: QuasistaticProblem) -> NDArray[np.intp]:

@@ -69,6 +69,7 @@ class Scene(SceneFields):
         count_own_weight: Whether the links' weight g(q) counts against the limits.
         hybrid_force_limit: Largest commanded force of a hybrid finger, N; None: max_normal_force.
         max_penetration: Deepest overlap that passes for contact, m.
+        controller: What runs on the robot's joints beside the torques, for verdicts.
         solve_options: Options of `solve` by name.
         load_findings: What looked wrong when it was loaded.
     """

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, figure_types
 from graspless_pin.bounds import MOST_CONE_EDGES
+from graspless_pin.holding.controller import DAMPING
 from graspless_pin.holding.verdict import NODE_LIMIT
 from graspless_pin.intake.fields import (
     ByName,
@@ -132,6 +133,20 @@ class SolveEntry(Entry):
     )
 
 
+class ControllerEntry(Entry):
+    """What runs on the robot's joints beside the torques: position feedback."""
+
+    stiffness: NotNegative | ByName[NotNegative] = Field(
+        default=0.0,
+        description="[N m/rad] of all joints, or by joint (N/m where it slides), finger or "
+        "'default', these over (0.1 m)^2 where joints slide; 0: constant torques",
+    )
+    damping: NotNegative | ByName[NotNegative] = Field(
+        default=DAMPING,
+        description="[N m s/rad] likewise, of joints and motors themselves, too",
+    )
+
+
 class SceneEntry(Entry):
     """A whole scene."""
 
@@ -180,6 +195,9 @@ class SceneEntry(Entry):
     )
     warnings: Literal["show", "error"] = Field(
         default="show", description="error: what is wrong with the scene is refused"
+    )
+    controller: ControllerEntry = Field(
+        default=ControllerEntry(), description="what runs on the robot's joints beside the torques"
     )
     solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
 

@@ -14,6 +14,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.verdict import MovingPart, StabilityKeywords, StabilityVerdict
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.solution import TorqueSolution
 
@@ -65,7 +66,7 @@ def verdict_of(
 
     why = unknown_of(scene)
     if why:
-        return undecided_verdict(problem_of(scene), torques, why, **options)
+        return known_of_scene(scene, undecided_verdict(problem_of(scene), torques, why, **options))
     return known_of_scene(scene, stability(problem_of(scene), torques, **options))
 
 
@@ -96,32 +97,18 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
     """
     from graspless_pin.holding.verdict import finger_words, strong_words
 
+    # Loaded here: scenes that are solved without a verdict go without.
+    from graspless_pin.scene.minimum_stiffness import controller_words, small_motions
+
+    verdict = replace(verdict, controller=controller_words(scene))
     small = verdict.small_motions
     if verdict.moves is MovingPart.FINGER and scene.hand is not None:
-        return replace(verdict, message=finger_words(verdict, _fingers(scene.hand)))
-    if small is None or not small.unknown or verdict.problem.is_sliding.any():
+        return replace(verdict, message=finger_words(verdict, fingers_of_motors(scene.hand)))
+    if small is None or verdict.problem.is_sliding.any():
         return verdict
-    # Loaded here: scenes that are solved without a verdict go without.
-    from graspless_pin.scene.minimum_stiffness import small_motions
-
-    known = replace(verdict, small_motions=small_motions(scene, verdict.torques))
-    return replace(known, message=strong_words(known))
-
-
-def _fingers(hand: Hand) -> dict[str, str]:
-    """Return the finger of each motor that moves links of one finger alone."""
-    moved: dict[str, set[str | None]] = {}
-    for link, carrier in hand.tree.link_joints.items():
-        own = np.abs(hand.actuation.from_joints[hand.tree.supports[carrier]]).sum(axis=0)
-        for column in np.flatnonzero(own):
-            moved.setdefault(hand.actuation.names[column], set()).add(hand.finger_of(link))
-    return {
-        name: finger
-        for name, of in moved.items()
-        if len(of - {None}) == 1
-        for finger in of
-        if finger is not None
-    }
+    if small.unknown:
+        verdict = replace(verdict, small_motions=small_motions(scene, verdict.torques))
+    return replace(verdict, message=strong_words(verdict))
 
 
 def unknown_of(scene: SceneFields) -> str:

@@ -61,6 +61,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         "motion": None if motion is None else _motion(motion),
         **{name: getattr(scene, name) for name in _AS_THEY_ARE},
         "tangent_axes": list(scene.tangent_axes),
+        "controller": vars(scene.controller),
         "solve": SolveEntry().model_dump() | dict(scene.solve_options),
     }
     if scene.given_contacts is not None:

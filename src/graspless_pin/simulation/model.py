@@ -19,10 +19,12 @@ from graspless_pin.geometry.hand.jointed_bodies import JointedBody, jointed_bodi
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import invert
+from graspless_pin.holding.controller import ARMATURE, Controller, gain_shares
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.simulation.mjcf import Mjcf, Surface, add, add_mass
 
 
@@ -126,9 +128,6 @@ TIME_STEP = 5e-4
 OBJECT, FIXTURE = "object", "fixture"
 """Names of the manipulated object's body, and of the weld that holds it before its release."""
 
-# As at a lever of 0.1 m for joints that slide.
-_DAMPING = {False: 0.02, True: 2.0}  # N m s/rad, N s/m
-_LEAST_ARMATURE = {False: 1e-4, True: 1e-2}  # kg m^2, kg
 _HAND, _SUPPORT = 2, 0  # contype; the object's is 1
 _MEETS_OBJECT, _MEETS_BOTH = 1, 3  # conaffinity
 
@@ -183,7 +182,7 @@ def simulation_model(
     scene: Scene,
     torques: ArrayLike,
     *,
-    feedback: float = 0.0,
+    controller: Controller | float | None = None,
     friction_factor: float = 1.0,
     contact_model: ContactModel = STIFF,
 ) -> SimulationModel:
@@ -197,7 +196,8 @@ def simulation_model(
     Args:
         scene: The scene, without a declared motion.
         torques: (L,) the motors' torques, as solutions of the scene's problem give them.
-        feedback: Stiffness of the position feedback at the free joints, N m/rad or N/m.
+        controller: What runs on the free joints beside the torques, or the stiffness of its
+            position feedback, N m/rad; None: the scene's. Joints keep their own damping.
         friction_factor: What all coefficients of friction are multiplied by.
         contact_model: How hard bodies are.
 
@@ -223,6 +223,7 @@ def simulation_model(
             "use 'edges' or 'round'"
         )
     given = finite_array("torques", torques, (problem.joint_count,))
+    feedback = scene.controller if controller is None else Controller.of("controller", controller)
     document = Mjcf(scene.name)
     _write_options(document, scene, contact_model)
     friction = _FrictionOf(scene, friction_factor)
@@ -322,9 +323,15 @@ def _write_hand(
     scene: Scene,
     bodies: Sequence[JointedBody],
     joints: DrivenJoints,
-    feedback: float,
+    controller: Controller,
 ) -> list[ET.Element]:
     """Write the hand's bodies and joints; return the base's element, then those of the bodies."""
+    fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
+    moving = [*joints.axes.values()]
+    shares = gain_shares([axis.linear for axis in moving])
+    stiffness, damping = controller.gains([axis.name for axis in moving], shares, fingers)
+    figures = np.column_stack([stiffness, damping, ARMATURE * shares])
+    own = dict(zip(joints.axes, figures.tolist(), strict=True))
     poses: list[FloatArray] = [np.eye(4)]
     elements = [document.body(document.section("worldbody"), "hand", np.eye(4))]
     for index, body in enumerate(bodies):
@@ -344,9 +351,9 @@ def _write_hand(
                 name=axis.name,
                 type="slide" if axis.linear else "hinge",
                 axis=body.T_world_body[:3, :3].T @ axis.direction,
-                damping=_DAMPING[axis.linear],
-                armature=max(body.rotor_inertia, _LEAST_ARMATURE[axis.linear]),
-                stiffness=0.0 if axis.hybrid else feedback,
+                damping=own[index][1],
+                armature=max(body.rotor_inertia, own[index][2]),
+                stiffness=0.0 if axis.hybrid else own[index][0],
             )
     return elements
 

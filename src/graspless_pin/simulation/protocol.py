@@ -16,6 +16,7 @@ from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.geometry import ManipulatedObject
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import pose_matrix, transformed
+from graspless_pin.holding.controller import Controller
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
 from graspless_pin.scene import Scene
@@ -233,7 +234,7 @@ def simulate(
     scene: Scene,
     torques: ArrayLike,
     *,
-    feedback: float = 0.0,
+    controller: Controller | float | None = None,
     push: ArrayLike = (0.0, 0.0, 0.0),
     friction_factor: float = 1.0,
     seconds: float = 2.0,
@@ -249,7 +250,8 @@ def simulate(
     Args:
         scene: The scene, without a declared motion.
         torques: (L,) the motors' torques, as solutions of the scene's problem give them.
-        feedback: Stiffness of a position feedback at the joints that move, N m/rad or N/m.
+        controller: What runs on the joints that move beside the torques, or the stiffness of its
+            position feedback, N m/rad; None: the scene's.
         push: (3,) force on the object's centre of mass, world axes, N.
         friction_factor: What all coefficients of friction are multiplied by.
         seconds: From the release on.
@@ -268,7 +270,6 @@ def simulate(
         >>> len(run.runs)
         2
     """
-    stiffness = real_number("feedback", feedback, 0.0)
     factor = real_number("friction_factor", friction_factor, 0.0)
     force = finite_array("push", push, (3,))
     span = real_number("seconds", seconds, _LOOK)
@@ -285,7 +286,7 @@ def simulate(
     hardness = STIFF, SOFT
     models = [
         simulation_model(
-            scene, given, feedback=stiffness, friction_factor=factor, contact_model=contact_model
+            scene, given, controller=controller, friction_factor=factor, contact_model=contact_model
         )
         for contact_model in hardness
     ]

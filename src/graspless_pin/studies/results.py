@@ -29,6 +29,9 @@ _LARGEST = tuple(f"{LARGEST_TORQUE}{unit}" for unit in ("Nm", "N"))
 _LAST = (
     OBJECTIVE_VALUE,
     "verdict",
+    "holding",
+    "stiffness_needed",
+    "growth_rate",
     "mode",
     "smallest_margin_N",
     "largest_margin_N",
@@ -41,7 +44,7 @@ _LAST = (
     "error",
 )
 _ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")
-_TEXT = ("status", "verdict", "mode", FINDINGS, "reason", "error")
+_TEXT = ("status", "verdict", "holding", "mode", FINDINGS, "reason", "error")
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 CSV_MARK = f"# {KEY} "

@@ -335,7 +335,13 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
     row["contacts"] = problem.contact_count
     row["nodes"] = solution.certificate.nodes
     if compute.verdict and solution.found:
-        row["verdict"] = str(_verdict(study, scene, solution).status)
+        verdict = _verdict(study, scene, solution)
+        row |= {
+            "verdict": str(verdict.status),
+            "holding": str(verdict.holding),
+            "stiffness_needed": verdict.stiffness_needed,
+            "growth_rate": verdict.growth_rate,
+        }
     if compute.mode and solution.found:
         row["mode"] = str(solution.mode)
     row |= _analyses(study, solution)

@@ -147,7 +147,7 @@ class SamplingEntry(Entry):
     depth: Halvings | None = Field(
         default=None, description="how often each interval of an adaptive grid may be halved"
     )
-    border: Literal["found", "status", "contacts", "verdict", "mode"] | None = Field(
+    border: Literal["found", "status", "contacts", "verdict", "holding", "mode"] | None = Field(
         default=None, description="column whose changes are refined by adaptive; default: found"
     )
     seed: Whole = Field(
@@ -255,6 +255,7 @@ class StudyEntry(Entry):
     @model_validator(mode="after")
     def _border_is_computed(self) -> StudyEntry:
         border = self.sampling.border
-        if border in ("verdict", "mode") and not getattr(self.compute, border):
-            raise ValueError(f"the border of {border!r} needs compute: {{{border}: true}}")
+        key = "verdict" if border == "holding" else border
+        if key in ("verdict", "mode") and not getattr(self.compute, key):
+            raise ValueError(f"the border of {border!r} needs compute: {{{key}: true}}")
         return self

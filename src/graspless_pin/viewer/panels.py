@@ -93,7 +93,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
 def _verdict_color(result: SettingsAnswer, *, dark: bool) -> str:
     """Return the colour of what holds, of what fails, or of what nobody knows."""
     roles, solution = (DARK if dark else LIGHT).roles, result.solution
-    if result.lasts:
+    if result.holds:
         return roles[Role.FRICTION_FORCE]
     lost = solution is None or not solution.found or result.motion is not None
     if lost or result.stability is Stability.NONE:

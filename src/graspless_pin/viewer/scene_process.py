@@ -22,7 +22,12 @@ from graspless_pin.errors import (
     StateFault,
     internal_error,
 )
-from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Stability, StabilityKeywords
+from graspless_pin.holding.verdict import (
+    BRIEF_NODE_LIMIT,
+    Holding,
+    Stability,
+    StabilityKeywords,
+)
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
@@ -70,7 +75,7 @@ class SettingsAnswer:
         reason: Why there are no torques; empty if there are.
         verdict: What is said of whether the object stays; None: nothing yet.
         stability: The answer to that, if there is one.
-        lasts: Whether rest that is proven lasts under constant torques, too.
+        holds: Whether the object provably stays under the scene's controller.
         motion: What would happen, where the verdict states a motion.
         sliding: The picture along the mode's virtual motion; None: there is none.
         bodies: What touches the object at each contact; None: contacts cannot be found.
@@ -84,7 +89,7 @@ class SettingsAnswer:
     reason: str
     verdict: str | None = None
     stability: Stability | None = None
-    lasts: bool = False
+    holds: bool = False
     motion: MovingPicture | None = None
     sliding: MovingPicture | None = None
     bodies: tuple[str, ...] | None = None
@@ -222,7 +227,13 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
     words = found.full_message("graspless-pin solve --verdict-nodes {}")
-    return replace(answer, verdict=words, stability=found.status, lasts=found.lasts, motion=motion)
+    return replace(
+        answer,
+        verdict=words,
+        stability=found.status,
+        holds=found.holding is Holding.HOLDS,
+        motion=motion,
+    )
 
 
 def free_name(scene: Scene) -> Path:

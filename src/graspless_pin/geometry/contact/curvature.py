@@ -50,7 +50,8 @@ class Rolling(NamedTuple):
     @property
     def shares(self) -> FloatArray:
         """(M, 2, 2) (R_o + R_b)^-1, 1/m; its pseudoinverse where both are corners."""
-        return np.linalg.pinv(self.object_radii + self.body_radii, hermitian=True)
+        both = self.object_radii + self.body_radii
+        return np.asarray(np.linalg.pinv(both, hermitian=True), dtype=np.float64)
 
     @property
     def moves(self) -> FloatArray:

@@ -14,7 +14,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.named_objectives import OBJECTIVES
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
-from graspless_pin.holding.verdict import Stability, parted
+from graspless_pin.holding.verdict import Holding, Stability, parted
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.sections import (
@@ -139,9 +139,8 @@ def _verdict(case: Case) -> dict[str, Any]:
     lead, words = parted(str(stated["message"]).replace("^2", "²"))
     status = Stability(stated["status"])
     mark = _MARKS[status]
-    under_motion = case.solution.problem.is_sliding.any()
-    lasts = not stated.get("free_motions") if under_motion else stated.get("growth_rate") == 0.0
-    if status is Stability.STRONG and not lasts:
+    holds = (case.document.get("holding") or {}).get("status") == Holding.HOLDS
+    if status is Stability.STRONG and not holds:
         mark = "care"
     context: dict[str, Any] = {
         "verdict": {"lead": lead[:1].upper() + lead[1:], "words": words, "mark": mark},

@@ -156,10 +156,23 @@ class KeptWalk:
 
 
 _STATUSES = ("strong", "weak", "none", "undecided")
-_WORDS = {"strong": ("holds", "keeps", "stays"), "weak": ("may ",), "none": ("fails", "loses"),
-          "undecided": ("undecided",)}  # fmt: skip
+_WORDS = {
+    "strong": ("holds", "keeps", "needs", "stays"),
+    "weak": ("may ",),
+    "none": ("fails", "loses"),
+    "undecided": ("undecided",),
+}
 """How sentences begin that only a verdict of one status may say."""
-_TOLD = "free_motions", "stiffness_needed", "growth_rate", "moves"
+_TOLD = "free_motions", "moves"
+_OF_INSTANT = {
+    "holds": ("strong",),
+    "needs_feedback": ("strong",),
+    "may_fail": ("weak",),
+    "fails": ("none", "strong"),
+    "finger_moves": ("none",),
+    "undecided": ("strong", "undecided"),
+}
+"""What the first instant may be for what is said of the object under the controller."""
 
 
 def rest_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
@@ -173,7 +186,36 @@ def rest_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
         ValueError: If a key is missing, or a value of a wrong type or size.
     """
     stated = document.get("stability")
-    return [] if stated is None else verdict_checks(stated, read_load(document, problem))
+    if stated is None:
+        return []
+    instant = word(entry(stated, "status", "stability"), "status", _STATUSES)
+    under_controller = _holding_checks(document.get("holding"), instant)
+    return [*under_controller, *verdict_checks(stated, read_load(document, problem))]
+
+
+def _holding_checks(stated: object, instant: str) -> list[Check]:
+    """Return the checks of what is said of the object under the controller; none: nothing is.
+
+    Raises:
+        ValueError: If a key is missing, or a value of a wrong type.
+    """
+    if stated is None:
+        return []
+    status = word(entry(stated, "status", "holding"), "status", (*_OF_INSTANT,))
+    own = entry(entry(stated, "acceleration", "holding"), "status", "acceleration")
+    growth = entry(stated, "growth_rate", "holding")
+    agree = own == instant and instant in _OF_INSTANT[status]
+    if growth is not None and instant == "strong":
+        grows = number(growth, "growth_rate") > 0.0
+        agree = agree and grows == (status in ("needs_feedback", "fails"))
+    needed = entry(stated, "stiffness_needed", "holding")
+    least = "none that is known" if needed is None else f"{number(needed, 'stiffness'):.3g}"
+    controller = text(entry(stated, "controller", "holding"), "controller")[:60]
+    told = f"{controller}; stiffness needed: {least}"
+    return [
+        holds("holding and stability agree", agree, f"{status}: {instant} at the first instant"),
+        given("what small motions do under the controller", told),
+    ]
 
 
 def resolution_of(stated: object, where: str) -> float:

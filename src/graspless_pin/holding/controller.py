@@ -1,0 +1,123 @@
+"""The controller that runs on the robot's joints beside constant torques."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.suggestions import names_in_words
+
+DAMPING, ARMATURE = 0.02, 1e-4
+"""Of each joint unless told otherwise, N m s/rad and kg m^2."""
+LEVER = 0.1
+"""What is per radian at joints that turn is over the square of this, m, at those that slide."""
+DEFAULT = "default"
+"""Key of the gains of all joints that are not named."""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """Feed-forward torques with position feedback: tau = tau* + K (q_0 - q) - D q'.
+
+    Gains are given for all joints alike, or by the names of joints and fingers, with those of all
+    others under ``default``. Those of fingers and of all joints are per radian, and over the square
+    of `LEVER` at joints that slide; those of a joint are in its own unit. Without stiffness the
+    torques are constant.
+
+    Attributes:
+        stiffness: K, N m/rad (N/m for a joint that slides).
+        damping: D, of the joints' own friction and the motors', too, N m s/rad (N s/m).
+
+    Raises:
+        ArgumentError: If a gain is negative or no number.
+
+    Examples:
+        >>> from graspless_pin import Controller, load_scene
+        >>> scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+        >>> torques = scene.solve().torques
+        >>> str(scene.with_changes(controller=Controller(2.0)).stability(torques).holding)
+        'holds'
+        >>> str(scene.with_changes(controller=Controller(0.1)).stability(torques).holding)
+        'needs_feedback'
+    """
+
+    stiffness: float | Mapping[str, float] = 0.0
+    damping: float | Mapping[str, float] = field(default=DAMPING)
+
+    def __post_init__(self) -> None:
+        """Check the gains."""
+        for name in ("stiffness", "damping"):
+            given = getattr(self, name)
+            if isinstance(given, Mapping):
+                checked = {str(key): real_number(f"{name}[{key}]", value, 0.0)
+                           for key, value in given.items()}  # fmt: skip
+                object.__setattr__(self, name, MappingProxyType(checked))
+            else:
+                object.__setattr__(self, name, real_number(name, given, 0.0))
+
+    @classmethod
+    def of(cls, name: str, given: object) -> Controller:
+        """Return a controller, or that of a stiffness of all joints.
+
+        Raises:
+            ArgumentError: If it is neither.
+        """
+        if isinstance(given, Controller):
+            return given
+        if isinstance(given, int | float) and not isinstance(given, bool):
+            return cls(given)
+        raise ArgumentError(
+            name,
+            f"found {reprlib.repr(given)}; needs a Controller, e.g. Controller(stiffness=2.0), or "
+            "a stiffness of all joints, N m/rad",
+        )
+
+    def check(self, joints: Sequence[str], fingers: Sequence[str]) -> None:
+        """Refuse gains of joints and fingers that are not there.
+
+        Raises:
+            ArgumentError: Naming the key.
+        """
+        for name in ("stiffness", "damping"):
+            given = getattr(self, name)
+            known = [*joints, *fingers, DEFAULT]
+            for key in given if isinstance(given, Mapping) else ():
+                if key not in known:
+                    raise ArgumentError(
+                        f"{name}.{key}", f"is no joint or finger; {names_in_words(key, known)}"
+                    )
+
+    def gains(
+        self, joints: Sequence[str], shares: FloatArray, fingers: Mapping[str, str]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return K and D of some joints, each (c,), in their units.
+
+        Args:
+            joints: Their names.
+            shares: (c,) see `gain_shares`.
+            fingers: The finger of each joint that belongs to one.
+        """
+
+        def of(given: float | Mapping[str, float], otherwise: float) -> FloatArray:
+            if not isinstance(given, Mapping):
+                return float(given) * shares
+            rest = given.get(DEFAULT, otherwise)
+            return np.array(
+                [
+                    given.get(name, share * given.get(fingers.get(name, ""), rest))
+                    for name, share in zip(joints, shares.tolist(), strict=True)
+                ]
+            )
+
+        return of(self.stiffness, 0.0), of(self.damping, DAMPING)
+
+
+def gain_shares(slides: Sequence[bool]) -> FloatArray:
+    """Return (c,) what a figure per radian is to be multiplied by: at joints that slide by 100."""
+    return np.where(np.array(slides, dtype=bool), 1.0 / LEVER**2, 1.0)
