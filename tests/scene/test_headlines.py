@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -120,6 +121,8 @@ def test_gains_stand_in_the_file(tmp_path: Path) -> None:
     data["controller"] = {"stiffness": {"index": 2.0, "default": 0.5}, "damping": 0.05}
     scene = loaded(tmp_path, data)
     assert scene.controller == Controller({"index": 2.0, "default": 0.5}, 0.05)
+    again = pickle.loads(pickle.dumps(scene))  # noqa: S301 - our own bytes
+    assert again.controller == scene.controller
     data["controller"] = {"stiffness": {"indx": 2.0}}
     with pytest.raises(SceneError, match=r"yaml:\d+: controller\b.*stiffness.indx: is no joint"):
         loaded(tmp_path, data)
@@ -138,6 +141,8 @@ def test_a_mesh_is_known_by_its_facets_and_by_what_they_stand_for() -> None:
     assert said.small_motions is not None
     assert set(said.small_motions.growth_by_surface) == {"facets", "fitted"}
     assert "; without it the " in str(said) and "facets" not in str(said)
+    again = pickle.loads(pickle.dumps(said.small_motions))  # noqa: S301 - our own bytes
+    assert again.growth_by_surface == said.small_motions.growth_by_surface
 
 
 def test_where_facets_and_surface_differ_both_are_told(tmp_path: Path) -> None:

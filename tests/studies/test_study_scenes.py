@@ -156,6 +156,11 @@ def test_what_is_computed_goes_into_the_scene():
     assert torques == expected
 
 
+def test_gains_may_vary():
+    made = study({"controller.stiffness": {"values": [0.0, 2.0]}})
+    assert [made.scene_at(sample).controller.stiffness for sample in made.samples] == [0.0, 2.0]
+
+
 ANYTHING = {
     "hand.q.joint_1.0": {"values": [0.3, 0.3001]},
     "hand.base_pose.position.2": {"values": [0.0628, 0.0629]},

@@ -5,7 +5,6 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -57,7 +56,7 @@ class Controller:
             if isinstance(given, Mapping):
                 checked = {str(key): real_number(f"{name}[{key}]", value, 0.0)
                            for key, value in given.items()}  # fmt: skip
-                object.__setattr__(self, name, MappingProxyType(checked))
+                object.__setattr__(self, name, checked)
             else:
                 object.__setattr__(self, name, real_number(name, given, 0.0))
 

@@ -217,7 +217,7 @@ def _gains(
 def _growths(models: Mapping[str, _Found]) -> Mapping[str, float]:
     """Return the growth by model of the surfaces, where there are several."""
     several = len(models) > 1
-    return MappingProxyType({name: one.growth for name, one in models.items() if several})
+    return {name: one.growth for name, one in models.items() if several}
 
 
 def _worst(models: Mapping[str, _Found]) -> _Found:
