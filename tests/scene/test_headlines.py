@@ -204,6 +204,16 @@ def test_the_same_sentence_stands_everywhere(
     assert stated["stiffness_needed"] == pytest.approx(said.stiffness_needed, rel=1e-6)
     assert stated["growth_rate"] == pytest.approx(said.growth_rate, rel=1e-6)
     assert run("verify", file).exit_code == 0
+    for claim in (
+        {"status": "holds"},
+        {"status": "fails"},
+        {"growth_rate": 0.0},
+        {"stiffness_needed": None},
+        {"status": "may_fail"},
+        {"acceleration": {"status": "weak"}},
+    ):
+        file.write_text(json.dumps(document | {"holding": stated | claim}))
+        assert run("verify", file).exit_code == 1, claim
     alone = solution_document(solution, scene, stability(scene.problem(), solution.torques))
     assert alone["holding"]["stiffness_needed"] is alone["holding"]["growth_rate"] is None
     strong = run("solve", BOX_ON_SLOPE, "--stability", "strong").stdout

@@ -205,10 +205,11 @@ def _holding_checks(stated: object, instant: str) -> list[Check]:
     own = entry(entry(stated, "acceleration", "holding"), "status", "acceleration")
     growth = entry(stated, "growth_rate", "holding")
     agree = own == instant and instant in _OF_INSTANT[status]
-    if growth is not None and instant == "strong":
-        grows = number(growth, "growth_rate") > 0.0
-        agree = agree and grows == (status in ("needs_feedback", "fails"))
     needed = entry(stated, "stiffness_needed", "holding")
+    if growth is not None and instant == "strong":
+        lost = "fails" if needed is None else "needs_feedback"
+        expected = lost if number(growth, "growth_rate") > 0.0 else "holds"
+        agree = agree and status == expected
     least = "none that is known" if needed is None else f"{number(needed, 'stiffness'):.3g}"
     controller = text(entry(stated, "controller", "holding"), "controller")[:60]
     told = f"{controller}; stiffness needed: {least}"
