@@ -129,6 +129,8 @@ def test_gains_stand_in_the_file(tmp_path: Path) -> None:
     data["controller"] = {"stiffness": -1.0}
     with pytest.raises(SceneError, match=r"scene.yaml:\d+: controller.stiffness: "):
         loaded(tmp_path, data)
+    with pytest.raises(ArgumentError, match=r"stiffness.indx: is no joint or finger; did you mean"):
+        scene.with_changes(controller=Controller({"indx": 2.0})).stability(np.zeros(16))
     with pytest.raises(ArgumentError, match="controller: found 'stiff'; needs a Controller"):
         scene.with_changes(controller="stiff")
 

@@ -159,6 +159,9 @@ def test_what_is_computed_goes_into_the_scene():
 def test_gains_may_vary():
     made = study({"controller.stiffness": {"values": [0.0, 2.0]}})
     assert [made.scene_at(sample).controller.stiffness for sample in made.samples] == [0.0, 2.0]
+    parts = SampleParts()
+    one_by_one = [made.scene_at(sample, parts) for sample in made.samples]
+    assert [scene.controller.stiffness for scene in one_by_one] == [0.0, 2.0]
 
 
 ANYTHING = {

@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -83,8 +83,10 @@ ControllerOption = Annotated[
 
 
 def under_controller(scene: Scene, stiffness: float | None) -> Scene:
-    """Return a scene under joint feedback of a stiffness; None: its own controller."""
-    return scene if stiffness is None else scene.with_changes(controller=stiffness)
+    """Return a scene under joint feedback of a stiffness, its damping stays; None: its own."""
+    if stiffness is None:
+        return scene
+    return scene.with_changes(controller=replace(scene.controller, stiffness=stiffness))
 
 
 def exit_code(solution: TorqueSolution) -> ExitCode:

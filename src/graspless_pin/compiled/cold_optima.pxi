@@ -60,16 +60,19 @@ cdef class ColdOptima(WarmOptima):
         cdef Py_ssize_t n1 = self.n + 1, N = 6 + 3 * self.L + self.s + n1
         self.guesses, self.judged_by = guesses, judged_by
         self.rows = self.workspace((6 + 3 * self.L) * n1)
-        self.side_bounds, self.slack, self.z = self.workspace(2 * N), self.workspace(2 * N), self.workspace(2 * N)
+        self.slack, self.z = self.workspace(2 * N), self.workspace(2 * N)
+        self.side_bounds = self.workspace(2 * N)
         self.ds, self.dz = self.workspace(2 * N), self.workspace(2 * N)
         self.primal_residual, self.target = self.workspace(2 * N), self.workspace(2 * N)
-        self.at, self.y, self.dy, self.dx = self.workspace(N), self.workspace(6), self.workspace(6), self.workspace(n1)
+        self.at, self.dx = self.workspace(N), self.workspace(n1)
+        self.y, self.dy = self.workspace(6), self.workspace(6)
         self.q, self.H = self.workspace(n1), self.workspace(n1 * n1)
         self.solved_balance, self.schur = self.workspace(6 * n1), self.workspace(36)
         # Sides that there are, two to a row, the upper one first; slacks and multipliers likewise.
         self.count, self.one_sided = 0, self.numbers(no_numbers(2 * N))
         self.chosen, self.required = self.numbers(no_numbers(self.M)), self.workspace(2 * self.M)
-        self.slide, self.guessed = self.workspace(2 * self.M), self.workspace(witness_workspace(self.M, self.W))
+        self.slide = self.workspace(2 * self.M)
+        self.guessed = self.workspace(witness_workspace(self.M, self.W))
 
     cdef void row_values_at(self, const double* x, double* level) noexcept:
         """Put the values of all rows, and after them the variables, into a place."""

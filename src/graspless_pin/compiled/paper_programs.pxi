@@ -139,7 +139,8 @@ cdef class PaperPrograms:
         self.frames, self.joint_scale = self.workspace(9 * self.M), self.workspace(L)
         self.B, self.torque = self.workspace(n * self.W), self.workspace(L)
         self.box, self.bounds = self.workspace(2 * n + 2), self.workspace(2 * n + 2)
-        self.x, self.w, self.d = self.workspace(n + 1), self.workspace(6 + 3 * L + self.s), self.workspace(n + 1)
+        self.x, self.d = self.workspace(n + 1), self.workspace(n + 1)
+        self.w = self.workspace(6 + 3 * L + self.s)
         self.counted, self.levels = self.workspace(self.W), self.workspace(self.W)
 
     cdef double* workspace(self, Py_ssize_t count):

@@ -46,7 +46,8 @@ cdef class WarmOptima(PaperPrograms):
         self.close, self.cutoff = close, cutoff
         self.y, self.G = self.workspace(n + 1), self.workspace((n + 1) * (n + 1))
         self.forces = self.workspace(3 * self.M)
-        self.map, self.scaled = self.workspace(3 * self.M * self.W), self.workspace(3 * self.M * self.W)
+        self.map = self.workspace(3 * self.M * self.W)
+        self.scaled = self.workspace(3 * self.M * self.W)
         self.scale, self.motion = self.workspace(self.W), self.workspace(self.W)
         self.signs = self.workspace(2 * self.M)
 
@@ -152,8 +153,9 @@ cdef class WarmOptima(PaperPrograms):
             scaled_of(3 * self.M, self.W, self.map, self.scale, self.scaled)
         if start.s:
             if not witness_of(
-                self.M, self.W, self.scaled, start.s, start.contacts, start.own_signs, start.motion, 0,
-                start.judged[0], <int>start.judged[1], start.judged[2], start.judged[3], start.workspace,
+                self.M, self.W, self.scaled, start.s, start.contacts, start.own_signs,
+                start.motion, 0, start.judged[0], <int>start.judged[1], start.judged[2],
+                start.judged[3], start.workspace,
                 self.signs, self.motion,
             ):
                 return False

@@ -209,7 +209,8 @@ class _Built(NamedTuple):
 
 def _scene(kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Scene:
     entries = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-    built = parts.stage("built", (*entries, *entry.supports), lambda: _built(file, parts, entry))
+    sources = (*entries, entry.controller, *entry.supports)
+    built = parts.stage("built", sources, lambda: _built(file, parts, entry))
     _check_weight(file, entry, built.object)
     last, known = parts.last, {}
     if last is not None and last.scene.path != file.path:

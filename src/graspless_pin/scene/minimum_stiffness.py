@@ -209,7 +209,10 @@ def _gains(
     scene: SceneFields, problem: QuasistaticProblem, controller: Controller
 ) -> tuple[FloatArray, FloatArray]:
     """Return K and D, each (c,), of the joints that carry touching links."""
-    fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
+    fingers = {}
+    if scene.hand is not None:
+        controller.check(scene.hand.actuation.names, (*scene.hand.fingers,))
+        fingers = fingers_of_motors(scene.hand)
     names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
     return controller.gains(names, _shares(scene, problem), fingers)
 
