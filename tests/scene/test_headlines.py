@@ -92,7 +92,7 @@ def test_the_controller_decides_whether_it_holds() -> None:
     assert free.holding == "needs_feedback" and 0.0 < needed < 1.0
     least = "needs joint feedback of at least "
     for controller, holding, start in (
-        (Controller(1.1 * needed), "holds", "holds with joint feedback of 0.02"),
+        (Controller(1.1 * needed), "holds", "holds with joint feedback of 0."),
         (0.5 * needed, "needs_feedback", least),
         (Controller({"default": 2.0, "index": 1}), "holds", "holds with joint feedback of 1 to 2 "),
         (Controller({"index": 0.1 * needed}), "needs_feedback", least),
