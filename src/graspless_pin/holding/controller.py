@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class Controller:
     """
 
     stiffness: float | Mapping[str, float] = 0.0
-    damping: float | Mapping[str, float] = field(default=DAMPING)
+    damping: float | Mapping[str, float] = DAMPING
 
     def __post_init__(self) -> None:
         """Check the gains."""

@@ -158,24 +158,19 @@ def farthest_forces(
     Returns:
         (M, 3) in contact frames, in loads; None where there are none, or the solver has no answer.
     """
-    count = len(jacobian)
-    sides = np.maximum(friction * most, _EXACT)
-    ub = np.column_stack([most, sides, sides])
-    lb = np.column_stack([np.zeros(count), -sides, -sides])
-    size = float(np.abs(cost).max(initial=0.0))
+    count, size = len(jacobian), float(np.abs(cost).max(initial=0.0))
     if size == 0.0:
         return None
-    simplex = Simplex((cost / size).ravel(), lb.ravel(), ub.ravel())
-    simplex.add_rows(jacobian.reshape(3 * count, -1).T.copy(), -load - _EXACT, -load + _EXACT)
-    around_each = np.tile(around(_DIRECTIONS), (count, 1))
-    contacts = np.repeat(np.arange(count), _DIRECTIONS)
-    rows = np.zeros((len(contacts), count, 3))
-    planes = np.column_stack([-_INSCRIBED * friction[contacts], around_each])
-    rows[np.arange(len(contacts)), contacts] = planes
-    none = np.full(len(contacts), -np.inf)
-    simplex.add_rows(rows.reshape(len(contacts), -1), none, np.zeros(len(contacts)))
+    in_cones = np.full(count, np.nan)
+    simplex = _program(jacobian, load, _INSCRIBED * friction, in_cones)
+    sides = friction * most
+    largest = np.column_stack([most, sides, sides])
+    least = np.column_stack([np.zeros(count), -sides, -sides])
+    # The last variable is what is left of the load.
+    simplex.set_bounds(np.append(least, 0.0), np.append(largest, _EXACT))
+    simplex.set_cost(np.append(cost / size, 0.0))
     answer = simplex.solve()
-    return answer.x.reshape(count, 3) if answer.is_optimal else None
+    return answer.x[:-1].reshape(count, 3) if answer.is_optimal else None
 
 
 def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:

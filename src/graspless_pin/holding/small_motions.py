@@ -74,8 +74,8 @@ class LinearizedMotion:
         Returns:
             (K, 2 d, 2 d).
         """
-        count, N_q = len(self.inertia), self.joint_rates
-        parts = [stiffness, N_q.T @ (damping[:, None] * N_q), N_q.T @ (pattern[:, None] * N_q)]
+        count = len(self.inertia)
+        parts = [stiffness, self.feedback(damping), self.feedback(pattern)]
         rolled = -np.linalg.solve(self.inertia, np.hstack(parts))
         found = np.zeros((len(factors), 2 * count, 2 * count))
         found[:, :count, count:] = np.eye(count)
