@@ -52,6 +52,7 @@ from .planning.evaluator import Evaluator as Evaluator
 from .planning.path import Waypoint as Waypoint
 from .planning.path import evaluate_path as evaluate_path
 from .planning.placing import place_hand as place_hand
+from .planning.squeeze_window import squeeze_window as squeeze_window
 from .problem.fingers import ControlMode as ControlMode
 from .problem.fingers import FingerContacts as FingerContacts
 from .problem.fingers import JointSpace as JointSpace

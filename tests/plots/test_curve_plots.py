@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
-from graspless_pin import QuasistaticProblem, TorqueSolution, disturbance_margin
+from graspless_pin import Holding, QuasistaticProblem, TorqueSolution, disturbance_margin
 from graspless_pin.algorithms.margin_torque_curve import margin_torque_curve
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.plots import disturbance_polar, margin_torque_plot, plane_directions
+from graspless_pin.planning import EndReason, SqueezeWindow, WindowEnd
+from graspless_pin.plots import (
+    disturbance_polar,
+    margin_torque_plot,
+    plane_directions,
+    squeeze_plot,
+)
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +106,28 @@ def test_the_trade_off_is_in_the_joints_units(sliding: TorqueSolution, units, sc
     curve = margin_torque_curve(problem, scale=scale)
     assert margin_torque_plot(curve).get_ylabel() == f"least possible largest |torque|\n[{label}]"
     assert f" of torque [{label}]" in str(curve)
+
+
+def test_a_window_of_squeeze_shows_its_ends_and_samples():
+    window = SqueezeWindow(
+        direction=np.ones(1),
+        lower=WindowEnd(-0.4, np.ones(1), EndReason.MAY_SLIP, "may fail: ..."),
+        upper=WindowEnd(0.7, np.ones(1), EndReason.LIMIT, "joint 'a' is at its effort limit"),
+        others=(),
+        amounts=np.array([-1.0, -0.5, 0.0, 0.7]),
+        holding=(Holding.FAILS, Holding.MAY_FAIL, Holding.HOLDS, Holding.HOLDS),
+        margins=np.array([np.nan, 0.1, 0.3, 0.5]),
+        growth=np.array([np.nan, np.nan, 0.0, 0.0]),
+        controller="",
+    )
+    axes = squeeze_plot(window)
+    line, holds, others = axes.lines[:3]
+    np.testing.assert_array_equal(line.get_ydata(), window.margins)
+    np.testing.assert_array_equal(holds.get_xdata(), [0.0, 0.7])
+    np.testing.assert_array_equal(others.get_xdata(), [-1.0, -0.5])
+    assert [text.get_text() for text in axes.texts] == ["may slip", "limit"]
+    ends = [np.asarray(end.get_xdata()).item(0) for end in axes.lines[3:]]
+    assert ends == [-0.4, 0.7]
+    assert squeeze_plot(window, value="growth").get_ylabel() == "growth of small motions [1/s]"
+    with pytest.raises(ArgumentError, match="value: is 'force'"):
+        squeeze_plot(window, value="force")

@@ -139,6 +139,17 @@ def test_forces_that_nothing_determines_count_as_the_worst(squeeze: float, tmp_p
     np.testing.assert_allclose(found.motion[2:], 0.0, atol=1e-6)
 
 
+def test_what_some_forces_drive_and_others_leave_may_fail(tmp_path: Path) -> None:
+    """Without a squeeze nothing drives the ball out."""
+    said = between_balls(tmp_path, 40.0).stability([])
+    assert said.status == "strong" and said.holding == "may_fail"
+    small = said.small_motions
+    assert small is not None and small.least_growth == 0.0 < small.growth
+    assert str(said).startswith(
+        "may fail: torques leave contact forces open, and under some of them the object shifts"
+    )
+
+
 def on_mesh(folder: Path, mesh: trimesh.Trimesh, height: float) -> Scene:
     mesh.export(folder / "below.stl")
     return standing(folder, ball(0.05), height, {"shape": {"type": "mesh", "path": "below.stl"}})

@@ -6,6 +6,7 @@ import pytest
 
 from graspless_pin import load_scene, minimum_stiffness
 from graspless_pin.simulation import SimulatedOutcome, simulate
+from graspless_pin.simulation.model import STIFF
 
 SPHERE = Path(__file__).parents[2] / "examples" / "allegro_sphere_on_slope.yaml"
 
@@ -17,9 +18,13 @@ def test_the_ball_stays_from_the_stated_feedback_on(algorithm):
     scene = load_scene(SPHERE)
     torques = scene.solve(algorithm).torques
     needed = minimum_stiffness(scene, torques, armature=1e-4, damping=0.02).stiffness
-    for factor, outcome, seconds in (
-        (0.9, SimulatedOutcome.MOVED, 10.0),
-        (1.1, SimulatedOutcome.HELD, 4.0),
-    ):
-        stiff = simulate(scene, torques, controller=factor * needed, seconds=seconds).runs[0]
-        assert stiff.outcome is outcome, (factor, stiff)
+    for factor, held, seconds in ((0.9, False, 10.0), (1.1, True, 4.0)):
+        (stiff,) = simulate(
+            scene,
+            torques,
+            controller=factor * needed,
+            seconds=seconds,
+            contact_models=[STIFF],
+        ).runs
+        # Below it the ball may come to rest again a few millimetres off.
+        assert (stiff.outcome is SimulatedOutcome.HELD) is held, (factor, stiff)

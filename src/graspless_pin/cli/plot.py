@@ -1,4 +1,4 @@
-"""``graspless-pin plot``: a picture of a study's results."""
+"""``graspless-pin plot``: a picture of a study's results, or of how hard a hand may squeeze."""
 
 from __future__ import annotations
 
@@ -8,10 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from graspless_pin.cli.outcome import plain_errors
+from graspless_pin.cli.outcome import (
+    ControllerOption,
+    ExitCode,
+    loaded_scene,
+    plain_errors,
+    under_controller,
+)
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary
+from graspless_pin.planning import squeeze_window
+from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary, squeeze_plot
 from graspless_pin.plots.canvas import fonts_without_remarks
+from graspless_pin.progress import waiting_for
+from graspless_pin.scene import Scene
 from graspless_pin.studies import read_results
 
 if TYPE_CHECKING:
@@ -27,15 +36,23 @@ class PlotKind(StrEnum):
     """A result over two variables."""
     BOUNDARY = "boundary"
     """Where the outcome changes, over two variables."""
+    SQUEEZE = "squeeze"
+    """How hard the hand of a scene may squeeze."""
 
 
 def plot(
-    results: Annotated[Path, typer.Argument(help="Table that study wrote: .parquet or .csv.")],
+    results: Annotated[
+        Path, typer.Argument(help="Table that study wrote: .parquet or .csv; of squeeze, a scene.")
+    ],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Picture to write: .png, .svg or .pdf.")
     ],
     kind: Annotated[
-        PlotKind, typer.Option(help="A result over one or two variables, or where it changes.")
+        PlotKind,
+        typer.Option(
+            help="A result over one or two variables, or where it changes; how hard a scene's hand "
+            "may squeeze."
+        ),
     ] = PlotKind.LINE,
     x: Annotated[
         str | None, typer.Option(metavar="COLUMN", help="To the right; default: what varies first.")
@@ -47,26 +64,25 @@ def plot(
         str | None,
         typer.Option(metavar="COLUMN", help="Result; default: margin_N, of a boundary found."),
     ] = None,
+    controller: ControllerOption = None,
 ) -> None:
     """Draw the results of a study: a line, a map, or the boundary of what is found.
 
-    Exit code 0: drawn; 2: bad input.
+    Of a scene, draw how hard its hand may squeeze with the torques of its algorithm.
+
+    Exit code 0: drawn; 1: there are no torques; 2: bad input.
 
     Examples:
         graspless-pin plot results.parquet -o margin.png
         graspless-pin plot results.parquet --kind boundary -o border.png
+        graspless-pin plot scene.yaml --kind squeeze --controller 1 -o squeeze.png
     """
     with plain_errors():
-        table, figure = read_results(results), _figure()
-        across = x or _varied(table, "x", ())
-        if kind is PlotKind.LINE:
-            margin_plot(table, across, figure.add_subplot(), value=value or "margin_N")
+        figure = _figure()
+        if kind is PlotKind.SQUEEZE:
+            _draw_squeeze(under_controller(loaded_scene(results), controller), figure)
         else:
-            up = y or _varied(table, "y", (across,))
-            if kind is PlotKind.MAP:
-                margin_heat_map(table, across, up, figure.add_subplot(), value=value or "margin_N")
-            else:
-                outcome_boundary(table, across, up, figure.add_subplot(), outcome=value or "found")
+            _draw_study(results, kind, (x, y, value), figure)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
             with fonts_without_remarks():
@@ -74,6 +90,43 @@ def plot(
         except (OSError, ValueError) as error:
             raise GrasplessPinError(f"{output}: cannot be written ({error})") from error
         typer.echo(f"wrote {output}")
+
+
+def _draw_squeeze(scene: Scene, figure: Figure) -> None:
+    """Draw margin and growth over the squeeze, and print the window."""
+    with waiting_for("solving"):
+        solution = scene.solve()
+    if not solution.found:
+        typer.echo(f"nothing to squeeze with: {solution.status.message}")
+        raise typer.Exit(ExitCode.INFEASIBLE)
+    with waiting_for("trying how hard the hand may squeeze"):
+        window = squeeze_window(scene, solution.torques)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    squeeze_plot(window, upper)
+    squeeze_plot(window, lower, value="growth")
+    upper.set_xlabel("")
+    lower.get_legend().remove()
+    typer.echo(str(window))
+
+
+def _draw_study(
+    results: Path,
+    kind: PlotKind,
+    columns: tuple[str | None, str | None, str | None],
+    figure: Figure,
+) -> None:
+    """Draw a result of a study."""
+    x, y, value = columns
+    table = read_results(results)
+    across = x or _varied(table, "x", ())
+    if kind is PlotKind.LINE:
+        margin_plot(table, across, figure.add_subplot(), value=value or "margin_N")
+        return
+    up = y or _varied(table, "y", (across,))
+    if kind is PlotKind.MAP:
+        margin_heat_map(table, across, up, figure.add_subplot(), value=value or "margin_N")
+    else:
+        outcome_boundary(table, across, up, figure.add_subplot(), outcome=value or "found")
 
 
 def _varied(table: Any, option: str, taken: tuple[str, ...]) -> str:

@@ -299,7 +299,7 @@ def rolling_without_scene(problem: QuasistaticProblem) -> SmallMotions:
         return SmallMotions.not_known("contacts slide as declared")
     basis, _, _ = _without_slip(problem)
     if not basis.shape[1]:
-        return SmallMotions(0.0, 0.0)
+        return SmallMotions(0.0, 0.0, least_growth=0.0)
     return SmallMotions.not_known("how the contacts roll needs a scene with shapes")
 
 

@@ -6,8 +6,9 @@ D_z and their feedback K. K_geo, the geometric stiffness, is linear in the conta
 normals and contact points change as the bodies roll. Where friction bears on contacts that roll it
 is not symmetric, and the eigenvalues decide.
 
-Torques may leave contact forces open. Then the rest is as stable as it is under the worst of them:
-they are looked for by successive linear programs (Frank and Wolfe's method) on the growth rate.
+Torques may leave contact forces open. Then the rest is as stable as it is under the worst of them,
+and where it is stable under others, it may hold or fail. Both are looked for by successive linear
+programs (Frank and Wolfe's method) on the growth rate.
 """
 
 from __future__ import annotations
@@ -156,15 +157,17 @@ class LinearizedMotion:
         return float(high)
 
 
-def worst_forces(
+def extreme_forces(
     motion: LinearizedMotion,
     problem: QuasistaticProblem,
     torques: FloatArray,
     forces: FloatArray,
     damping: FloatArray,
     gains: FloatArray,
+    *,
+    worst: bool,
 ) -> FloatArray:
-    """Return admissible contact forces under which a small motion grows fastest, as found.
+    """Return admissible contact forces under which small motions grow fastest, or least, as found.
 
     Args:
         motion: The small motions.
@@ -173,6 +176,7 @@ def worst_forces(
         forces: (M, 3) those of one rest, world axes, N, to begin with.
         damping: (c,) D of the joints, N m s/rad (N s/m).
         gains: (c,) K of their feedback, N m/rad (N/m).
+        worst: Whether motions shall grow fastest.
 
     Returns:
         (M, 3) world axes, N: those to begin with where torques leave nothing open that counts.
@@ -186,29 +190,34 @@ def worst_forces(
     size = float(np.abs(in_frames).max(initial=0.0))
     if np.abs(influence).max(initial=0.0) <= _INFLUENCE * size:
         return forces
-    unit, held = problem.scales.force, motion.feedback(gains)
+    unit, held, sign = problem.scales.force, motion.feedback(gains), 1.0 if worst else -1.0
     most = np.minimum(problem.max_normal_force / unit, _MOST_FORCE)
 
-    def against(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def growth(forces: FloatArray) -> tuple[float, FloatArray]:
+        """Return the growth, to be made large, and its gradient by the stiffness."""
+        rate, _, gradient = motion.fastest_mode(motion.stiffness(forces) + held, damping)
+        return sign * rate, sign * gradient
+
+    def along(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Return growth, forces and gradient where forces go farthest along a gradient."""
         cost = -np.einsum("ab,miab->mi", gradient, in_frames)
         found = farthest_forces(jacobian, load, free_friction(problem), cost, most)
         if found is None:
             return -np.inf, forces, gradient
         other = world_forces(problem, found * unit)
-        rate, _, next_gradient = motion.fastest_mode(motion.stiffness(other) + held, damping)
+        rate, next_gradient = growth(other)
         return rate, other, next_gradient
 
-    rate, _, gradient = motion.fastest_mode(motion.stiffness(forces) + held, damping)
+    rate, gradient = growth(forces)
     best = max(
-        (against(-_softest(motion, side * one)) for one in _largest(influence) for side in (1, -1)),
+        (along(-_softest(motion, side * one)) for one in _largest(influence) for side in (1, -1)),
         key=lambda one: one[0],
     )
     if best[0] > rate:
         rate, forces, gradient = best
     for _ in range(_MOST_ROUNDS):
-        new_rate, other, next_gradient = against(gradient)
-        if new_rate <= rate + _BETTER * max(rate, GROWTH_LIMIT):
+        new_rate, other, next_gradient = along(gradient)
+        if new_rate <= rate + _BETTER * max(abs(rate), GROWTH_LIMIT):
             return forces
         rate, forces, gradient = new_rate, other, next_gradient
     return forces

@@ -65,7 +65,8 @@ class Holding(StrEnum):
     NEEDS_FEEDBACK = "needs_feedback"
     """Rest is the only outcome of the first instant; joints need more feedback to keep it."""
     MAY_FAIL = "may_fail"
-    """Rest is an outcome, and so is a motion of the object."""
+    """Rest is an outcome, and so is a motion of the object; or small motions grow under some of the
+    contact forces that the torques leave open."""
     FAILS = "fails"
     """Rest is no outcome, or no joint feedback keeps it."""
     FINGER_MOVES = "finger_moves"
@@ -91,6 +92,8 @@ class SmallMotions:
         growth_by_surface: See `MinimumStiffness`; empty where no mesh touches.
         motion: (P + L,) the velocity of the one that grows fastest; None: none grows.
         neutral: What motions do that nothing drives on or back.
+        least_growth: Growth under those contact forces, of all that the torques leave open, that
+            suit best, as found; NaN as above.
     """
 
     stiffness: float
@@ -101,6 +104,12 @@ class SmallMotions:
     growth_by_surface: Mapping[str, float] = field(default_factory=dict)
     motion: FloatArray | None = None
     neutral: tuple[str, ...] = ()
+    least_growth: float = nan
+
+    @property
+    def depends_on_forces(self) -> bool:
+        """Whether some admissible contact forces let a motion grow, and others none."""
+        return self.growth > 0.0 and self.least_growth == 0.0
 
     @classmethod
     def not_known(cls, why: str) -> SmallMotions:
@@ -355,6 +364,8 @@ class StabilityVerdict:
             return Holding.UNDECIDED
         if not small.moving:
             return Holding.HOLDS
+        if small.depends_on_forces:
+            return Holding.MAY_FAIL
         return Holding.FAILS if isinf(small.stiffness) else Holding.NEEDS_FEEDBACK
 
     def full_message(self, option: str = "node_limit={}") -> str:
@@ -414,17 +425,26 @@ def strong_words(verdict: StabilityVerdict) -> str:
             f"{neutral}"
         )
     grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s{_surface_words(small)}"
+    least = "none"
+    stops = "no joint feedback stops it"
+    if not isinf(small.stiffness):
+        least = f"{_rounded(small.stiffness, up=True):g}"
+        stops = f"joint feedback of at least {least} {small.unit} stops it"
+    if small.depends_on_forces:
+        under = f"with {verdict.controller} " if verdict.controller else ""
+        return (
+            f"may fail: {under}torques leave contact forces open, and under some of them {grows}; "
+            f"{stops} (first instant: {proof})"
+        )
     if isinf(small.stiffness):
-        message = f"stays at the first instant; then {grows}: no joint feedback stops it"
-        return f"{message} (proof: {proof})"
-    least = _rounded(small.stiffness, up=True)
+        return f"stays at the first instant; then {grows}: {stops} (proof: {proof})"
     if verdict.controller:
         return (
-            f"needs joint feedback of at least {least:g} {small.unit}; with {verdict.controller} "
+            f"needs joint feedback of at least {least} {small.unit}; with {verdict.controller} "
             f"{grows} (first instant: {proof})"
         )
     return (
-        f"holds with joint feedback of at least {least:g} {small.unit}; without it {grows} "
+        f"holds with joint feedback of at least {least} {small.unit}; without it {grows} "
         f"(first instant: {proof})"
     )
 

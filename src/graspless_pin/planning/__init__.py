@@ -13,23 +13,35 @@ from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
 from graspless_pin.planning.placing import place_hand
 from graspless_pin.planning.placing_candidates import PlacingFault
 from graspless_pin.planning.placing_plan import PlacingAim
+from graspless_pin.planning.squeeze_window import (
+    EndReason,
+    OtherJoints,
+    SqueezeWindow,
+    WindowEnd,
+    squeeze_window,
+)
 
 __all__ = [
     "ConfigurationGradient",
     "ContactChange",
+    "EndReason",
     "EvaluatedStates",
     "Evaluation",
     "Evaluator",
     "HandPlacement",
+    "OtherJoints",
     "PathProfile",
     "PlacedHand",
     "PlacingAim",
     "PlacingFault",
+    "SqueezeWindow",
     "StateStatus",
     "Waypoint",
+    "WindowEnd",
     "configuration_gradient",
     "evaluate_path",
     "joint_trajectory",
     "place_hand",
+    "squeeze_window",
     "write_path_csv",
 ]

@@ -13,6 +13,7 @@ from graspless_pin.plots.curves import (
     path_margins,
     path_torques,
     plane_directions,
+    squeeze_plot,
 )
 from graspless_pin.plots.tables import margin_heat_map, margin_plot
 
@@ -27,5 +28,6 @@ __all__ = [
     "path_margins",
     "path_torques",
     "plane_directions",
+    "squeeze_plot",
     "torque_bars",
 ]

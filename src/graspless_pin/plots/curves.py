@@ -9,8 +9,16 @@ import numpy as np
 from graspless_pin.algorithms.disturbances import DisturbanceMargin
 from graspless_pin.algorithms.margin_torque_curve import MarginTorqueCurve
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.planning import PathProfile
-from graspless_pin.plots.canvas import axes_for, from_zero, legend_text, plain_axis, plain_text
+from graspless_pin.holding.verdict import Holding
+from graspless_pin.planning import PathProfile, SqueezeWindow
+from graspless_pin.plots.canvas import (
+    axes_for,
+    from_zero,
+    legend_above,
+    legend_text,
+    plain_axis,
+    plain_text,
+)
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.visualization import LIGHT, Role
@@ -155,6 +163,65 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
     return axes
 
 
+def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = "margin") -> Axes:
+    """Draw the margin, or the growth of small motions, against how hard a hand squeezes.
+
+    Args:
+        window: Of `squeeze_window`.
+        ax: Axes to draw on; None: a new figure.
+        value: ``margin`` or ``growth``.
+
+    Returns:
+        The axes: multiples of the direction to the right; up N or 1/s. The window is shaded, its
+        ends say what fails there. Full dots are samples that hold, hollow ones others.
+
+    Raises:
+        ArgumentError: If the value is not known.
+
+    Examples:
+        >>> from graspless_pin import Controller, load_scene, squeeze_window
+        >>> from graspless_pin.plots import squeeze_plot
+        >>> scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+        >>> torques = scene.solve("torque", margin=0.1).torques
+        >>> held = scene.with_changes(controller=Controller(1.0))
+        >>> window = squeeze_window(held, torques, samples=2, precision=0.1)
+        >>> squeeze_plot(window).get_xlabel()
+        'change of torques, in multiples of the direction'
+    """
+    figures = {"margin": window.margins, "growth": window.growth}
+    labels = {"margin": "margin [N]", "growth": "growth of small motions [1/s]"}
+    if value not in figures:
+        raise ArgumentError("value", f"is {value!r}; it must be 'margin' or 'growth'")
+    axes, values = axes_for(ax), figures[value]
+    blue, holds = LIGHT.roles[Role.NORMAL_FORCE], [one is Holding.HOLDS for one in window.holding]
+    axes.plot(window.amounts, values, "-", color=blue, linewidth=1.8)
+    for filled, face in ((True, blue), (False, "white")):
+        own = np.equal(holds, filled)
+        axes.plot(
+            window.amounts[own], values[own], "o", color=blue, markerfacecolor=face,
+            label="holds" if filled else "does not hold",
+        )  # fmt: skip
+    axes.set_xlabel("change of torques, in multiples of the direction")
+    axes.set_ylabel(labels[value])
+    from_zero(axes, values)
+    room = _SIDE * (window.amounts[-1] - window.amounts[0])
+    axes.set_xlim(window.amounts[0] - room, window.amounts[-1] + room)
+    if window.lower is not None and window.upper is not None:
+        axes.axvspan(window.lower.amount, window.upper.amount, color=blue, alpha=0.1, linewidth=0.0)
+        ends = zip((window.lower, window.upper), ("right", "left"), strict=True)
+        for end, side in ends:
+            axes.axvline(end.amount, color=blue, linestyle=":", linewidth=1.2)
+            axes.annotate(
+                end.reason.value.replace("_", " "), (end.amount, 1.0),
+                xycoords=("data", "axes fraction"), xytext=(-4 if side == "right" else 4, -12),
+                textcoords="offset points", ha=side, fontsize="small",
+            )  # fmt: skip
+    legend_above(axes)
+    plain_axis(axes.xaxis)
+    axes.grid(alpha=0.25)
+    return axes
+
+
 def _plane(first: str, second: str) -> list[int]:
     for argument, name in (("first", first), ("second", second)):
         if name not in COMPONENTS:
@@ -165,6 +232,7 @@ def _plane(first: str, second: str) -> list[int]:
 
 
 _FOOT = 0.02
+_SIDE = 0.08
 
 
 def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:

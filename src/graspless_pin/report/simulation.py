@@ -64,6 +64,7 @@ def body_forces(
 _SAME = 1e-2  # of the load: a difference that says nothing
 _WORDS = {
     SimulatedOutcome.HELD: "held: the object stays",
+    SimulatedOutcome.SHIFTED: "shifted: the object moves, and then stays where it is",
     SimulatedOutcome.CREPT: "crept: the object neither stays nor moves away",
     SimulatedOutcome.MOVED: "moved: the object does not stay",
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import nan
 from typing import Any
 
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
@@ -55,9 +56,10 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
     """Return whether the object stays under the controller that runs.
 
     Returns:
-        ``status`` (see `Holding`), ``controller`` in words, ``stiffness_needed`` (N m/rad or N/m)
-        and ``growth_rate`` (1/s; both NaN where they are not known), ``unstable_motion`` (P + L;
-        None where none grows) and ``acceleration`` with the ``status`` of the first instant.
+        ``status`` (see `Holding`), ``controller`` in words, ``stiffness_needed`` (N m/rad or N/m),
+        ``growth_rate`` and ``least_growth_rate`` (1/s, under the contact forces that suit worst and
+        best; all NaN where they are not known), ``unstable_motion`` (P + L; None where none grows)
+        and ``acceleration`` with the ``status`` of the first instant.
     """
     small = verdict.small_motions
     return {
@@ -65,6 +67,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "controller": verdict.controller or "constant torques",
         "stiffness_needed": verdict.stiffness_needed,
         "growth_rate": verdict.growth_rate,
+        "least_growth_rate": nan if small is None else small.least_growth,
         "unstable_motion": None if small is None else small.motion,
         "acceleration": {"status": str(verdict.status)},
     }

@@ -34,7 +34,7 @@ from graspless_pin.holding.dynamics import (
     motion_units,
     world_forces,
 )
-from graspless_pin.holding.small_motions import LinearizedMotion, worst_forces
+from graspless_pin.holding.small_motions import LinearizedMotion, extreme_forces
 from graspless_pin.holding.verdict import SmallMotions
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.inertias import moving_joints
@@ -95,6 +95,7 @@ class _Found(NamedTuple):
     fastest: FloatArray
     least_feedback: float
     neutral: FloatArray
+    least_growth: float
 
 
 def minimum_stiffness(
@@ -173,6 +174,7 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
         growth_by_surface=_growths(models),
         motion=read_only(worst.fastest) if growing else None,
         neutral=tuple(dict.fromkeys(neutral)),
+        least_growth=min(one.least_growth for one in models.values()),
     )
 
 
@@ -278,15 +280,19 @@ def _by_surface(
         motion = LinearizedMotion(
             inertia, force_stiffness, constant, velocities[carriers], velocities
         )
-        worst = worst_forces(motion, problem, torque, forces, damping, gains)
+        worst, best = (
+            extreme_forces(motion, problem, torque, forces, damping, gains, worst=worst)
+            for worst in (True, False)
+        )
         stiffness = motion.stiffness(worst)
         held = stiffness + motion.feedback(gains)
         growth, fastest = motion.fastest(held, damping)
         if growth > 0.0:
             fastest = fastest / fastest[np.argmax(np.abs(fastest))]
         least = motion.least_feedback(stiffness, damping, _shares(scene, problem))
+        least_growth, _ = motion.fastest(held - stiffness + motion.stiffness(best), damping)
         models[name] = _Found(
-            motion, stiffness, worst, growth, fastest, least, motion.neutral(held)
+            motion, stiffness, worst, growth, fastest, least, motion.neutral(held), least_growth
         )
     return problem, models
 

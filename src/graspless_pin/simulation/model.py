@@ -12,15 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry import BodyKind, unwanted_overlaps
+from graspless_pin.geometry import BodyKind, ManipulatedObject, unwanted_overlaps
 from graspless_pin.geometry.hand.jointed_bodies import JointedBody, jointed_bodies
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import invert
 from graspless_pin.holding.controller import ARMATURE, Controller, gain_shares
-from graspless_pin.problem import ControlMode
+from graspless_pin.holding.dynamics import contact_jacobian
+from graspless_pin.problem import ControlMode, QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.friction import FrictionTable
@@ -125,6 +127,10 @@ def _hybrid(hand: Hand, contacts: SceneContacts) -> Iterator[tuple[int, Axis]]:
 
 TIME_STEP = 5e-4
 """s."""
+_OUT_OF_REACH = 1e-3
+"""Of the largest singular value: gaps that are closed only by turning far stay open."""
+_LEVER, _LAST = 0.05, 0.1
+"""m, and how readily the object turns beside joints: it moves where they cannot close a gap."""
 OBJECT, FIXTURE = "object", "fixture"
 """Names of the manipulated object's body, and of the weld that holds it before its release."""
 
@@ -168,6 +174,11 @@ class SimulationModel(Record):
         links: Name of the hand link or support by the name of its shape in the document.
         left_out: Links that stand in a support at the start, with that support: contacts between
             the two are left out.
+        joints: Names of the k joints that move.
+        joint_rates: (k, L) their rates by those of the problem's joints; hybrid fingers stay.
+        closing: (k,) rad or m by which joints are off from the scene's, so that contacts have no
+            gaps.
+        object: The object, off from where the scene has it for the same reason.
     """
 
     xml: str
@@ -176,6 +187,10 @@ class SimulationModel(Record):
     idle: FloatArray
     links: dict[str, str]
     left_out: tuple[tuple[str, str], ...]
+    joints: tuple[str, ...]
+    joint_rates: FloatArray
+    closing: FloatArray
+    object: ManipulatedObject
 
 
 def simulation_model(
@@ -238,12 +253,58 @@ def simulation_model(
         links |= _write_links(document, hand, elements, friction)
         _write_couplings(document, hand, joints)
         left_out = _write_exclusions(document, scene, hand)
-    _write_object(document, scene)
+    rates = _joint_rates(hand, joints, problem.joint_count)
+    closing = _closing(scene.contacts, problem, np.any(rates != 0.0, axis=0))
+    manipulated = _moved(scene.object, closing[:6])
+    _write_object(document, manipulated)
     add(document.section("equality"), "weld", name=FIXTURE, body1=OBJECT)
     _write_motors(document, joints)
     return SimulationModel(
-        document.text(), joints.motors, joints.commands, joints.idle, links, left_out
+        document.text(),
+        joints.motors,
+        joints.commands,
+        joints.idle,
+        links,
+        left_out,
+        tuple(axis.name for axis in joints.axes.values()),
+        rates,
+        rates @ closing[6:],
+        manipulated,
     )
+
+
+def _joint_rates(hand: Hand | None, joints: DrivenJoints, count: int) -> FloatArray:
+    """Return (k, L) the rates of the joints that move by those of the problem's joints."""
+    rates = np.zeros((len(joints.axes), count))
+    if hand is not None:
+        own = hand.actuation.from_joints[[*joints.axes]]
+        rates[:, : own.shape[1]] = own
+        rates[[axis.hybrid for axis in joints.axes.values()]] = 0.0
+    return rates
+
+
+def _closing(
+    contacts: SceneContacts, problem: QuasistaticProblem, moves: NDArray[np.bool_]
+) -> FloatArray:
+    """Return the least motion (6 + L,) of joints that move, and of the object, that closes gaps.
+
+    Fingers that cross a gap under torques bend in themselves on the way, and shift the object
+    where one of them arrives first. The object moves where joints cannot close a gap.
+    """
+    share = np.concatenate([np.full(3, _LAST * _LEVER), np.full(3, _LAST), moves.astype(float)])
+    approach = contact_jacobian(problem)[:, 0] * share
+    gaps = -np.array(contacts.arrays.distances)
+    steps, *_ = np.linalg.lstsq(approach, gaps, rcond=_OUT_OF_REACH)
+    return share * np.asarray(steps, dtype=float)
+
+
+def _moved(manipulated: ManipulatedObject, motion: FloatArray) -> ManipulatedObject:
+    """Return the object moved by (6,): of its centre of mass, m, and about it, rad."""
+    T, center = np.array(manipulated.T_world_object), manipulated.center_of_mass_world
+    R = Rotation.from_rotvec(motion[3:]).as_matrix()
+    T[:3, 3] = center + motion[:3] + R @ (T[:3, 3] - center)
+    T[:3, :3] = R @ T[:3, :3]
+    return manipulated.with_pose(T)
 
 
 def _check_at_rest(scene: Scene) -> None:
@@ -308,8 +369,7 @@ def _write_supports(
             yield f"{name}/{number}", support.name
 
 
-def _write_object(document: Mjcf, scene: Scene) -> None:
-    manipulated = scene.object
+def _write_object(document: Mjcf, manipulated: ManipulatedObject) -> None:
     body = document.body(document.section("worldbody"), OBJECT, manipulated.T_world_object)
     add(body, "freejoint", name=OBJECT)
     add_mass(body, manipulated.mass, manipulated.center_of_mass, manipulated.own_inertia)

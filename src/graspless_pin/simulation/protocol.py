@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from statistics import fmean
@@ -16,7 +16,7 @@ from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.geometry import ManipulatedObject
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import pose_matrix, transformed
-from graspless_pin.holding.controller import Controller
+from graspless_pin.holding.controller import Controller, gain_shares
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
 from graspless_pin.scene import Scene
@@ -40,6 +40,7 @@ _PARTS_OF_STEP = 5
 """Of a time step, where contacts close with an impact. Stiff bodies go back in two time steps: in
 whole steps they bounce for ever, and the object drifts on although friction would stop it."""
 _DAMPING_RATES = 1e5, 1e-1  # 1/s, first and last: the object's damping over its inertia
+_HOLDING_GAINS = 1e2, 1e-3  # N m/rad, first and last: the joints' feedback until all is released
 
 
 def load_mujoco() -> Any:
@@ -80,13 +81,18 @@ class World:
         self._object, self._parts = self.model.body(OBJECT).id, 1
         names = [self.model.geom(index).name for index in range(self.model.ngeom)]
         self._others = [model.links.get(name) for name in names]
+        self._joints = np.array([self.model.joint(name).id for name in model.joints], dtype=int)
+        self._rates, self._gains = model.joint_rates, self.model.jnt_stiffness.copy()
+        self.data.qpos[self._joints] = self.model.qpos_spring[self._joints] = model.closing
 
     def load_and_release(self, push: FloatArray) -> None:
         """Hold the object while torques and a push (3,) (N, world axes) grow; then let it go.
 
-        The torques grow from what carries the hand's own weight.
+        The torques grow from what carries the hand's own weight. Feedback holds the joints where
+        they stand until contacts bear the torques.
         """
         steps = round(FIXTURE_TIME / TIME_STEP)
+        self._hold(_HOLDING_GAINS[0])
         for step in range(1, steps + 1):
             share = min(1.0, 1.5 * step / steps)
             self.data.ctrl = self._idle + share * (self._commands - self._idle)
@@ -107,10 +113,29 @@ class World:
         """Let go without an impact: contacts that just touch close while all motion is slow."""
         body = self.model.body(OBJECT)
         inertia = np.concatenate([np.repeat(body.mass, 3), body.inertia])
-        for rate in np.geomspace(*_DAMPING_RATES, round(RELEASE_TIME / TIME_STEP)):
+        steps = round(RELEASE_TIME / TIME_STEP)
+        for rate, gain in zip(
+            np.geomspace(*_DAMPING_RATES, steps), np.geomspace(*_HOLDING_GAINS, steps), strict=True
+        ):
             self.model.dof_damping[-6:] = rate * inertia
+            self._hold(gain)
             self.step(1)
         self.model.dof_damping[-6:] = 0.0
+        self._hold(0.0)
+
+    def _hold(self, gain: float) -> None:
+        """Add feedback to the controller's at joints that are not commanded a force, N m/rad."""
+        held = self._joints[self._rates.any(axis=1)]
+        slides = self.model.jnt_type[held] == self._mujoco.mjtJoint.mjJNT_SLIDE
+        self.model.jnt_stiffness[held] = self._gains[held] + gain * gain_shares(slides)
+
+    def displace(self, motion: FloatArray) -> None:
+        """Move object and joints by a small motion (6 + L,), as the problem has them."""
+        self.data.qpos[self._joints] += self._rates @ motion[6:]
+        linear, angular = motion[:3], motion[3:6]
+        origin, R = self.data.qpos[-7:-4], self.data.xmat[self._object].reshape(3, 3)
+        origin += linear + np.cross(angular, origin - self.data.xipos[self._object])
+        self._mujoco.mju_quatIntegrate(self.data.qpos[-4:], R.T @ angular, 1.0)
 
     def step(self, count: int) -> None:
         """Go on by some time steps.
@@ -151,6 +176,8 @@ MOVED = 5e-3, float(np.radians(2.0))
 """m, rad: what has moved went farther than one of them."""
 
 _GONE = 10.0  # times that, and nothing new is to be seen
+_RESTING = 0.1
+"""Of what is held: what goes less far in the last quarter of the time rests."""
 _STEPS = 20  # from one look at the object to the next
 _LOOK = _STEPS * TIME_STEP  # s
 _LOOKS_OF_FORCES = 20
@@ -171,6 +198,8 @@ class SimulatedOutcome(StrEnum):
 
     HELD = "held"
     """It stays within 1 mm and 0.5 degrees."""
+    SHIFTED = "shifted"
+    """It goes farther than it may to stay, and then rests, touched by all that touched it."""
     CREPT = "crept"
     """It neither stays nor moves."""
     MOVED = "moved"
@@ -184,8 +213,8 @@ class SimulatedRun(Record):
     Attributes:
         contact_model: How hard bodies are.
         outcome: What the object does.
-        displacement: Largest distance of the centre of mass from where the scene has it, m.
-        rotation: Largest angle from how the scene has the object, rad.
+        displacement: Largest distance of the centre of mass from where contacts have no gaps, m.
+        rotation: Largest angle from there, rad.
         moved_after: When it has moved, s after the release; None: never.
         normal_forces: Mean normal force on the object over the last 0.2 s, N, by the hand link or
             support that bears it.
@@ -239,13 +268,18 @@ def simulate(
     friction_factor: float = 1.0,
     seconds: float = 2.0,
     protocol: LoadingProtocol | str = LoadingProtocol.FIXTURE,
+    displacement: ArrayLike | None = None,
+    contact_models: Sequence[ContactModel] = (STIFF, SOFT),
 ) -> Simulation:
     """Simulate a scene's rest with MuJoCo, with stiff bodies and with soft ones.
 
-    The object is held in a fixture for 0.3 s while torques and push grow to what they are. Then it
-    is let go, through a damping that fades within 0.2 s: contacts that just touch would close with
-    an impact otherwise. The torques stay constant. A run ends early where the object is far away.
-    With ``protocol="step"`` all acts at once on the free object, impact included.
+    Gaps at contacts are closed first, by joints where they can do so, else by moving the object;
+    what it does is told from there on. It is
+    held in a fixture for 0.3 s while torques and push grow to what they are, and feedback holds the
+    joints. Then both are let go, through a damping that fades within 0.2 s: contacts that just
+    touch would close with an impact otherwise. The torques stay constant. A run ends early where
+    the object is far away. With ``protocol="step"`` all acts at once on the free object, impact
+    included.
 
     Args:
         scene: The scene, without a declared motion.
@@ -256,6 +290,10 @@ def simulate(
         friction_factor: What all coefficients of friction are multiplied by.
         seconds: From the release on.
         protocol: How the load comes upon the object.
+        displacement: (6 + L,) by which object [of the centre of mass; turn] and joints are off
+            where they are let go, m and rad, world axes, such as 1e-3 times the motion that a
+            verdict's ``small_motions`` say grows; None: by nothing.
+        contact_models: How hard bodies are, a run each; stiff and soft ones unless told otherwise.
 
     Raises:
         ArgumentError: If an argument is out of range or has the wrong shape.
@@ -283,7 +321,12 @@ def simulate(
         external_wrench=problem.external_wrench + np.concatenate([force, np.zeros(3)]),
     )
     given = finite_array("torques", torques, (problem.joint_count,))
-    hardness = STIFF, SOFT
+    start = np.zeros(6 + problem.joint_count)
+    if displacement is not None:
+        start = finite_array("displacement", displacement, start.shape)
+    hardness = tuple(contact_models)
+    if not hardness:
+        raise ArgumentError("contact_models", "is empty; give STIFF, SOFT or one of your own")
     models = [
         simulation_model(
             scene, given, controller=controller, friction_factor=factor, contact_model=contact_model
@@ -291,7 +334,7 @@ def simulate(
         for contact_model in hardness
     ]
     runs = [
-        _run(model, contact_model, scene.object, force, span, how)
+        _run(model, contact_model, force, span, how, start)
         for model, contact_model in zip(models, hardness, strict=True)
     ]
     return Simulation(tuple(runs), models[0], problem, given)
@@ -300,19 +343,21 @@ def simulate(
 def _run(
     model: SimulationModel,
     contact_model: ContactModel,
-    manipulated: ManipulatedObject,
     push: FloatArray,
     seconds: float,
     protocol: LoadingProtocol,
+    displacement: FloatArray,
 ) -> SimulatedRun:
-    world = World(model)
+    world, manipulated = World(model), model.object
     if protocol is LoadingProtocol.STEP:
         world.load_at_once(push)
     else:
         world.load_and_release(push)
+    world.displace(displacement)
     times, poses, moves = [0.0], [world.object_pose()], [world.joint_moves()]
     changes = [change_of_pose(manipulated, poses[0])]
-    forces: deque[Mapping[str, float]] = deque(maxlen=_LOOKS_OF_FORCES)
+    forces: deque[Mapping[str, float]] = deque([world.normal_forces()], _LOOKS_OF_FORCES)
+    touched_first = forces[0].keys()
     moved_after = None
     for look in range(1, round(seconds / _LOOK) + 1):
         world.step(_STEPS)
@@ -326,12 +371,13 @@ def _run(
             moved_after = times[-1]
         if size > _GONE:
             break
-    displacement, rotation = np.max(changes, axis=0).tolist()
+    distance, rotation = np.max(changes, axis=0).tolist()
     touched = sorted({body for look in forces for body in look})
+    rests = _rests(manipulated, poses) and touched_first <= {*touched}
     return SimulatedRun(
         contact_model,
-        _outcome(displacement, rotation),
-        displacement,
+        _outcome(distance, rotation, rests=rests),
+        distance,
         rotation,
         moved_after,
         {body: fmean(look.get(body, 0.0) for look in forces) for body in touched},
@@ -343,16 +389,31 @@ def _run(
 
 def change_of_pose(manipulated: ManipulatedObject, T: FloatArray) -> tuple[float, float]:
     """Return how far an object at a pose (4, 4) is from where it was: m, rad."""
-    center = transformed(T, manipulated.center_of_mass)
-    R = T[:3, :3] @ manipulated.T_world_object[:3, :3].T
+    return _change(manipulated, manipulated.T_world_object, T)
+
+
+def _change(manipulated: ManipulatedObject, T0: FloatArray, T: FloatArray) -> tuple[float, float]:
+    """Return how far an object goes from a pose (4, 4) to another one: m, rad."""
+    way = transformed(T, manipulated.center_of_mass) - transformed(T0, manipulated.center_of_mass)
+    R = T[:3, :3] @ T0[:3, :3].T
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     angle = np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0)
-    return float(np.linalg.norm(center - manipulated.center_of_mass_world)), float(angle)
+    return float(np.linalg.norm(way)), float(angle)
 
 
-def _outcome(displacement: float, rotation: float) -> SimulatedOutcome:
+def _rests(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:
+    """Return whether the object stays where it is in the last quarter of the time."""
+    *_, last = poses
+    quarter = poses[-max(len(poses) // 4, 2) :]
+    moves = [np.divide(_change(manipulated, last, T), HELD).max() for T in quarter]
+    return max(moves) < _RESTING
+
+
+def _outcome(displacement: float, rotation: float, *, rests: bool) -> SimulatedOutcome:
     if displacement < HELD[0] and rotation < HELD[1]:
         return SimulatedOutcome.HELD
+    if rests:
+        return SimulatedOutcome.SHIFTED
     if displacement > MOVED[0] or rotation > MOVED[1]:
         return SimulatedOutcome.MOVED
     return SimulatedOutcome.CREPT

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.geometry import ManipulatedObject
 from graspless_pin.report.html.view import render, view_context
 from graspless_pin.scene import Scene
 from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, Simulation
@@ -65,7 +66,7 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> TimeLapse:
         MeshError: A mesh file is missing or unreadable.
     """
     run = max(simulation.runs, key=lambda one: (one.displacement, one.rotation))
-    chosen = _spread(scene, run)
+    chosen = _spread(simulation.model.object, run)
     picture = draw_bodies(scene)
     (first,) = picture.of(Role.OBJECT)
     shown = [replace(first, opacity=_FAINT)]
@@ -79,7 +80,7 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> TimeLapse:
     rest = [mesh for mesh in picture.meshes if mesh.role is not Role.OBJECT]
     poses = run.T_world_object[chosen]
     centers = poses[:, :3, :3] @ scene.object.center_of_mass + poses[:, :3, 3]
-    changes = [change_of_pose(scene.object, T) for T in poses]
+    changes = [change_of_pose(simulation.model.object, T) for T in poses]
     rows = [
         (f"{time:.2f}", f"{1e3 * distance:.2f}", f"{np.degrees(angle):.2f}")
         for time, (distance, angle) in zip(run.times[chosen], changes, strict=True)
@@ -106,9 +107,9 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> TimeLapse:
     )
 
 
-def _spread(scene: Scene, run: SimulatedRun) -> NDArray[np.intp]:
+def _spread(start: ManipulatedObject, run: SimulatedRun) -> NDArray[np.intp]:
     """Return looks at the object that are spread evenly along its way, the first and last, too."""
-    changes = np.array([change_of_pose(scene.object, T) for T in run.T_world_object])
+    changes = np.array([change_of_pose(start, T) for T in run.T_world_object])
     way = np.maximum.accumulate(changes @ [1.0, _TURN_LENGTH])
     wanted = np.linspace(way[0], way[-1], _MOST_TIMES)
     return np.unique([0, *np.searchsorted(way, wanted[1:-1]).tolist(), len(way) - 1])

@@ -157,17 +157,17 @@ class KeptWalk:
 
 _STATUSES = ("strong", "weak", "none", "undecided")
 _WORDS = {
-    "strong": ("holds", "keeps", "needs", "stays"),
+    "strong": ("holds", "keeps", "needs", "stays", "may "),
     "weak": ("may ",),
     "none": ("fails", "loses"),
     "undecided": ("undecided",),
 }
-"""How sentences begin that only a verdict of one status may say."""
+"""How sentences of each status begin; only strong ones claim that the object stays."""
 _TOLD = "free_motions", "moves"
 _OF_INSTANT = {
     "holds": ("strong",),
     "needs_feedback": ("strong",),
-    "may_fail": ("weak",),
+    "may_fail": ("weak", "strong"),
     "fails": ("none", "strong"),
     "finger_moves": ("none",),
     "undecided": ("strong", "undecided"),
@@ -204,10 +204,13 @@ def _holding_checks(stated: object, instant: str) -> list[Check]:
     status = word(entry(stated, "status", "holding"), "status", (*_OF_INSTANT,))
     own = entry(entry(stated, "acceleration", "holding"), "status", "acceleration")
     growth = entry(stated, "growth_rate", "holding")
+    at_best = entry(stated, "least_growth_rate", "holding")
     agree = own == instant and instant in _OF_INSTANT[status]
     needed = entry(stated, "stiffness_needed", "holding")
     if growth is not None and instant == "strong":
         lost = "fails" if needed is None else "needs_feedback"
+        if at_best is not None and number(at_best, "least_growth_rate") == 0.0:
+            lost = "may_fail"
         expected = lost if number(growth, "growth_rate") > 0.0 else "holds"
         agree = agree and status == expected
     least = "none that is known" if needed is None else f"{number(needed, 'stiffness'):.3g}"
@@ -288,8 +291,8 @@ class _Verdict:
     def _words(self) -> list[Check]:
         """Return the check that the sentence does not say what another status would."""
         message = text(self.stated.get("message", ""), "message of stability")
-        others = [word for status, words in _WORDS.items() if status != self.status
-                  for word in words]  # fmt: skip
+        own = _WORDS[self.status]
+        others = [word for words in _WORDS.values() for word in words if word not in own]
         good = not message.startswith(tuple(others))
         return [holds("the sentence and the status agree", good, message[:60] or "no sentence")]
 

@@ -1,0 +1,333 @@
+"""Placed grips of real hands: what is said of them, beside what MuJoCo does with them.
+
+Grips are placed once and kept as scene files, and so is what came out for each:
+``python -m benchmarks.real_grips`` goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from itertools import islice, product
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from tabulate import tabulate
+
+from graspless_pin import Controller, GrasplessPinError, Holding, Scene, load_scene, place_hand
+from graspless_pin.findings import capture
+from graspless_pin.geometry import Box, Capsule, Cone, Cylinder, MeshShape, Sphere
+from graspless_pin.geometry.bodies.shapes import Shape
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.new_scene import NewScene, new_scene_text
+from graspless_pin.scene.saving import scene_text
+from graspless_pin.simulation import SimulatedRun, simulate
+from graspless_pin.simulation.model import SOFT, STIFF, ContactModel
+
+ROOT = Path(__file__).parents[1]
+KEPT = ROOT / "out" / "real_grips"
+HANDS = (
+    "allegro_right", "trihand", "dex3_left", "psyonic_right", "panda_hand",
+    "allegro_left", "tiago_pro_gripper", "dex3_right", "psyonic_left", "talos_gripper",
+)  # fmt: skip
+EFFORT = 1.0
+"""N m (N) of actuators whose limit the robot's files do not tell."""
+MASS = 0.3  # kg
+SEED, CANDIDATES, RANKS = 11, 60, 4
+NODES = 300
+MARGIN = 0.1  # N, of Algorithm 2
+BELOW, ABOVE = 0.67, 1.5
+"""Times the feedback that is said to be needed."""
+SECONDS, LONGEST, GROWTHS = 2.0, 20.0, 6.0
+"""s of runs; of those in which a motion grows so many times its time constant, s at most."""
+START = 1e-4, 1e-3
+"""m, rad: how far along a motion that grows a run begins."""
+FINGER_MOVED = float(np.radians(2.0))
+"""rad: a joint that goes farther does not stay, whatever the object does."""
+FITTED = 5.0, 30.0
+"""Of the start: growth is read off between these."""
+WITHIN, WITHIN_ON_MESH = 1.2, 2.0
+"""Factors by which growth rates may be off, on smooth shapes and on meshes."""
+
+
+def objects(folder: Path) -> dict[str, Callable[[], Shape]]:
+    """Return the objects by name; meshes are written to a folder."""
+
+    def egg() -> Shape:
+        mesh = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+        mesh.apply_scale((0.028, 0.028, 0.038))
+        mesh.export(folder / "egg.stl")
+        return MeshShape(folder / "egg.stl")
+
+    return {
+        "box": lambda: Box((0.06, 0.05, 0.08)),
+        "ball": lambda: Sphere(0.03),
+        "cylinder": lambda: Cylinder(0.025, 0.1),
+        "egg": egg,
+        "flat": lambda: Box((0.08, 0.06, 0.03)),
+        "capsule": lambda: Capsule(0.022, 0.06),
+        "mug": lambda: MeshShape(ROOT / "examples" / "meshes" / "mug.stl"),
+        "cone": lambda: Cone(0.03, 0.09),
+    }
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of one grip.
+
+    Attributes:
+        grip: Hand, object and rank.
+        contacts: How many.
+        algorithm: Whose torques.
+        holding: What is said of these torques without feedback.
+        controller: ``constant``, ``below`` or ``above`` the feedback that is needed.
+        bodies: ``stiff`` or ``soft``.
+        stiffness: Feedback that is said to be needed, N m/rad (N/m).
+        growth: Rate of the small motion that is said to grow under the controller, 1/s.
+        is_mesh: Whether a mesh touches.
+        outcome: What the object does.
+        fingers: Largest way of a joint, rad.
+        measured: Rate of growth in the simulation, 1/s; None: nothing grew far enough.
+        displacement: m.
+        rotation: rad.
+        seconds: Of the verdict.
+        said: Its sentence.
+    """
+
+    grip: str
+    contacts: int
+    algorithm: str
+    holding: str
+    controller: str
+    bodies: str
+    stiffness: float
+    growth: float
+    is_mesh: bool
+    outcome: str
+    fingers: float
+    measured: float | None
+    displacement: float
+    rotation: float
+    seconds: float
+    said: str
+
+    @property
+    def stays(self) -> bool:
+        """Whether object and fingers stay."""
+        return self.outcome == "held" and self.fingers < FINGER_MOVED
+
+
+def place(name: tuple[str, str]) -> list[Path]:
+    """Place a hand at an object, and return the files of the best grips."""
+    hand, target = name
+    KEPT.mkdir(parents=True, exist_ok=True)
+    done = KEPT / f"{hand}_{target}.done"
+    if not done.exists():
+        start = KEPT / f"{hand}_{target}.yaml"
+        with capture():
+            new = NewScene(hand, target, objects(KEPT)[target](), mass=MASS, effort=EFFORT)
+            start.write_text(new_scene_text(new, start).text)
+            scene = load_scene(start)
+            found = place_hand(
+                scene, seed=SEED, candidates=CANDIDATES, time_limit=None, verdict_nodes=0, workers=1
+            )
+            for rank, one in enumerate(found.places[:RANKS]):
+                path = KEPT / f"{hand}_{target}_{rank}.yaml"
+                path.write_text(scene_text(one.scene, path))
+        start.unlink()
+        done.touch()
+    return sorted(KEPT.glob(f"{hand}_{target}_[0-9].yaml"))
+
+
+def cases(path: Path) -> list[Case]:
+    """Return what is said of a grip and what becomes of it; from a file where it is known."""
+    kept = path.with_suffix(".json")
+    if kept.exists():
+        return [Case(**one) for one in json.loads(kept.read_text())]
+    with capture():
+        found = [*_cases(load_scene(path), path.stem)]
+    kept.write_text(json.dumps([asdict(one) for one in found], indent=1))
+    return found
+
+
+def _cases(scene: Scene, name: str) -> Iterator[Case]:
+    for algorithm in ("margin", "torque"):
+        more = {"margin": MARGIN} if algorithm == "torque" else {}
+        try:
+            torques = scene.solve(algorithm, **more).torques
+        except GrasplessPinError:
+            continue
+        yield from _of_torques(scene, name, algorithm, torques)
+
+
+def _of_torques(scene: Scene, name: str, algorithm: str, torques: FloatArray) -> Iterator[Case]:
+    begin = time.process_time()
+    said = scene.with_changes(controller=Controller()).stability(torques, node_limit=NODES)
+    seconds, small = time.process_time() - begin, said.small_motions
+    motion = None if small is None else small.motion
+
+    def run(controller: str, stiffness: float, model: ContactModel) -> Case:
+        held = scene.with_changes(controller=Controller(stiffness))
+        own, growth, span = motion, said.growth_rate, SECONDS
+        if stiffness and said.holding is Holding.NEEDS_FEEDBACK:
+            now = held.stability(torques, node_limit=NODES)
+            growth = now.growth_rate
+            if now.small_motions is not None and now.small_motions.motion is not None:
+                own = now.small_motions.motion
+        if growth > 0.0:
+            span = min(max(GROWTHS / growth, SECONDS), LONGEST)
+        start = None if own is None else _start(own)
+        (done,) = simulate(
+            held, torques, seconds=span, displacement=start, contact_models=[model]
+        ).runs
+        mesh = small is not None and bool(small.growth_by_surface)
+        return Case(
+            name, scene.problem().contact_count, algorithm, str(said.holding), controller,
+            model.name, said.stiffness_needed, growth, mesh, str(done.outcome),
+            float(np.abs(done.joint_moves - done.joint_moves[0]).max(initial=0.0)),
+            _measured(done) if growth > 0.0 else None,
+            done.displacement, done.rotation, seconds, said.message,
+        )  # fmt: skip
+
+    needed = said.stiffness_needed
+    yield run("constant", 0.0, STIFF)
+    yield run("constant", 0.0, SOFT)
+    if said.holding is Holding.NEEDS_FEEDBACK and np.isfinite(needed):
+        yield run("below", BELOW * needed, STIFF)
+        yield run("above", ABOVE * needed, STIFF)
+        yield run("above", 2.0 * needed, SOFT)
+
+
+def _start(motion: FloatArray) -> FloatArray:
+    """Return a motion (6 + L,) as long as a run's start."""
+    sizes = np.concatenate([np.full(3, START[0]), np.full(len(motion) - 3, START[1])])
+    return motion / np.abs(motion / sizes).max()
+
+
+def _measured(run: SimulatedRun) -> float | None:
+    """Return the rate at which what moves goes farther, 1/s."""
+    first = run.T_world_object[0]
+    way = run.T_world_object[:, :3, 3] - first[:3, 3]
+    turn = np.linalg.norm(run.T_world_object[:, :3, :3] - first[:3, :3], axis=(1, 2)) / np.sqrt(2)
+    joints = np.abs(run.joint_moves - run.joint_moves[0]).max(axis=1, initial=0.0)
+    sizes = [np.linalg.norm(way, axis=1) / START[0], turn / START[1], joints / START[1]]
+    size = 1.0 + np.max(sizes, axis=0)  # the run starts that far along the motion
+    low, high = FITTED
+    past = np.flatnonzero(size > high)
+    end = int(past[0]) if len(past) else len(size)
+    under = np.flatnonzero(size[:end] < low)
+    begin = int(under[-1]) + 1 if len(under) else 0
+    if end - begin < 4 or size[end - 1] < 0.5 * high:
+        return None
+    return float(np.polyfit(run.times[begin:end], np.log(size[begin:end]), 1)[0])
+
+
+def summary(found: Sequence[Case]) -> str:
+    """Return the tables of all cases, and each that is not as it is said to be."""
+    rows = []
+    keys = dict.fromkeys(
+        sorted((one.bodies != "stiff", one.controller, one.holding, one.algorithm) for one in found)
+    )
+    for soft, controller, holding, algorithm in keys:
+        bodies = "soft" if soft else "stiff"
+        own = [
+            one
+            for one in found
+            if (one.bodies, one.controller, one.holding, one.algorithm)
+            == (bodies, controller, holding, algorithm)
+        ]
+        counts = Counter(one.outcome for one in own)
+        fingers = sum(one.outcome == "held" and not one.stays for one in own)
+        outcomes = [counts[kind] for kind in ("held", "shifted", "crept", "moved")]
+        rows.append([bodies, controller, holding, algorithm, len(own), *outcomes, fingers])
+    headers = [
+        "bodies", "feedback", "said", "torques", "cases", "held", "shifted", "crept", "moved",
+        "held, a finger moved",
+    ]  # fmt: skip
+    lines = [tabulate(rows, headers, "github"), "", *_shares(found), ""]
+    lines += ["Not as said, stiff bodies:", *(f"- {_line(one)}" for one in found if _odd(one))]
+    return "\n".join(lines)
+
+
+def _odd(one: Case) -> bool:
+    if one.bodies != "stiff":
+        return False
+    expected = {"constant": one.holding == Holding.HOLDS, "below": False, "above": True}
+    if one.controller == "constant" and one.holding not in (Holding.HOLDS, Holding.NEEDS_FEEDBACK):
+        return False
+    return one.stays is not expected[one.controller]
+
+
+def _line(one: Case) -> str:
+    measured = "-" if one.measured is None else f"{one.measured:.3g}"
+    return (
+        f"{one.grip}, {one.algorithm}, {one.controller}: {one.holding}, growth {one.growth:.3g} "
+        f"(measured {measured}), needs {one.stiffness:.3g}; {one.outcome}, "
+        f"{1e3 * one.displacement:.2f} mm, {np.degrees(one.rotation):.2f} deg, "
+        f"joints {np.degrees(one.fingers):.2f} deg"
+    )
+
+
+def _shares(found: Sequence[Case]) -> list[str]:
+    stiff = [one for one in found if one.bodies == "stiff"]
+    constant = [one for one in stiff if one.controller == "constant"]
+    decided = [one for one in constant if one.holding != Holding.UNDECIDED and one.stays]
+    groups: Mapping[str, tuple[list[bool], float]] = {
+        "of answers with `holds`, held": (
+            [one.stays for one in constant if one.holding == Holding.HOLDS], 0.99),
+        "of decided grips that hold with constant torques, called so": (
+            [one.holding == Holding.HOLDS for one in decided], 0.8),
+        "of `needs_feedback`, with 1.5 times the stiffness, held": (
+            [one.stays for one in stiff if one.controller == "above"], 0.98),
+        "with 0.67 times, moved": (
+            [not one.stays for one in stiff if one.controller == "below"], 0.9),
+        "of growth rates on smooth shapes within 20 %": (
+            [_near(one, WITHIN) for one in stiff if one.measured and not one.is_mesh], 1.0),
+        "on meshes within a factor 2": (
+            [_near(one, WITHIN_ON_MESH) for one in stiff if one.measured and one.is_mesh], 1.0),
+        "of verdicts undecided": (
+            [one.holding == Holding.UNDECIDED for one in constant], 0.2),
+    }  # fmt: skip
+    return [
+        f"- {sum(hits)} of {len(hits)} {name} ({100.0 * np.mean(hits):.0f} %; wanted {wanted:.0%})"
+        for name, (hits, wanted) in groups.items()
+        if hits
+    ]
+
+
+def _near(one: Case, factor: float) -> bool:
+    return one.measured is not None and 1.0 / factor <= one.measured / one.growth <= factor
+
+
+def main() -> None:
+    """Place, simulate, and print the tables."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.real_grips", description=__doc__)
+    parser.add_argument("--count", type=int, help="grips; default: all")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--place", action="store_true", help="place only")
+    given = parser.parse_args()
+    with ProcessPoolExecutor(given.jobs) as pool:
+        pairs = [(hand, target) for target, hand in product(objects(KEPT), HANDS)]
+        grips: list[Path] = []
+        for found in pool.map(place, pairs):
+            grips += found
+            print(f"{len(grips)} grips", file=sys.stderr, flush=True)
+            if given.count is not None and len(grips) >= given.count:
+                break
+        results: list[Case] = []
+        if not given.place:
+            for own in pool.map(cases, islice(grips, given.count)):
+                results += own
+                print(*map(_line, own), sep="\n", file=sys.stderr, flush=True)
+    print(summary(results))
+
+
+if __name__ == "__main__":
+    main()

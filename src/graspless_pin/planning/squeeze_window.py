@@ -1,0 +1,405 @@
+"""How hard a hand may squeeze: from where it slips to where it buckles, or a limit is reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from math import isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.stability import stability
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Holding, StabilityVerdict
+from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import (
+    FloatArray,
+    choice,
+    finite_array,
+    read_only,
+    real_number,
+    whole_number,
+)
+from graspless_pin.problem.quasistatic import checked_problem
+from graspless_pin.programs.builder import ProgramBuilder
+from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.records import Brief
+from graspless_pin.scene import Scene
+
+_REST = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
+_NO_SQUEEZE = 1e-6
+"""Of the contact forces: less than this inside them is no squeeze."""
+_WITHIN = 1e-6
+"""Of a limit: torques may exceed it by this."""
+_WIDEST = 100.0
+"""Multiples of the direction that are looked at where no effort limit ends them."""
+
+
+class OtherJoints(StrEnum):
+    """What joints do that a direction leaves out. See the example of `squeeze_window`."""
+
+    FOLLOW = "follow"
+    """Their torques change as little as balance asks for."""
+    FIXED = "fixed"
+    """Their torques stay as they are."""
+
+
+class EndReason(StrEnum):
+    """What ends a window of squeeze. See the example of `squeeze_window`."""
+
+    LIMIT = "limit"
+    """A joint reaches its effort limit."""
+    SLIPS = "slips"
+    """No contact forces within friction balance the torques."""
+    MAY_SLIP = "may_slip"
+    """Rest is not the only outcome any more."""
+    GROWS = "grows"
+    """A small motion grows under the controller."""
+    UNDECIDED = "undecided"
+    """No verdict."""
+    SEARCH = "search"
+    """It holds as far as it was looked."""
+
+
+_REASONS = {
+    Holding.FAILS: EndReason.SLIPS,
+    Holding.FINGER_MOVES: EndReason.SLIPS,
+    Holding.MAY_FAIL: EndReason.MAY_SLIP,
+    Holding.NEEDS_FEEDBACK: EndReason.GROWS,
+    Holding.UNDECIDED: EndReason.UNDECIDED,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class WindowEnd:
+    """One end of a window of squeeze. See the example of `squeeze_window`.
+
+    Attributes:
+        amount: Multiple of the direction up to which the object holds.
+        torques: (L,) the motors' torques there, N m (N).
+        reason: What ends it.
+        message: The same in words: what the verdict says just beyond.
+    """
+
+    amount: float
+    torques: FloatArray
+    reason: EndReason
+    message: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SqueezeWindow(Brief):
+    """How hard a hand may squeeze. See the example of `squeeze_window`.
+
+    Attributes:
+        direction: (L,) change of torques, N m (N).
+        lower: Where less squeeze ends it; None: the given torques do not hold.
+        upper: Where more does; None as above.
+        others: Further stretches of amounts in which samples hold, (low, high) each.
+        amounts: (K,) multiples of the direction that were looked at, ascending.
+        holding: K answers under the controller.
+        margins: (K,) margin of these torques, N; NaN where they do not balance.
+        growth: (K,) rate at which a small motion grows, 1/s; NaN where it is not known.
+        controller: The joint feedback, in words; empty: the torques are constant.
+    """
+
+    direction: FloatArray
+    lower: WindowEnd | None
+    upper: WindowEnd | None
+    others: tuple[tuple[float, float], ...]
+    amounts: FloatArray
+    holding: tuple[Holding, ...]
+    margins: FloatArray
+    growth: FloatArray
+    controller: str
+
+    def __str__(self) -> str:
+        """Return the window, and what fails at its ends."""
+        with_what = f" with {self.controller}" if self.controller else ""
+        if self.lower is None or self.upper is None:
+            lines = [f"the given torques do not hold{with_what}"]
+        else:
+            lines = [
+                f"holds{with_what} from {self.lower.amount:+.3g} to {self.upper.amount:+.3g} times "
+                "the direction",
+                f"with less: {self.lower.message}",
+                f"with more: {self.upper.message}",
+            ]
+        lines += [f"samples hold from {a:+.3g} to {b:+.3g}, too" for a, b in self.others]
+        return "\n".join(lines)
+
+
+def squeeze_window(
+    subject: Scene | QuasistaticProblem,
+    torques: ArrayLike,
+    direction: ArrayLike | Mapping[str, float] | None = None,
+    *,
+    other_joints: OtherJoints | str = OtherJoints.FOLLOW,
+    samples: int = 12,
+    precision: float = 1e-3,
+    node_limit: int = BRIEF_NODE_LIMIT,
+) -> SqueezeWindow:
+    """Find how hard a hand may squeeze at least and at most, and what fails first at either end.
+
+    Torques change along a direction, from the given ones on: in samples at first, then each end of
+    the window around the given torques is bisected. Every sample is a whole verdict under the
+    scene's controller. Of a problem made from arrays small motions are known only where contacts
+    leave none.
+
+    Args:
+        subject: A scene, or a problem; at rest.
+        torques: (L,) the motors' torques, N m (N).
+        direction: (L,) change of torques, or by the names of joints; None: the torques of the
+            internal contact forces, those of the rest's forces that balance each other, so that
+            the amount -1 takes the squeeze away and 1 doubles it.
+        other_joints: What joints do that have no part in the direction: ``follow`` changes their
+            torques by the least share of their limits that balance asks for, ``fixed`` by nothing.
+            All joints follow around the direction of the internal forces.
+        samples: On either side of the given torques.
+        precision: Of the ends, as a share of the width that is looked at.
+        node_limit: Sets of outcomes that each verdict looks at.
+
+    Raises:
+        ArgumentError: If an argument is wrong, or there is no internal force and no direction.
+        SceneError: See `Scene.contacts`.
+
+    Examples:
+        >>> from graspless_pin import Controller, load_scene, squeeze_window
+        >>> scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+        >>> torques = scene.solve("torque", margin=0.1).torques
+        >>> held = scene.with_changes(controller=Controller(1.0))
+        >>> window = squeeze_window(held, torques, samples=4, precision=0.01)
+        >>> str(window.lower.reason), str(window.upper.reason)
+        ('slips', 'grows')
+    """
+    problem = subject.problem() if isinstance(subject, Scene) else checked_problem(subject)
+    given = finite_array("torques", torques, (problem.joint_count,))
+    how = choice(OtherJoints, "other_joints", other_joints)
+    count = whole_number("samples", samples, 1)
+    share = real_number("precision", precision, 0.0)
+    nodes = whole_number("node_limit", node_limit, 0)
+
+    def verdict_on(changed: FloatArray) -> StabilityVerdict:
+        if isinstance(subject, Scene):
+            return subject.stability(changed, node_limit=nodes)
+        return stability(problem, changed, node_limit=nodes)
+
+    first = verdict_on(given)
+    way = _direction(problem, direction, first)
+    held = np.zeros(len(way), dtype=bool) if direction is None else way != 0.0
+    if how is OtherJoints.FIXED:
+        held = np.ones(len(way), dtype=bool)
+    line = _Line(problem, given, way, held, verdict_on)
+    low, high = line.reach(lowest=-1.0 if direction is None else -np.inf)
+    amounts = np.unique(
+        np.concatenate([np.linspace(low, 0.0, count + 1), np.linspace(0.0, high, count + 1)])
+    )
+    points = {amount: line.at(amount) for amount in amounts.tolist()}
+    found = [*points.values()]
+    middle = int(np.searchsorted(amounts, 0.0))
+    lower = upper = None
+    if found[middle].holds:
+        tolerance = share * (high - low)
+        lower = _end(line, found[middle::-1], tolerance)
+        upper = _end(line, found[middle:], tolerance)
+    return SqueezeWindow(
+        read_only(way),
+        lower,
+        upper,
+        tuple(_others(found, middle)),
+        read_only(amounts),
+        tuple(one.verdict.holding for one in found),
+        read_only(np.array([line.margin(one) for one in found])),
+        read_only(np.array([one.verdict.growth_rate for one in found])),
+        first.controller,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """One amount, and what is said of it."""
+
+    amount: float
+    torques: FloatArray
+    verdict: StabilityVerdict
+
+    @property
+    def holds(self) -> bool:
+        return self.verdict.holding is Holding.HOLDS
+
+
+class _Line:
+    """Torques along a direction."""
+
+    def __init__(
+        self,
+        problem: QuasistaticProblem,
+        torques: FloatArray,
+        direction: FloatArray,
+        held: NDArray[np.bool_],
+        verdict_on: Callable[[FloatArray], StabilityVerdict],
+    ) -> None:
+        self._problem, self._torques, self._direction = problem, torques, direction
+        self._held, self._verdict_on = held, verdict_on
+
+    def reach(self, lowest: float) -> tuple[float, float]:
+        """Return the least and the largest amount within the limits of the direction's joints."""
+        moves = self._direction != 0.0
+        way, torque = self._direction[moves], self._torques[moves]
+        lower, upper = self._problem.lower_torque[moves], self._problem.upper_torque[moves]
+        room = np.concatenate([(upper - torque) / way, (lower - torque) / way])
+        high = float(room[room >= 0.0].min(initial=_WIDEST))
+        low = float(room[room <= 0.0].max(initial=-_WIDEST))
+        return max(low, lowest), high
+
+    def at(self, amount: float) -> _Point:
+        """Return what becomes of an amount."""
+        torques = self._torques + amount * self._direction
+        if not self._held.all() and amount != 0.0:
+            torques = _followed(self._problem, torques, self._held, self._direction)
+        return _Point(amount, torques, self._verdict_on(torques))
+
+    def margin(self, point: _Point) -> float:
+        """Return the margin of a point's torques, N; NaN where they do not balance."""
+        fixed = self._problem.with_changes(torque_limits=(point.torques, point.torques))
+        solution = solve_problem(fixed, Margin(), _REST)
+        return solution.margin if solution.found else np.nan
+
+    def limiting(self, amount: float) -> str:
+        """Return the joint that is at its limit at an amount; empty: none is."""
+        torques = self._torques + amount * self._direction
+        for name, torque, low, high, way in zip(
+            self._problem.joint_names, torques, self._problem.lower_torque,
+            self._problem.upper_torque, self._direction, strict=True,
+        ):  # fmt: skip
+            limit = high if amount * way > 0.0 else low
+            if way and isfinite(limit) and abs(torque - limit) <= _WITHIN * abs(limit):
+                return name
+        return ""
+
+
+def _direction(
+    problem: QuasistaticProblem,
+    given: ArrayLike | Mapping[str, float] | None,
+    verdict: StabilityVerdict,
+) -> FloatArray:
+    """Return the direction (L,) that is given, or that of the internal forces."""
+    if isinstance(given, Mapping):
+        unknown = [name for name in given if name not in problem.joint_names]
+        if unknown:
+            raise ArgumentError("direction", f"{unknown[0]!r} is no joint of the problem")
+        given = [given.get(name, 0.0) for name in problem.joint_names]
+    if given is not None:
+        way = finite_array("direction", given, (problem.joint_count,))
+        if not way.any():
+            raise ArgumentError("direction", "is zero; give a change of torques")
+        return way
+    if verdict.rest_forces is None:
+        raise ArgumentError(
+            "torques",
+            f"leave no rest to squeeze more or less ({verdict.message}); give a direction",
+        )
+    forces = verdict.rest_forces.ravel()
+    inner = forces - np.linalg.lstsq(problem.W, problem.W @ forces, rcond=None)[0]
+    way = problem.jacobian.T @ inner
+    if np.linalg.norm(inner) <= _NO_SQUEEZE * np.linalg.norm(forces) or not way.any():
+        raise ArgumentError("direction", "is needed: the contact forces squeeze nothing")
+    return way
+
+
+@dataclass(frozen=True)
+class _LeastChange(Objective):
+    """The torques of balance that are nearest to given ones, in shares of limits."""
+
+    name = "least change"
+    torques: tuple[float, ...]
+    direction: tuple[float, ...]
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add t, above every change of a torque, and the rows of Algorithm 2."""
+        forces = program.forces
+        scale = forces.coordinates.joint_scale
+        limits = np.minimum(
+            np.maximum(np.abs(forces.problem.lower_torque), np.abs(forces.problem.upper_torque)),
+            1e3 * scale,
+        )
+        share = scale / np.where(limits > 0.0, limits, scale)
+        rest = forces.gravity - np.array(self.torques) / scale
+        most = [
+            1.0 + float((share * (np.abs(forces.torque) @ box[1] + np.abs(rest))).max(initial=0.0))
+            for box in forces.boxes
+        ]
+        t = program.columns(
+            "change", low=0.0, box=(0.0, most[0]), whole_box=(0.0, most[-1]), cost=1.0
+        )
+        for name, sign in (("change_upper", 1.0), ("change_lower", -1.0)):
+            program.rows(
+                name,
+                sign * share[:, None] * forces.torque,
+                -sign * share * rest,
+                {t: np.full(len(share), -1.0)},
+            )
+        # No change along the direction: the squeeze is as it is asked for.
+        along = share**2 * np.array(self.direction) / scale
+        along = along / np.linalg.norm(along)
+        program.equal("squeeze", (along @ forces.torque)[None], np.array([-along @ rest]))
+        program.balance()
+        program.cones(0.0)
+        program.normal_limits(0.0)
+        program.torque_limits()
+
+
+def _followed(
+    problem: QuasistaticProblem,
+    torques: FloatArray,
+    held: NDArray[np.bool_],
+    direction: FloatArray,
+) -> FloatArray:
+    """Return torques of balance with those of some joints held; as they are where none balance."""
+    lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
+    lower[held] = upper[held] = torques[held]
+    changed = problem.with_changes(torque_limits=(lower, upper))
+    solution = solve_problem(
+        changed, _LeastChange((*torques.tolist(),), (*direction.tolist(),)), _REST
+    )
+    return np.where(held, torques, solution.torques) if solution.found else torques
+
+
+def _end(line: _Line, points: list[_Point], tolerance: float) -> WindowEnd:
+    """Return where a row of points, of which the first holds, stops holding."""
+    last = points[0]
+    for point in points[1:]:
+        if not point.holds:
+            good, bad = last, point
+            while abs(bad.amount - good.amount) > tolerance:
+                middle = line.at(0.5 * (good.amount + bad.amount))
+                good, bad = (middle, bad) if middle.holds else (good, middle)
+            reason = _REASONS[bad.verdict.holding]
+            return _ended(good, reason, bad.verdict.message)
+        last = point
+    joint = line.limiting(last.amount)
+    if joint:
+        return _ended(last, EndReason.LIMIT, f"joint {joint!r} is at its effort limit")
+    return _ended(last, EndReason.SEARCH, "holds as far as it was looked")
+
+
+def _ended(point: _Point, reason: EndReason, message: str) -> WindowEnd:
+    return WindowEnd(point.amount, read_only(point.torques), reason, message)
+
+
+def _others(points: list[_Point], middle: int) -> list[tuple[float, float]]:
+    """Return the stretches of samples that hold, but for that about the given torques."""
+    stretches: list[list[int]] = []
+    for index, point in enumerate(points):
+        if point.holds and stretches and stretches[-1][-1] == index - 1:
+            stretches[-1].append(index)
+        elif point.holds:
+            stretches.append([index])
+    return [
+        (points[one[0]].amount, points[one[-1]].amount) for one in stretches if middle not in one
+    ]

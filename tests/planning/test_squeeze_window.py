@@ -1,0 +1,129 @@
+"""The window of squeeze: hand-solved ends, and what verdicts say on either side of each end."""
+
+import numpy as np
+import pytest
+from tests.scene.scene_tools import EXAMPLES
+
+from graspless_pin import (
+    Controller,
+    Holding,
+    QuasistaticProblem,
+    load_scene,
+    squeeze_window,
+)
+from graspless_pin.errors import ArgumentError
+
+ANGLE, FRICTION, WEIGHT, LEVER, LIMIT = 0.6, 0.5, 4.9, 0.1, 0.5
+BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
+
+
+def pressed_block() -> QuasistaticProblem:
+    """A block on a slope, pressed onto it by a frictionless finger of one joint."""
+    corners = [[x, y, -0.02] for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
+    normals = [[0.0, 0.0, 1.0]] * 4 + [[0.0, 0.0, -1.0]]
+    jacobian = np.zeros((15, 1))
+    jacobian[14] = -LEVER  # the finger pushes down
+    load = WEIGHT * np.array([np.sin(ANGLE), 0.0, -np.cos(ANGLE), 0.0, 0.0, 0.0])
+    return QuasistaticProblem(
+        [*corners, [0.0, 0.0, 0.02]],
+        normals,
+        load,
+        jacobian,
+        friction=[FRICTION] * 4 + [0.0],
+        torque_limits=(-LIMIT, LIMIT),
+        max_normal_force=100.0,
+        object_inertia=np.diag([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]),
+        joint_inertia=[[1e-4]],
+    )
+
+
+def test_a_pressed_block_slips_below_and_meets_the_limit_above() -> None:
+    problem = pressed_block()
+    least = LEVER * WEIGHT * (np.sin(ANGLE) / FRICTION - np.cos(ANGLE))
+    window = squeeze_window(problem, [2.0 * least], [1.0], samples=6, precision=1e-3)
+    lower, upper = window.lower, window.upper
+    assert lower is not None and upper is not None
+    assert least <= lower.torques[0] <= 1.01 * least
+    assert lower.amount == pytest.approx(lower.torques[0] - 2.0 * least, abs=1e-9)
+    # Next to the end the proof may need more nodes than the search has.
+    assert lower.reason in ("slips", "undecided")
+    assert upper.torques[0] == pytest.approx(LIMIT, rel=1e-9)
+    assert upper.reason == "limit" and window.others == ()
+    holds = np.array([one is Holding.HOLDS for one in window.holding])
+    torques = 2.0 * least + window.amounts
+    np.testing.assert_array_equal(holds, torques > least)
+    slips = [one is Holding.FAILS for one in window.holding]
+    np.testing.assert_array_equal(slips, torques < least)
+    # The margin of the slope's contacts grows with the finger's force.
+    assert (np.diff(window.margins[holds]) > 0.0).all()
+    assert np.isnan(window.margins[~holds]).all()
+
+
+def test_the_internal_forces_are_the_direction_unless_there_is_another() -> None:
+    """Twice the squeeze is twice the finger's part that the slope's normals balance."""
+    problem = pressed_block()
+    window = squeeze_window(problem, [0.2], samples=3, precision=0.01)
+    assert window.direction[0] > 0.0
+    assert window.amounts[0] == pytest.approx(-1.0)
+
+
+@pytest.fixture(scope="module")
+def pressed_ball():
+    scene = load_scene(BALL)
+    return scene, scene.solve("torque", margin=0.1).torques
+
+
+def test_more_feedback_lets_the_hand_squeeze_more(pressed_ball) -> None:
+    scene, torques = pressed_ball
+    tops = []
+    for stiffness in (0.5, 1.0):
+        held = scene.with_changes(controller=Controller(stiffness))
+        window = squeeze_window(held, torques, samples=4, precision=0.01)
+        assert window.lower is not None and window.upper is not None
+        assert window.lower.reason == "slips" and window.upper.reason == "grows"
+        assert "the object rolls, growing at" in window.upper.message
+        beyond = window.upper.torques + 0.03 * window.direction
+        assert held.stability(window.upper.torques).holding == "holds"
+        assert held.stability(beyond).holding != "holds"
+        tops.append(window.upper.amount)
+        assert f"with joint feedback of {stiffness:g} N m/rad from " in str(window)
+    assert tops[1] > 1.5 * tops[0]
+
+
+def test_without_feedback_the_ball_has_no_window(pressed_ball) -> None:
+    scene, torques = pressed_ball
+    window = squeeze_window(scene, torques, samples=2)
+    assert window.lower is None and window.upper is None
+    assert str(window) == "the given torques do not hold"
+    assert Holding.NEEDS_FEEDBACK in window.holding and np.nanmax(window.growth) > 1.0
+
+
+def test_other_joints_follow_or_stay(pressed_ball) -> None:
+    scene, torques = pressed_ball
+    held = scene.with_changes(controller=Controller(2.0))
+    names = scene.problem().joint_names
+    turned = int(np.argmax(np.abs(torques)))
+    direction = {names[turned]: float(np.sign(torques[turned])) * 0.05}
+    follow = squeeze_window(held, torques, direction, samples=4, precision=0.01)
+    fixed = squeeze_window(
+        held, torques, direction, other_joints="fixed", samples=4, precision=0.01
+    )
+    assert follow.upper is not None and fixed.upper is not None and follow.lower is not None
+    assert follow.upper.amount > 10.0 * fixed.upper.amount
+    kept = np.arange(len(torques)) != turned
+    np.testing.assert_array_equal(fixed.upper.torques[kept], torques[kept])
+    assert np.abs(follow.lower.torques - torques)[kept].max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.2], [0.0]), "direction: is zero"),
+        (([0.2], {"thumb": 1.0}), "direction: 'thumb' is no joint"),
+        (([0.0],), "torques: leave no rest to squeeze"),
+        (([0.2, 0.1],), "torques: has shape"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, message) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        squeeze_window(pressed_block(), *arguments)

@@ -1,0 +1,73 @@
+"""Gaps that a hand has to close before it is loaded, and runs that begin off the rest."""
+
+import numpy as np
+import pytest
+from tests.scene.scene_tools import EXAMPLES
+
+from graspless_pin import Controller, Scene, load_scene
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.posing.displaced_hands import bent_hand
+from graspless_pin.simulation import simulate
+from graspless_pin.simulation.model import SOFT, STIFF, simulation_model
+
+BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
+GAP = 5e-4
+
+
+def off(scene: Scene, way: np.ndarray) -> Scene:
+    """The scene with its object moved by (3,) m, contacts found with that much tolerance."""
+    T = np.array(scene.object.T_world_object)
+    T[:3, 3] += way
+    return scene.with_changes(object=scene.object.with_pose(T))
+
+
+def test_gaps_are_closed_by_joints_where_they_can() -> None:
+    aside = off(load_scene(BALL), 0.2 * np.array([0.2 * GAP, GAP, 0.2 * GAP]))
+    assert max(abs(point.distance) for point in aside.contacts.points) > 5e-5
+    model = simulation_model(aside, aside.solve("margin").torques)
+    moved = model.object.T_world_object - aside.object.T_world_object
+    # The object leaves or enters the slope; the fingers follow it everywhere else.
+    assert 1e-5 < np.linalg.norm(moved[:3, 3]) < 5e-5
+    assert aside.hand is not None
+    change = dict(zip(model.joints, model.closing, strict=True))
+    turned = np.array([change.get(name, 0.0) for name in aside.problem().joint_names])
+    closed = aside.with_changes(object=model.object, hand=bent_hand(aside.hand, turned))
+    assert max(abs(point.distance) for point in closed.contacts.points) < 5e-6
+
+
+def test_a_gripper_does_not_shift_what_it_closes_on() -> None:
+    """With all gaps on one side the object would go there as the fingers close."""
+    scene = load_scene(BALL)
+    torques = scene.solve("margin").torques
+    held = off(scene, np.array([0.0, 0.5 * GAP, 0.0])).with_changes(controller=Controller(2.0))
+    for run in simulate(held, torques, seconds=0.5).runs[:1]:
+        assert run.outcome == "held" and run.displacement < 2e-4
+
+
+def test_a_run_begins_where_it_is_asked_to() -> None:
+    scene = load_scene(BALL)
+    torques = scene.solve("margin").torques
+    small = scene.stability(torques).small_motions
+    assert small is not None and small.motion is not None
+    start = 1e-3 * small.motion
+    (run,) = simulate(scene, torques, displacement=start, seconds=0.3, contact_models=[STIFF]).runs
+    center = run.T_world_object[:, :3, 3] - scene.object.T_world_object[:3, 3]
+    np.testing.assert_allclose(center[0], start[:3], atol=5e-5)
+    turned = run.T_world_object[0, :3, :3] @ scene.object.T_world_object[:3, :3].T
+    np.testing.assert_allclose([turned[2, 1], turned[0, 2], turned[1, 0]], start[3:6], atol=3e-4)
+    # From rest a motion that nothing damps goes as the hyperbolic cosine.
+    gone = np.linalg.norm(center, axis=1) / np.linalg.norm(center[0])
+    grown = (gone > 3.0) & (gone < 20.0)
+    rate = np.polyfit(run.times[grown], np.log(gone[grown]), 1)[0]
+    assert rate == pytest.approx(small.growth, rel=0.15)
+
+
+def test_bad_starts_are_refused() -> None:
+    scene = load_scene(BALL)
+    torques = scene.solve("margin").torques
+    with pytest.raises(ArgumentError, match="displacement: has shape"):
+        simulate(scene, torques, displacement=[0.0, 1.0])
+    with pytest.raises(ArgumentError, match="contact_models: is empty"):
+        simulate(scene, torques, contact_models=[])
+    assert [run.contact_model for run in simulate(
+        scene, torques, seconds=0.05, contact_models=[SOFT]).runs] == [SOFT]  # fmt: skip
