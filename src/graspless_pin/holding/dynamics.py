@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from graspless_pin.holding.verdict import SmallMotions
+from graspless_pin.holding.verdict import GrowthProof, SmallMotions
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
@@ -297,9 +297,12 @@ def rolling_without_scene(problem: QuasistaticProblem) -> SmallMotions:
     """
     if problem.is_sliding.any():
         return SmallMotions.not_known("contacts slide as declared")
-    basis, _, _ = _without_slip(problem)
+    basis, moving, _ = _without_slip(problem)
     if not basis.shape[1]:
-        return SmallMotions(0.0, 0.0, least_growth=0.0)
+        joints = np.flatnonzero(moving[problem.passive_count :])
+        still, nothing, none = np.zeros((len(moving), 0)), np.zeros((0, 0)), np.zeros(len(joints))
+        proof = GrowthProof(still, nothing, (*joints.tolist(),), none, none, none, 0.0, nothing)
+        return SmallMotions(0.0, 0.0, least_growth=0.0, proofs={"any": proof})
     return SmallMotions.not_known("how the contacts roll needs a scene with shapes")
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eig, eigh
+from scipy.linalg import eig, eigh, solve_continuous_lyapunov
 
 from graspless_pin.holding.certificate import in_loads
 from graspless_pin.holding.dynamics import free_friction, world_forces
@@ -35,6 +35,8 @@ _MOST_STARTS = 6
 _MOST_FORCE = 1e3
 """Of the load: admissible forces are looked at up to this, or the normal forces' limit."""
 _BETTER = 1e-6
+_PROVEN = 0.5
+"""Of one: what has to be left of Lyapunov's equation after rounding."""
 _INFLUENCE = 1e-9
 """Of the largest entry: forces that change the stiffness by less leave it alone."""
 
@@ -155,6 +157,58 @@ class LinearizedMotion:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if growing(np.array([middle]))[0] else (low, middle)
         return float(high)
+
+
+def scaled_system(
+    inertia: FloatArray, stiffness: FloatArray, damping: FloatArray, rate: float
+) -> tuple[FloatArray, float]:
+    """Return A of small motions where inertia is one, and the frequency that time counts in.
+
+    With M_z = L L^T, y = L^T z and w^2 the largest entry of L^-1 K L^-T, the state is (w y, y') and
+    A = [[0, 1], [-L^-1 K L^-T / w^2, -L^-1 D L^-T / w]] in units of w.
+
+    Args:
+        inertia: (d, d) M_z.
+        stiffness: (d, d) K, with that of a feedback.
+        damping: (d, d) D_z.
+        rate: The least w, 1/s.
+    """
+    root = np.linalg.cholesky(inertia)
+    own, drag = (
+        np.linalg.solve(root, np.linalg.solve(root, matrix.T).T) for matrix in (stiffness, damping)
+    )
+    w = max(float(np.sqrt(np.abs(own).max(initial=0.0))), rate)
+    count = len(inertia)
+    system = np.zeros((2 * count, 2 * count))
+    system[:count, count:] = np.eye(count)
+    system[count:] = np.hstack([-own / w**2, -drag / w])
+    return system, w
+
+
+def lyapunov_matrix(
+    inertia: FloatArray, stiffness: FloatArray, damping: FloatArray, rate: float
+) -> FloatArray | None:
+    """Return P > 0 with A^T P + P A = 2 r P - 1, which proves that nothing grows faster than r.
+
+    Lyapunov's equation for A - r, see `scaled_system`; None where something does grow as fast.
+
+    Args:
+        inertia: (d, d) M_z.
+        stiffness: (d, d) K, with that of a feedback.
+        damping: (d, d) D_z.
+        rate: r, 1/s.
+    """
+    if not len(inertia):
+        return np.zeros((0, 0))
+    system, w = scaled_system(inertia, stiffness, damping, rate)
+    shifted = system - rate / w * np.eye(len(system))
+    if np.linalg.eigvals(shifted).real.max() >= 0.0:
+        return None
+    found = np.asarray(solve_continuous_lyapunov(shifted.T, -np.eye(len(shifted))))
+    found = 0.5 * (found + found.T)
+    left = -(shifted.T @ found + found @ shifted)
+    good = min(np.linalg.eigvalsh(found)[0], np.linalg.eigvalsh(left)[0] - _PROVEN) > 0.0
+    return found if good else None
 
 
 def extreme_forces(

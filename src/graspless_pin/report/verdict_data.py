@@ -58,8 +58,9 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
     Returns:
         ``status`` (see `Holding`), ``controller`` in words, ``stiffness_needed`` (N m/rad or N/m),
         ``growth_rate`` and ``least_growth_rate`` (1/s, under the contact forces that suit worst and
-        best; all NaN where they are not known), ``unstable_motion`` (P + L; None where none grows)
-        and ``acceleration`` with the ``status`` of the first instant.
+        best; all NaN where they are not known), ``unstable_motion`` (P + L; None where none grows),
+        ``acceleration`` with the ``status`` of the first instant, and ``proofs`` that no small
+        motion grows, by model of the surfaces (see `GrowthProof`).
     """
     small = verdict.small_motions
     return {
@@ -70,6 +71,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "least_growth_rate": nan if small is None else small.least_growth,
         "unstable_motion": None if small is None else small.motion,
         "acceleration": {"status": str(verdict.status)},
+        "proofs": {} if small is None else {name: vars(one) for name, one in small.proofs.items()},
     }
 
 

@@ -34,8 +34,13 @@ from graspless_pin.holding.dynamics import (
     motion_units,
     world_forces,
 )
-from graspless_pin.holding.small_motions import LinearizedMotion, extreme_forces
-from graspless_pin.holding.verdict import SmallMotions
+from graspless_pin.holding.small_motions import (
+    GROWTH_LIMIT,
+    LinearizedMotion,
+    extreme_forces,
+    lyapunov_matrix,
+)
+from graspless_pin.holding.verdict import GrowthProof, SmallMotions
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.inertias import moving_joints
 from graspless_pin.problem.joint_units import JointUnit
@@ -175,7 +180,34 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
         motion=read_only(worst.fastest) if growing else None,
         neutral=tuple(dict.fromkeys(neutral)),
         least_growth=min(one.least_growth for one in models.values()),
+        proofs={} if growing else _proofs(scene, problem, models),
     )
+
+
+def _proofs(
+    scene: SceneFields, problem: QuasistaticProblem, models: Mapping[str, _Found]
+) -> Mapping[str, GrowthProof]:
+    """Return what proves that nothing grows, by model of the surfaces; empty: it is not proven."""
+    carriers = _carriers(scene, problem)
+    gains, damping = _gains(scene, problem, scene.controller)
+    proofs = {}
+    for name, one in models.items():
+        motion = one.motion
+        held, drag = one.stiffness + motion.feedback(gains), motion.feedback(damping)
+        lyapunov = lyapunov_matrix(motion.inertia, held, drag, GROWTH_LIMIT)
+        if lyapunov is None:
+            return {}
+        proofs[name] = GrowthProof(
+            read_only(motion.velocities),
+            read_only(one.stiffness),
+            (*carriers.tolist(),),
+            read_only(gains),
+            read_only(damping),
+            read_only(ARMATURE * _shares(scene, problem)),
+            GROWTH_LIMIT,
+            read_only(lyapunov),
+        )
+    return proofs
 
 
 def controller_words(scene: SceneFields) -> str:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.holding import holding_checks
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest_bounds import (
@@ -164,15 +165,6 @@ _WORDS = {
 }
 """How sentences of each status begin; only strong ones claim that the object stays."""
 _TOLD = "free_motions", "moves"
-_OF_INSTANT = {
-    "holds": ("strong",),
-    "needs_feedback": ("strong",),
-    "may_fail": ("weak", "strong"),
-    "fails": ("none", "strong"),
-    "finger_moves": ("none",),
-    "undecided": ("strong", "undecided"),
-}
-"""What the first instant may be for what is said of the object under the controller."""
 
 
 def rest_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
@@ -189,37 +181,9 @@ def rest_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
     if stated is None:
         return []
     instant = word(entry(stated, "status", "stability"), "status", _STATUSES)
-    under_controller = _holding_checks(document.get("holding"), instant)
-    return [*under_controller, *verdict_checks(stated, read_load(document, problem))]
-
-
-def _holding_checks(stated: object, instant: str) -> list[Check]:
-    """Return the checks of what is said of the object under the controller; none: nothing is.
-
-    Raises:
-        ValueError: If a key is missing, or a value of a wrong type.
-    """
-    if stated is None:
-        return []
-    status = word(entry(stated, "status", "holding"), "status", (*_OF_INSTANT,))
-    own = entry(entry(stated, "acceleration", "holding"), "status", "acceleration")
-    growth = entry(stated, "growth_rate", "holding")
-    at_best = entry(stated, "least_growth_rate", "holding")
-    agree = own == instant and instant in _OF_INSTANT[status]
-    needed = entry(stated, "stiffness_needed", "holding")
-    if growth is not None and instant == "strong":
-        lost = "fails" if needed is None else "needs_feedback"
-        if at_best is not None and number(at_best, "least_growth_rate") == 0.0:
-            lost = "may_fail"
-        expected = lost if number(growth, "growth_rate") > 0.0 else "holds"
-        agree = agree and status == expected
-    least = "none that is known" if needed is None else f"{number(needed, 'stiffness'):.3g}"
-    controller = text(entry(stated, "controller", "holding"), "controller")[:60]
-    told = f"{controller}; stiffness needed: {least}"
-    return [
-        holds("holding and stability agree", agree, f"{status}: {instant} at the first instant"),
-        given("what small motions do under the controller", told),
-    ]
+    bodies = read_load(document, problem)
+    under_controller = holding_checks(document.get("holding"), instant, bodies)
+    return [*under_controller, *verdict_checks(stated, bodies)]
 
 
 def resolution_of(stated: object, where: str) -> float:

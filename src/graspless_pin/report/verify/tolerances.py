@@ -36,6 +36,12 @@ STILL = 1e-8
 """Of all velocities: those that have to be zero."""
 RANK = 1e-8
 """Of the largest way in which all velocities may change: smaller ones are none."""
+GROWTH = 0.1
+"""Motions that grow no faster than this do not count as growing, 1/s."""
+WITHOUT_SLIP = 1e-5
+"""Of the velocities of object and joints: what contacts may have that neither slip nor open."""
+MOTION_RANK = 1e-7
+"""Of the largest singular value: directions with less are motions without slip."""
 PROJECTED = 1e-14
 """Of the length of a combination of velocities: what rounding may hide of its projection."""
 COARSEST, FINEST = 0.01, 1e-6
@@ -51,6 +57,8 @@ _MOTION = 1e-3
 """Of the accelerations that count as rest: what a motion may lack."""
 _DOUBLE = 8.0 * float(np.finfo(float).eps)
 LONG = 8.0 * float(np.finfo(np.longdouble).eps)
+PRODUCTS = 8.0 * _DOUBLE
+"""Of the sizes of two matrices of motions, times how many: what rounding may hide of a product."""
 STATED = _DOUBLE
 """Taken off a figure before it is stated, so that it passes where there is no longer format."""
 

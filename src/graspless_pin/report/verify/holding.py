@@ -1,0 +1,178 @@
+"""Whether the object stays under the controller, and the proofs that no small motion grows.
+
+With N the motions without slip, M_z z'' + D_z z' + (K_geo + N_q^T K N_q) z = 0. Where a matrix
+P > 0 has A^T P + P A <= 2 r P, with A of the state (z, z'), P's norm of no motion grows faster than
+e^(r t): Lyapunov's theorem. K_geo is taken as given, as J is: it hangs on the surfaces at contacts.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.outcome import Check, given, holds
+from graspless_pin.report.verify.rest_bounds import contact_motion
+from graspless_pin.report.verify.rest_load import RestLoad
+from graspless_pin.report.verify.values import array, entry, items, number, text, whole, word
+
+_OF_INSTANT = {
+    "holds": ("strong",),
+    "needs_feedback": ("strong",),
+    "may_fail": ("weak", "strong"),
+    "fails": ("none", "strong"),
+    "finger_moves": ("none",),
+    "undecided": ("strong", "undecided"),
+}
+"""What the first instant may be for what is said of the object under the controller."""
+
+
+_MOST_MOTIONS = 200
+
+
+def holding_checks(stated: object, instant: str, bodies: RestLoad) -> list[Check]:
+    """Return the checks of what is said of the object under the controller; none: nothing is.
+
+    Args:
+        stated: The document's ``holding``.
+        instant: The status of its ``stability``.
+        bodies: Contacts, joints and inertias.
+
+    Raises:
+        ValueError: If a key is missing, or a value of a wrong type.
+    """
+    if stated is None:
+        return []
+    status = word(entry(stated, "status", "holding"), "status", (*_OF_INSTANT,))
+    own = entry(entry(stated, "acceleration", "holding"), "status", "acceleration")
+    growth = entry(stated, "growth_rate", "holding")
+    at_best = entry(stated, "least_growth_rate", "holding")
+    agree = own == instant and instant in _OF_INSTANT[status]
+    needed = entry(stated, "stiffness_needed", "holding")
+    if growth is not None and instant == "strong":
+        lost = "fails" if needed is None else "needs_feedback"
+        if at_best is not None and number(at_best, "least_growth_rate") == 0.0:
+            lost = "may_fail"
+        expected = lost if number(growth, "growth_rate") > 0.0 else "holds"
+        agree = agree and status == expected
+    least = "none that is known" if needed is None else f"{number(needed, 'stiffness'):.3g}"
+    controller = text(entry(stated, "controller", "holding"), "controller")[:60]
+    told = f"{controller}; stiffness needed: {least}"
+    checks = [
+        holds("holding and stability agree", agree, f"{status}: {instant} at the first instant"),
+        given("what small motions do under the controller", told),
+    ]
+    if status == "holds" and not bodies.problem.slides.any():
+        checks += _proof_checks(entry(stated, "proofs", "holding"), bodies)
+    return checks
+
+
+def _proof_checks(stated: Any, bodies: RestLoad) -> list[Check]:
+    """Return the checks of the proofs that no small motion grows, of each model of the surfaces."""
+    if not isinstance(stated, dict) or not stated:
+        return [holds("no small motion grows", passed=False, detail="no proof in the document")]
+    checks = []
+    for name, one in stated.items():
+        what = "no small motion grows" if name == "any" else f"no small motion grows ({name[:20]})"
+        proof = _Proof(one, bodies)
+        try:
+            why = proof.failure()
+        except np.linalg.LinAlgError as error:
+            why = f"the matrices are of no motion ({error})"
+        count = proof.N.shape[1]
+        good = f"faster than {proof.rate:g} /s; geometric stiffness of {count} motions as stated"
+        if not count:
+            good = "every motion slips or opens a contact"
+        checks.append(holds(what, not why, why or good))
+    return checks
+
+
+class _Proof:
+    """One proof as arrays."""
+
+    def __init__(self, stated: Any, bodies: RestLoad) -> None:
+        self.bodies = bodies
+        passive, joints = len(bodies.problem.w), len(bodies.problem.units)
+        rows = items(entry(stated, "velocities", "a proof"), "velocities", 0, 10**4)
+        count = len(items(rows[0], "velocities", 0, _MOST_MOTIONS)) if rows else 0
+        self.N = array(rows, (passive + joints, count), "velocities of a proof")
+        square = (count, count)
+        listed = items(entry(stated, "joints", "a proof"), "joints of a proof", 0, joints)
+        self.joints = [whole(one, "a joint of a proof", 0, joints - 1) for one in listed]
+        self.K, self.gains, self.damping, self.rotors, self.P = (
+            array(entry(stated, key, "a proof"), shape, f"{key} of a proof")
+            for key, shape in (
+                ("geometric_stiffness", square),
+                *((key, (len(listed),)) for key in ("gains", "damping", "rotors")),
+                ("lyapunov", (2 * count, 2 * count)),
+            )
+        )
+        self.rate = number(entry(stated, "rate", "a proof"), "rate")
+        self.passive = passive
+
+    def failure(self) -> str:
+        """Return why this proves nothing; empty: it is a proof."""
+        if not 0.0 <= self.rate <= tolerances.GROWTH:
+            return f"the rate is {self.rate:g} /s; it must be at most {tolerances.GROWTH:g}"
+        if min(one.min(initial=0.0) for one in (self.gains, self.damping, self.rotors)) < 0.0:
+            return "gains, damping and rotors must not be negative"
+        return self._of_motions() or self._of_growth()
+
+    def _of_motions(self) -> str:
+        """Return whether the motions are all that neither slip nor open contacts."""
+        problem, hybrid = self.bodies.problem, self.bodies.hybrid
+        rows = contact_motion(problem)
+        still = np.ones((problem.count, 3), dtype=bool)
+        still[:, 1:] = problem.cone[:, None]
+        still[hybrid[hybrid >= 0], 0] = False
+        columns = np.zeros(rows.shape[2], dtype=bool)
+        columns[: self.passive] = True
+        columns[self.passive + np.array(self.joints, dtype=int)] = True
+        left_out = ~columns
+        left_out[self.passive :] &= hybrid < 0
+        if rows[:, :, left_out].any() or self.N[~columns].any():
+            return "a joint that moves a contact is left out"
+        flat = rows[still][:, columns]
+        sizes = np.linalg.norm(flat, axis=0)
+        sizes[sizes == 0.0] = 1.0
+        scaled, motions = flat / sizes, self.N[columns] * sizes[:, None]
+        if np.abs(scaled @ motions).max(initial=0.0) > tolerances.WITHOUT_SLIP * np.abs(
+            motions
+        ).max(initial=0.0):
+            return "the motions let contacts slip or open"
+        values = np.linalg.svd(scaled, compute_uv=False)
+        rank = int((values > tolerances.MOTION_RANK * values.max(initial=0.0)).sum())
+        count = motions.shape[1]
+        if np.linalg.matrix_rank(motions) < count or rank + count < scaled.shape[1]:
+            return "the motions are not all that neither slip nor open contacts"
+        return ""
+
+    def _of_growth(self) -> str:
+        """Return whether Lyapunov's inequality holds, with room for rounding."""
+        count = self.N.shape[1]
+        if not count:
+            return ""
+        if self.bodies.inertia is None:
+            return "inertias are not known"
+        driven = self.N[self.passive + np.array(self.joints, dtype=int)]
+        rotors = driven.T @ (self.rotors[:, None] * driven)
+        root = np.linalg.cholesky(self.N.T @ self.bodies.inertia @ self.N + rotors)
+        held = self.K + driven.T @ (self.gains[:, None] * driven)
+        drag = driven.T @ (self.damping[:, None] * driven)
+        own, slowed = (
+            np.linalg.solve(root, np.linalg.solve(root, matrix.T).T) for matrix in (held, drag)
+        )
+        w = max(float(np.sqrt(np.abs(own).max())), self.rate)
+        if not w > 0.0:
+            return "the rate is zero"
+        A = np.block([[np.zeros_like(own), np.eye(count)], [-own / w**2, -slowed / w]])
+        A = A - self.rate / w * np.eye(2 * count)
+        P = 0.5 * (self.P + self.P.T)
+        left = -(A.T @ P + P @ A)
+        lost = tolerances.PRODUCTS * count * float(np.linalg.norm(A) * np.linalg.norm(P))
+        lost *= float(np.linalg.cond(root))
+        for name, matrix in (("P", P), ("2 r P - A^T P - P A", left)):
+            if not np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0] > lost:
+                return f"{name} is not positive definite"
+        return ""

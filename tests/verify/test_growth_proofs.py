@@ -1,0 +1,148 @@
+"""No small motion grows: Lyapunov's proofs in documents, and what they refuse."""
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.scene.scene_tools import EXAMPLES
+
+from graspless_pin import Controller, load_scene
+from graspless_pin.holding.small_motions import lyapunov_matrix
+from graspless_pin.report import solution_document, write_document
+from graspless_pin.report.verify import verify_document
+
+BALL, BOX = EXAMPLES / "allegro_sphere_on_slope.yaml", EXAMPLES / "box_between_walls.yaml"
+
+
+def made(path: Path, stiffness: float, tmp_path: Any) -> dict[str, Any]:
+    scene = load_scene(path).with_changes(controller=Controller(stiffness))
+    solution = scene.solve("margin")
+    target = tmp_path / "document.json"
+    write_document(solution_document(solution, scene, scene.stability(solution.torques)), target)
+    return json.loads(target.read_text())
+
+
+@pytest.fixture(scope="module")
+def held_ball(tmp_path_factory) -> dict[str, Any]:
+    return made(BALL, 2.0, tmp_path_factory.mktemp("ball"))
+
+
+def failing(document: dict[str, Any]) -> list[str]:
+    return [one.name for one in verify_document(document).checks if one.passed is False]
+
+
+def test_a_rest_that_holds_is_proven(held_ball) -> None:
+    assert failing(held_ball) == []
+    names = [one.name for one in verify_document(held_ball).checks]
+    assert "no small motion grows (facets)" in names
+    proof = {
+        key: np.array(value) for key, value in held_ball["holding"]["proofs"]["facets"].items()
+    }
+    N, driven = proof["velocities"], proof["velocities"][6 + proof["joints"]]
+    inertia = np.zeros((len(N), len(N)))
+    inertia[:6, :6], inertia[6:, 6:] = held_ball["object_inertia"], held_ball["joint_inertia"]
+    inertia[6 + proof["joints"], 6 + proof["joints"]] += proof["rotors"]
+    K = proof["geometric_stiffness"] + driven.T @ np.diag(proof["gains"]) @ driven
+    D = driven.T @ np.diag(proof["damping"]) @ driven
+    back = -np.linalg.solve(N.T @ inertia @ N, np.hstack([K, D]))
+    system = np.vstack([np.eye(len(K), 2 * len(K), len(K)), back])
+    assert np.linalg.eigvals(system).real.max() < 0.1
+    loose = -np.linalg.solve(N.T @ inertia @ N, np.hstack([proof["geometric_stiffness"], D]))
+    assert np.linalg.eigvals(np.vstack([system[: len(K)], loose])).real.max() > 10.0
+
+
+def test_a_rest_without_small_motions_is_proven(tmp_path) -> None:
+    document = made(BOX, 0.0, tmp_path)
+    assert document["holding"]["proofs"]["any"]["velocities"][0] == []
+    assert failing(document) == []
+
+
+def _columns(proof: dict[str, Any], kept: int) -> None:
+    """Leave some of the motions out."""
+    count = len(proof["geometric_stiffness"])
+    both = np.r_[np.arange(kept), count + np.arange(kept)]
+    for key, rows, columns in (
+        ("velocities", slice(None), slice(kept)),
+        ("geometric_stiffness", slice(kept), slice(kept)),
+    ):
+        proof[key] = np.array(proof[key])[rows, columns].tolist()
+    proof["lyapunov"] = np.array(proof["lyapunov"])[np.ix_(both, both)].tolist()
+
+
+def _scaled(key: str, factor: float):
+    def change(proof: dict[str, Any]) -> None:
+        proof[key] = (factor * np.array(proof[key])).tolist()
+
+    return change
+
+
+def _put(key: str, value: object):
+    def change(proof: dict[str, Any]) -> None:
+        proof[key] = value
+
+    return change
+
+
+def _turned(proof: dict[str, Any]) -> None:
+    rows = np.array(proof["velocities"])
+    rows[0] += 0.01 * np.abs(rows).max()
+    proof["velocities"] = rows.tolist()
+
+
+def _identity(proof: dict[str, Any]) -> None:
+    proof["lyapunov"] = np.eye(len(proof["lyapunov"])).tolist()
+
+
+def _fewer_joints(proof: dict[str, Any]) -> None:
+    for key in ("joints", "gains", "damping", "rotors"):
+        proof[key] = proof[key][1:]
+
+
+@pytest.mark.parametrize(
+    "forge",
+    [
+        _scaled("gains", 0.0),
+        _scaled("gains", -1.0),
+        _scaled("damping", -1.0),
+        _scaled("rotors", -1.0),
+        _scaled("geometric_stiffness", 50.0),
+        _scaled("lyapunov", -1.0),
+        _scaled("lyapunov", 0.0),
+        _identity,
+        _put("rate", 50.0),
+        _put("rate", -1.0),
+        _scaled("velocities", 0.0),
+        _turned,
+        lambda proof: _columns(proof, len(proof["geometric_stiffness"]) - 1),
+        lambda proof: _columns(proof, 0),
+        _fewer_joints,
+    ],
+)
+def test_what_is_no_proof_is_refused(held_ball, forge) -> None:
+    forged = copy.deepcopy(held_ball)
+    forge(forged["holding"]["proofs"]["facets"])
+    assert failing(forged) == ["no small motion grows (facets)"]
+
+
+def test_without_a_proof_it_does_not_hold(held_ball) -> None:
+    forged = copy.deepcopy(held_ball)
+    forged["holding"]["proofs"] = {}
+    assert failing(forged) == ["no small motion grows"]
+
+
+def test_a_rest_that_grows_cannot_be_said_to_hold(tmp_path) -> None:
+    document = made(BALL, 0.1, tmp_path)
+    assert failing(document) == [] and document["holding"]["proofs"] == {}
+    document["holding"] |= {"status": "holds", "growth_rate": 0.0}
+    assert failing(document) == ["no small motion grows"]
+
+
+@pytest.mark.parametrize("growth", [0.05, 0.2])
+def test_lyapunovs_matrix_is_there_where_nothing_grows_as_fast(growth) -> None:
+    """An inverted pendulum and a neutral motion: y'' = growth^2 y, and y'' = 0."""
+    stiffness, free = np.diag([-(growth**2), 0.0]), np.zeros((2, 2))
+    found = lyapunov_matrix(np.eye(2), stiffness, free, 0.1)
+    assert (found is None) == (growth > 0.1)
