@@ -28,7 +28,7 @@ WHEEL_TESTS ?= tests/compiled tests/core
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands place states dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips mistakes clean hands place states dense wheel frozen size
 
 install: $(STAMP)
 
@@ -110,6 +110,9 @@ guaranteed: install
 
 holding: install
 	$(BIN)/python -m benchmarks.holding $(HOLDING)
+
+real-grips: install
+	$(BIN)/python -m benchmarks.real_grips $(REAL_GRIPS)
 
 mistakes: install
 	$(BIN)/python tests/cli/mistakes.py

@@ -21,10 +21,11 @@ import numpy as np
 import trimesh
 from tabulate import tabulate
 
-from graspless_pin import Controller, GrasplessPinError, Holding, Scene, load_scene, place_hand
+from graspless_pin import Controller, Holding, Scene, load_scene, place_hand
 from graspless_pin.findings import capture
 from graspless_pin.geometry import Box, Capsule, Cone, Cylinder, MeshShape, Sphere
 from graspless_pin.geometry.bodies.shapes import Shape
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.new_scene import NewScene, new_scene_text
 from graspless_pin.scene.saving import scene_text
@@ -41,7 +42,7 @@ EFFORT = 1.0
 """N m (N) of actuators whose limit the robot's files do not tell."""
 MASS = 0.3  # kg
 SEED, CANDIDATES, RANKS = 11, 60, 4
-NODES = 300
+NODES = BRIEF_NODE_LIMIT
 MARGIN = 0.1  # N, of Algorithm 2
 BELOW, ABOVE = 0.67, 1.5
 """Times the feedback that is said to be needed."""
@@ -51,7 +52,7 @@ START = 1e-4, 1e-3
 """m, rad: how far along a motion that grows a run begins."""
 FINGER_MOVED = float(np.radians(2.0))
 """rad: a joint that goes farther does not stay, whatever the object does."""
-FITTED = 5.0, 30.0
+FITTED = 10.0, 60.0
 """Of the start: growth is read off between these."""
 WITHIN, WITHIN_ON_MESH = 1.2, 2.0
 """Factors by which growth rates may be off, on smooth shapes and on meshes."""
@@ -123,6 +124,30 @@ class Case:
         """Whether object and fingers stay."""
         return self.outcome == "held" and self.fingers < FINGER_MOVED
 
+    @property
+    def is_odd(self) -> bool:
+        """Whether with stiff bodies it is not as it is said to be."""
+        expected = {"constant": self.holding == Holding.HOLDS, "below": False, "above": True}
+        said = self.controller != "constant" or self.holding in (
+            Holding.HOLDS, Holding.NEEDS_FEEDBACK)  # fmt: skip
+        return said and self.bodies == "stiff" and self.stays is not expected[self.controller]
+
+    @property
+    def growth_is_near(self) -> bool:
+        """Whether the measured growth is what it is said to be."""
+        factor = WITHIN_ON_MESH if self.is_mesh else WITHIN
+        return self.measured is not None and 1.0 / factor <= self.measured / self.growth <= factor
+
+    def __str__(self) -> str:
+        """Return it in one line."""
+        measured = "-" if self.measured is None else f"{self.measured:.3g}"
+        return (
+            f"{self.grip}, {self.algorithm}, {self.controller}, {self.bodies}: {self.holding}, "
+            f"growth {self.growth:.3g} (measured {measured}), needs {self.stiffness:.3g}; "
+            f"{self.outcome}, {1e3 * self.displacement:.2f} mm, "
+            f"{np.degrees(self.rotation):.2f} deg, joints {np.degrees(self.fingers):.2f} deg"
+        )
+
 
 def place(name: tuple[str, str]) -> list[Path]:
     """Place a hand at an object, and return the files of the best grips."""
@@ -146,28 +171,40 @@ def place(name: tuple[str, str]) -> list[Path]:
     return sorted(KEPT.glob(f"{hand}_{target}_[0-9].yaml"))
 
 
-def cases(path: Path) -> list[Case]:
+def kept_cases(path: Path) -> list[Case]:
     """Return what is said of a grip and what becomes of it; from a file where it is known."""
     kept = path.with_suffix(".json")
     if kept.exists():
         return [Case(**one) for one in json.loads(kept.read_text())]
-    with capture():
-        found = [*_cases(load_scene(path), path.stem)]
+    found = cases(path)
     kept.write_text(json.dumps([asdict(one) for one in found], indent=1))
     return found
 
 
-def _cases(scene: Scene, name: str) -> Iterator[Case]:
-    for algorithm in ("margin", "torque"):
-        more = {"margin": MARGIN} if algorithm == "torque" else {}
-        try:
-            torques = scene.solve(algorithm, **more).torques
-        except GrasplessPinError:
-            continue
-        yield from _of_torques(scene, name, algorithm, torques)
+def cases(
+    path: Path, algorithms: Sequence[str] = ("margin", "torque"), *, soft: bool = True
+) -> list[Case]:
+    """Return what is said of the grip of a scene file, and what becomes of it.
+
+    Args:
+        path: The file.
+        algorithms: Whose torques.
+        soft: Whether soft bodies are tried, too.
+    """
+    found = list[Case]()
+    with capture():
+        scene = load_scene(path)
+        for algorithm in algorithms:
+            more = {"margin": MARGIN} if algorithm == "torque" else {}
+            solution = scene.solve(algorithm, **more)
+            if solution.found:
+                found += _of_torques(scene, path.stem, algorithm, solution.torques, soft=soft)
+    return found
 
 
-def _of_torques(scene: Scene, name: str, algorithm: str, torques: FloatArray) -> Iterator[Case]:
+def _of_torques(
+    scene: Scene, name: str, algorithm: str, torques: FloatArray, *, soft: bool = True
+) -> Iterator[Case]:
     begin = time.process_time()
     said = scene.with_changes(controller=Controller()).stability(torques, node_limit=NODES)
     seconds, small = time.process_time() - begin, said.small_motions
@@ -197,11 +234,14 @@ def _of_torques(scene: Scene, name: str, algorithm: str, torques: FloatArray) ->
         )  # fmt: skip
 
     needed = said.stiffness_needed
+    needs = said.holding is Holding.NEEDS_FEEDBACK and np.isfinite(needed)
     yield run("constant", 0.0, STIFF)
-    yield run("constant", 0.0, SOFT)
-    if said.holding is Holding.NEEDS_FEEDBACK and np.isfinite(needed):
+    if needs:
         yield run("below", BELOW * needed, STIFF)
         yield run("above", ABOVE * needed, STIFF)
+    if soft:
+        yield run("constant", 0.0, SOFT)
+    if soft and needs:
         yield run("above", 2.0 * needed, SOFT)
 
 
@@ -224,7 +264,7 @@ def _measured(run: SimulatedRun) -> float | None:
     end = int(past[0]) if len(past) else len(size)
     under = np.flatnonzero(size[:end] < low)
     begin = int(under[-1]) + 1 if len(under) else 0
-    if end - begin < 4 or size[end - 1] < 0.5 * high:
+    if end - begin < 3 or size[end - 1] < 0.5 * high:
         return None
     return float(np.polyfit(run.times[begin:end], np.log(size[begin:end]), 1)[0])
 
@@ -252,32 +292,15 @@ def summary(found: Sequence[Case]) -> str:
         "held, a finger moved",
     ]  # fmt: skip
     lines = [tabulate(rows, headers, "github"), "", *_shares(found), ""]
-    lines += ["Not as said, stiff bodies:", *(f"- {_line(one)}" for one in found if _odd(one))]
+    lines += ["Not as said, stiff bodies:", *(f"- {one}" for one in found if one.is_odd)]
     return "\n".join(lines)
-
-
-def _odd(one: Case) -> bool:
-    if one.bodies != "stiff":
-        return False
-    expected = {"constant": one.holding == Holding.HOLDS, "below": False, "above": True}
-    if one.controller == "constant" and one.holding not in (Holding.HOLDS, Holding.NEEDS_FEEDBACK):
-        return False
-    return one.stays is not expected[one.controller]
-
-
-def _line(one: Case) -> str:
-    measured = "-" if one.measured is None else f"{one.measured:.3g}"
-    return (
-        f"{one.grip}, {one.algorithm}, {one.controller}: {one.holding}, growth {one.growth:.3g} "
-        f"(measured {measured}), needs {one.stiffness:.3g}; {one.outcome}, "
-        f"{1e3 * one.displacement:.2f} mm, {np.degrees(one.rotation):.2f} deg, "
-        f"joints {np.degrees(one.fingers):.2f} deg"
-    )
 
 
 def _shares(found: Sequence[Case]) -> list[str]:
     stiff = [one for one in found if one.bodies == "stiff"]
     constant = [one for one in stiff if one.controller == "constant"]
+    needing = [one for one in stiff if one.holding == Holding.NEEDS_FEEDBACK]
+    grown = [one for one in needing if one.measured]
     decided = [one for one in constant if one.holding != Holding.UNDECIDED and one.stays]
     groups: Mapping[str, tuple[list[bool], float]] = {
         "of answers with `holds`, held": (
@@ -289,9 +312,9 @@ def _shares(found: Sequence[Case]) -> list[str]:
         "with 0.67 times, moved": (
             [not one.stays for one in stiff if one.controller == "below"], 0.9),
         "of growth rates on smooth shapes within 20 %": (
-            [_near(one, WITHIN) for one in stiff if one.measured and not one.is_mesh], 1.0),
+            [one.growth_is_near for one in grown if not one.is_mesh], 1.0),
         "on meshes within a factor 2": (
-            [_near(one, WITHIN_ON_MESH) for one in stiff if one.measured and one.is_mesh], 1.0),
+            [one.growth_is_near for one in grown if one.is_mesh], 1.0),
         "of verdicts undecided": (
             [one.holding == Holding.UNDECIDED for one in constant], 0.2),
     }  # fmt: skip
@@ -300,10 +323,6 @@ def _shares(found: Sequence[Case]) -> list[str]:
         for name, (hits, wanted) in groups.items()
         if hits
     ]
-
-
-def _near(one: Case, factor: float) -> bool:
-    return one.measured is not None and 1.0 / factor <= one.measured / one.growth <= factor
 
 
 def main() -> None:
@@ -323,9 +342,9 @@ def main() -> None:
                 break
         results: list[Case] = []
         if not given.place:
-            for own in pool.map(cases, islice(grips, given.count)):
+            for own in pool.map(kept_cases, islice(grips, given.count)):
                 results += own
-                print(*map(_line, own), sep="\n", file=sys.stderr, flush=True)
+                print(*own, sep="\n", file=sys.stderr, flush=True)
     print(summary(results))
 
 

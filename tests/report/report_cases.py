@@ -16,6 +16,7 @@ ALLEGRO = EXAMPLES / "allegro_box_on_slope.yaml"
 SLIDING = EXAMPLES / "paper" / "cuboid_sliding_up.yaml"
 WALLS = EXAMPLES / "box_between_walls.yaml"
 AT_REST = EXAMPLES / "paper" / "cuboid_at_rest.yaml"
+BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
 SPHERE = EXAMPLES / "paper" / "sphere_on_slope.yaml"
 """Three contacts: a page of it is soon written."""
 

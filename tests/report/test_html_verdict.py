@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from report_cases import AT_REST, WALLS, Element, read_html, solved, through_json
+from report_cases import AT_REST, BALL, WALLS, Element, read_html, solved, through_json
 
 from graspless_pin import Scene, StabilityVerdict, TorqueSolution
 from graspless_pin.errors import ArgumentError
@@ -134,3 +134,21 @@ def test_a_motion_that_is_none_is_refused(weak: Weak, spoil: Any):
     spoil(document["stability"]["motion"])
     with pytest.raises(ArgumentError, match="motion"):
         case_of_document(document)
+
+
+def test_the_small_motion_that_grows_is_played(tmp_path) -> None:
+    scene, solution = solved(BALL)
+    verdict = scene.stability(solution.torques)
+    small = verdict.small_motions
+    assert small is not None and small.motion is not None
+    case = case_of_scene(scene, solution, None, verdict)
+    page = read_html(report_html(case))
+    (section,) = (
+        item for item in page.all("section") if item.attributes.get("aria-labelledby") == "motion"
+    )
+    assert f"this small motion grows at {small.growth:.2g} /s" in section.text
+    assert not section.all("table")
+    assert "paths" in json.dumps(model_of(page, "motion-view"))
+    again = case_of_document(json.loads(json.dumps(solution_document(solution, scene, verdict))))
+    assert again.motion is not None and case.motion is not None
+    np.testing.assert_allclose(again.motion.paths[0], case.motion.paths[0], atol=1e-12)

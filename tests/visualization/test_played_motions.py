@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from graspless_pin import Stability, load_scene
 from graspless_pin.geometry.posing.displaced_hands import bent_hand
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
-from graspless_pin.visualization import Role
+from graspless_pin.visualization import Role, draw_scene
 from graspless_pin.visualization.drawing import object_radius
-from graspless_pin.visualization.motion import MovingPicture, draw_motion
+from graspless_pin.visualization.motion import MovingPicture, draw_motion, draw_small_motion
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -83,3 +83,29 @@ def test_the_box_between_two_walls_slips_down():
     assert verdict.status is Stability.WEAK
     assert str(verdict).startswith("may fail: the object can slip down, ")
     assert scene.stability(scene.solve("margin").torques).status is Stability.STRONG
+
+
+def test_a_small_motion_grows_to_its_end():
+    """Of a thirtieth at first, along the stated motion, hand and object together."""
+    scene = load_scene(EXAMPLES / "allegro_sphere_on_slope.yaml")
+    solution = scene.solve()
+    small = scene.stability(solution.torques).small_motions
+    assert small is not None and small.motion is not None and scene.hand is not None
+    center = scene.object.center_of_mass_world
+    picture = draw_scene(scene, solution)
+    moving = draw_small_motion(
+        picture, scene.problem(), small.motion, small.growth, scene.hand, center
+    )
+    assert moving.times[-1] == pytest.approx(np.log(30.0) / small.growth)
+    path = moving.paths[moving.path_of["object/ball"]]
+    turns = Rotation.from_matrix(path[:, :3, :3]).as_rotvec()
+    grown = np.expm1(small.growth * moving.times)
+    whole = turns[-1, np.argmax(np.abs(turns[-1]))] / small.motion[3 + np.argmax(np.abs(turns[-1]))]
+    np.testing.assert_allclose(
+        turns, np.outer(whole * grown / grown[-1], small.motion[3:6]), atol=1e-9
+    )
+    bent = bent_hand(scene.hand, whole * small.motion[6:])
+    link = scene.contacts.bodies[0]
+    (mesh, *_) = (m for m in moving.picture.of(Role.HAND) if m.name.split("/", 2)[2] == link)
+    there = moving.paths[moving.path_of[mesh.name]][-1] @ scene.hand.link_pose(link)
+    np.testing.assert_allclose(there, bent.link_pose(link), atol=1e-9)

@@ -87,6 +87,8 @@ _QUADRANT = 0.25 * np.pi
 """Half the width of the first sectors of slip."""
 NEAR = 0.3
 """Share of the power that a point may miss Coulomb's law by where an outcome is looked for."""
+_FINGERS_FIRST = 3.0
+"""Weight of contacts that joints drive: what fingers do decides what supports have to bear."""
 _NARROWEST = 1e-4
 """Half the width of a sector that is not halved any more, rad."""
 
@@ -237,7 +239,9 @@ def split(
     gaps, slips = coulomb_gaps(dynamics, forces, u), np.hypot(u[:, 1], u[:, 2])
     # A narrow sector has little left to give.
     widths = np.minimum(states.half_width, _QUADRANT)
-    score = np.where(whole, (gaps + 1e-9 * slips) * widths, -1.0)
+    driven = dynamics.rows[:, :, len(dynamics.levers) :].any(axis=(1, 2))
+    weights = np.where(driven, _FINGERS_FIRST, 1.0) * widths
+    score = np.where(whole, (gaps + 1e-9 * slips) * weights, -1.0)
     contact = int(np.argmax(score))
     if not whole[contact]:
         return contact, []

@@ -8,7 +8,6 @@ is a normal force that every outcome has at least, then every outcome has
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import States
 from graspless_pin.holding.dynamics import (
@@ -26,6 +25,9 @@ from graspless_pin.problem.scales import coordinate_units
 
 _HOPELESS = 0.03
 """Of the load: forces that leave more unbalanced let the object move."""
+_ROUNDS = 4
+_MORE, _LEAST = 1.05, 1e-6
+"""Times the load that is known, and of the load: what has to be proven for another round."""
 _EXACT = 1e-8
 """Of the load: what may stay unbalanced, or unborne, where no inertia tells what that moves."""
 
@@ -124,22 +126,32 @@ def is_certificate(
 
 
 def proven_loads(
-    dynamics: Dynamics, relaxation: Relaxation, contacts: NDArray[np.intp]
-) -> tuple[LoadProof, ...]:
-    """Return the smallest normal forces of contacts that every outcome has, where there are any.
+    dynamics: Dynamics, least: FloatArray, force_limit: float
+) -> tuple[tuple[LoadProof, ...], int]:
+    """Return smallest normal forces that every outcome has, where there are any, and the programs.
+
+    Each contact is asked for its own, in rounds: with loads that are known friction takes more of
+    the load's power, so that other contacts have to bear more.
 
     Args:
         dynamics: The scaled dynamics.
-        relaxation: Its relaxations, with the loads that are known.
-        contacts: Indices of the contacts to ask for.
+        least: (M,) normal forces that every outcome has at least, scaled.
+        force_limit: What it proves holds for normal forces up to this, scaled.
     """
-    states = States.unknown(dynamics.contact_count)
-    proofs = []
-    for contact in contacts:
-        goal = np.zeros(len(dynamics.load)), np.zeros((dynamics.contact_count, 3))
-        goal[1][contact, 0] = -1.0
-        relaxed = relaxation.solve(states, goal, elastic=False)
-        if relaxed is not None and relaxed.bound < 0.0:
-            least = -relaxed.bound * dynamics.force_unit
-            proofs.append(LoadProof(int(contact), least, relaxed.dual))
-    return tuple(proofs)
+    states, known = States.unknown(dynamics.contact_count), least.copy()
+    proofs, programs = list[LoadProof](), 0
+    for _ in range(_ROUNDS):
+        relaxation, found = Relaxation(dynamics, known.copy(), force_limit), list[LoadProof]()
+        for contact in np.flatnonzero(~dynamics.is_commanded).tolist():
+            goal = np.zeros(len(dynamics.load)), np.zeros((dynamics.contact_count, 3))
+            goal[1][contact, 0] = -1.0
+            relaxed = relaxation.solve(states, goal, elastic=False)
+            if relaxed is not None and -relaxed.bound > _MORE * known[contact] + _LEAST:
+                known[contact] = -relaxed.bound
+                force = known[contact] * dynamics.force_unit
+                found.append(LoadProof(contact, float(force), relaxed.dual))
+        programs += relaxation.programs
+        proofs += found
+        if not found:
+            break
+    return tuple(proofs), programs

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import (
@@ -67,9 +66,6 @@ class LoadLine:
         self.problem, self.torques, self.direction = problem, torques, direction
         self._limit, self._inertia = limit, whole_inertia(problem)
         self._hybrid = hybrid_contacts(problem)
-        rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
-        self._fingers: NDArray[np.bool_] = np.any(rows, axis=1)
-        self._fingers[self._hybrid[self._hybrid >= 0]] = False
 
     @property
     def in_loads(self) -> FloatArray:
@@ -186,7 +182,7 @@ class LoadLine:
 
     def _commanded(self, multiple: float) -> FloatArray:
         """Return the (M,) normal forces that hybrid fingers command, N; zero elsewhere."""
-        forces = np.zeros(len(self._fingers))
+        forces = np.zeros(self.problem.contact_count)
         columns = np.flatnonzero(self._hybrid >= 0)
         excess = self.at(multiple)[1] - self.problem.gravity_torques
         forces[self._hybrid[columns]] = excess[columns]
@@ -213,19 +209,23 @@ class LoadLine:
 
     def _relaxation(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
         least = np.where(dynamics.is_commanded, dynamics.commanded, loads / dynamics.force_unit)
-        most = FORCE_LIMIT * self.problem.scales.force / dynamics.force_unit
-        return Relaxation(dynamics, least, most)
+        return Relaxation(dynamics, least, self._most(dynamics))
+
+    def _most(self, dynamics: Dynamics) -> float:
+        """Return the normal force up to which proofs hold, scaled."""
+        return FORCE_LIMIT * self.problem.scales.force / dynamics.force_unit
 
     def _loads(self, dynamics: Dynamics | None) -> tuple[LoadProof, ...]:
-        """Return normal forces of the fingers that every outcome has, with their proofs."""
+        """Return normal forces that every outcome has, with their proofs."""
         if dynamics is None:
             return ()
-        relaxation = self._relaxation(dynamics, np.zeros(len(self._fingers)))
-        return proven_loads(dynamics, relaxation, np.flatnonzero(self._fingers))
+        least = np.where(dynamics.is_commanded, dynamics.commanded, 0.0)
+        loads, _ = proven_loads(dynamics, least, self._most(dynamics))
+        return loads
 
     def _newtons(self, loads: Sequence[tuple[LoadProof, ...]]) -> FloatArray:
         """Return the (M,) smallest of the normal forces that several sets of proofs prove, N."""
-        forces = np.zeros((len(loads), len(self._fingers)))
+        forces = np.zeros((len(loads), self.problem.contact_count))
         for row, proofs in zip(forces, loads, strict=True):
             for one in proofs:
                 row[one.contact] = one.force

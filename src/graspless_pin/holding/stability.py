@@ -365,17 +365,15 @@ def _searched(
         return _under_motion(known, dynamics, limits)
     most = _force_limit(known.problem, dynamics)
     least = commanded / dynamics.force_unit
-    relaxation = Relaxation(dynamics, least, most)
-    fingers = known.problem.jacobian.reshape(len(least), 3 * known.problem.joint_count).any(axis=1)
-    loads = proven_loads(dynamics, relaxation, np.flatnonzero(fingers & ~dynamics.is_commanded))
-    known = replace(known, programs=known.programs + relaxation.programs)
+    loads, programs = proven_loads(dynamics, least, most)
+    known = replace(known, programs=known.programs + programs)
     if loads:
         known, proof = _certified(known, loads, commanded, dynamics)
         if proof is not None:
             return _strong(known, proof)
     forces = find_motion(dynamics)
     if forces is None:
-        for load in loads:
+        for load in loads:  # later ones are larger
             least[load.contact] = load.force / dynamics.force_unit
         relaxation = Relaxation(dynamics, least, most)
         begun = time.thread_time()

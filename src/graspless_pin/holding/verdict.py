@@ -531,8 +531,8 @@ COARSEST_RESOLUTION, FINEST_RESOLUTION = 0.01, 1e-6
 """Accelerations that may count as rest, as shares of load over mass; documents hold to the same."""
 NODE_LIMIT = 3000
 """Sets of outcomes that are looked at unless told otherwise; earlier proofs close others."""
-BRIEF_NODE_LIMIT = 300
-"""The same of verdicts that stand beside an answer unasked: about a second."""
+BRIEF_NODE_LIMIT = 1000
+"""The same of verdicts that stand beside an answer unasked: some seconds at most."""
 
 
 class StabilityKeywords(TypedDict, total=False):

@@ -18,7 +18,7 @@ from graspless_pin.holding.verdict import (
     SpanProof,
     StabilityVerdict,
 )
-from graspless_pin.problem.checks import finite_array, real_number
+from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 
 MOST_SPAN_LEAVES = 10_000
 """Of the proofs of all directions of disturbance: files stay below 32 MiB, which can be read."""
@@ -120,6 +120,24 @@ def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
         stated = (document.get("stability") or {}).get("motion")
         return None if stated is None else _read(stated, document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ArgumentError("document", f"holds a motion that is none: {error}") from None
+
+
+def read_small_motion(document: dict[str, Any]) -> tuple[FloatArray, float] | None:
+    """Return the small motion (P + L,) that a document says grows, and its rate, 1/s.
+
+    Raises:
+        ArgumentError: If it is no such document.
+    """
+    try:
+        stated = document.get("holding") or {}
+        motion, growth = stated.get("unstable_motion"), stated.get("growth_rate")
+        if motion is None or not growth:
+            return None
+        size = len(document["external_wrench"]) + len(document["joints"])
+        read = finite_array("motion", motion, (size,))
+        return read, real_number("growth_rate", growth, 0.0)
+    except (KeyError, TypeError, AttributeError) as error:
         raise ArgumentError("document", f"holds a motion that is none: {error}") from None
 
 

@@ -40,6 +40,7 @@ from graspless_pin.visualization.drawing import draw_bodies
 from graspless_pin.visualization.motion import (
     MovingPicture,
     draw_motion,
+    draw_small_motion,
     draw_virtual_sliding,
 )
 
@@ -223,9 +224,18 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
         raise
     except Exception as error:
         return replace(answer, verdict=f"no verdict: {words_of(error)}")
-    motion = None
+    motion, small = None, found.small_motions
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
+    elif small is not None and small.motion is not None:
+        motion = draw_small_motion(
+            draw_scene(answer.scene, answer.solution),
+            found.problem,
+            small.motion,
+            small.growth,
+            answer.scene.hand,
+            answer.scene.object.center_of_mass_world,
+        )
     words = found.full_message("graspless-pin solve --verdict-nodes {}")
     return replace(
         answer,

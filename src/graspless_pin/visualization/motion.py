@@ -1,4 +1,4 @@
-"""Motions that are played: what an object does that does not stay, and the virtual sliding."""
+"""Motions that are played: of an object that does not stay, small ones, and virtual slidings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ from graspless_pin.visualization.picture import Picture, Role
 _TIMES = 31
 _WAY = 0.6  # of the object's radius: how far a point of it goes
 _TURN = 0.6  # rad, of object and joints
-_SLID, _SLID_TURN = 0.35, 0.4  # the same of the virtual sliding
+_SLID, _SLID_TURN = 0.35, 0.4  # the same of virtual slidings and small motions
+_GROWN = 30.0  # times as large as it begins: how far a small motion is shown
 _STILL = (Role.HAND, Role.SUPPORT, Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
 
 
@@ -112,15 +113,54 @@ def draw_virtual_sliding(
     """
     if not picture.of(Role.VIRTUAL_SLIDING) or solution.motion is None:
         return None
-    velocity, bends = solution.motion[:6], solution.motion[6:]
-    size = float(np.linalg.norm(solution.problem.positions, axis=1).max())
+    times = np.linspace(0.0, _enlarged(solution.problem, solution.motion), _TIMES)
+    return _along(picture, solution.motion, times, times, hand, origin)
+
+
+def draw_small_motion(
+    picture: Picture,
+    problem: QuasistaticProblem,
+    motion: FloatArray,
+    growth: float,
+    hand: Hand | None,
+    origin: FloatArray,
+) -> MovingPicture:
+    """Let a picture go along a small motion that grows, enlarged like a virtual sliding.
+
+    Args:
+        picture: Of `draw_scene` or `draw_contacts`.
+        problem: Of the rest that is lost.
+        motion: (6 + L,) the motion, of any size.
+        growth: Its rate, 1/s.
+        hand: The hand; None: it is not drawn.
+        origin: (3,) the problem's reference point in the picture, m.
+    """
+    times = np.linspace(0.0, np.log(_GROWN) / growth, _TIMES)
+    ways = _enlarged(problem, motion) * np.expm1(growth * times) / (_GROWN - 1.0)
+    return _along(picture, motion, times, ways, hand, origin)
+
+
+def _enlarged(problem: QuasistaticProblem, motion: FloatArray) -> float:
+    """Return how many times a motion (6 + L,) is shown: object and joints go so far."""
+    velocity, bends = motion[:6], motion[6:]
+    size = float(np.linalg.norm(problem.positions, axis=1).max())
     speed = float(np.linalg.norm(velocity[:3]) + size * np.linalg.norm(velocity[3:]))
     rates = [*np.abs(bends).tolist(), float(np.linalg.norm(velocity[3:]))]
     ways = (_SLID * size, speed), *((_SLID_TURN, rate) for rate in rates)
-    end = min((way / rate for way, rate in ways if rate > 0.0), default=1.0)
-    times = np.linspace(0.0, end, _TIMES)
-    path = _object_path(times[:, None] * velocity, origin)
-    return _played(picture, hand, times, path, times[:, None] * bends)
+    return min((way / rate for way, rate in ways if rate > 0.0), default=1.0)
+
+
+def _along(
+    picture: Picture,
+    motion: FloatArray,
+    times: FloatArray,
+    ways: FloatArray,
+    hand: Hand | None,
+    origin: FloatArray,
+) -> MovingPicture:
+    """Return a picture that goes so many times (K,) along a motion (6 + L,)."""
+    path = _object_path(ways[:, None] * motion[:6], origin)
+    return _played(picture, hand, times, path, ways[:, None] * motion[6:])
 
 
 def _played(

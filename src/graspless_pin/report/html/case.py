@@ -12,7 +12,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
-from graspless_pin.report.verdict_data import read_motion
+from graspless_pin.report.verdict_data import read_motion, read_small_motion
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization import Picture, draw_scene
@@ -20,6 +20,7 @@ from graspless_pin.visualization.contacts import draw_contacts
 from graspless_pin.visualization.motion import (
     MovingPicture,
     draw_motion,
+    draw_small_motion,
     draw_virtual_sliding,
 )
 
@@ -35,7 +36,8 @@ class Case:
         bodies: M names of what touches the object; None: not known.
         points: (M, 3) contact points in the picture's frame, m.
         picture: What there is to see.
-        motion: What would happen, where the document's verdict states a motion.
+        motion: What would happen, where the document's verdict states a motion, or a small one
+            that grows.
         sliding: The picture along the mode's virtual motion; None: there is none.
         missing: Why the picture lacks the scene's bodies; empty: it does not.
         command: The command that solves it again; None: there is none.
@@ -82,16 +84,16 @@ def case_of_scene(
         >>> report_html(case).startswith("<!")
         True
     """
-    motion = None if verdict is None else verdict.motion
     origin, picture = scene.object.center_of_mass_world, draw_scene(scene, solution)
+    document = solution_document(solution, scene, verdict)
     return Case(
         scene.name,
         solution,
-        solution_document(solution, scene, verdict),
+        document,
         scene.contacts.bodies,
         solution.problem.positions + origin,
         picture,
-        None if motion is None else draw_motion(solution.problem, motion, scene=scene),
+        _moving(document, solution, picture, scene, origin),
         draw_virtual_sliding(picture, solution, scene.hand, origin),
         "",
         None if file is None else solve_command(solution, file),
@@ -128,7 +130,6 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
     else:
         scene, path = found
         picture, command = draw_scene(scene, solution), solve_command(solution, path)
-    motion = read_motion(document)
     return Case(
         str(document.get("scene", "A problem made from arrays")),
         solution,
@@ -136,14 +137,30 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
         document_bodies(document),
         solution.problem.positions + origin,
         picture,
-        None
-        if motion is None
-        else draw_motion(solution.problem, motion, scene=scene, origin=origin),
+        _moving(document, solution, picture, scene, origin),
         draw_virtual_sliding(picture, solution, None if scene is None else scene.hand, origin),
         missing,
         command,
         scene,
     )
+
+
+def _moving(
+    document: dict[str, Any],
+    solution: TorqueSolution,
+    picture: Picture,
+    scene: Scene | None,
+    origin: FloatArray,
+) -> MovingPicture | None:
+    """Return what the document's verdict says would happen; None: it says of nothing."""
+    problem, motion = solution.problem, read_motion(document)
+    if motion is not None:
+        return draw_motion(problem, motion, scene=scene, origin=origin)
+    small = read_small_motion(document)
+    if small is None:
+        return None
+    hand = None if scene is None else scene.hand
+    return draw_small_motion(picture, problem, *small, hand, origin)
 
 
 def _scene_of(

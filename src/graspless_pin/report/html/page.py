@@ -30,7 +30,7 @@ from graspless_pin.report.html.sections import (
     torque_figure,
 )
 from graspless_pin.report.html.view import render, view_context
-from graspless_pin.report.verdict_data import read_motion
+from graspless_pin.report.verdict_data import read_motion, read_small_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
 from graspless_pin.solution.tables import shown, torque_size
@@ -146,19 +146,22 @@ def _verdict(case: Case) -> dict[str, Any]:
         "verdict": {"lead": lead[:1].upper() + lead[1:], "words": words, "mark": mark},
         "motion_view": None,
     }
-    if case.motion is None or motion is None:
+    if case.motion is None:
         return context
+    small = read_small_motion(case.document) if motion is None else None
+    shows = "the table says what contacts do" if small is None else "contacts neither slip nor open"
     return context | {
         "motion_view": view_context(
             "motion-view",
             "the motion",
             case.motion.picture,
-            "Shows the object and what touches it in this motion; the table says what contacts do.",
+            f"Shows the object and what touches it in this motion; {shows}.",
             "contact numbers",
             case.motion,
         ),
         "slower": max(1, round(_PLAYED / float(case.motion.times[-1]))),
-        "motion_rows": motion_rows(case.solution.problem, motion),
+        "motion_rows": [] if motion is None else motion_rows(case.solution.problem, motion),
+        "growth": None if small is None else small[1],
     }
 
 

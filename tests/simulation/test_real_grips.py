@@ -1,0 +1,33 @@
+"""What is said of grips of real hands is what MuJoCo does: a slice of `make real-grips`."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from benchmarks.real_grips import Case, cases, summary
+
+GRIPS = sorted(Path(__file__).with_name("grips").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("file", GRIPS, ids=lambda file: file.stem)
+def test_a_grip_does_as_it_is_said_to(file: Path) -> None:
+    found = cases(file, ["margin"], soft=False)
+    assert found and not [str(one) for one in found if one.is_odd]
+    for one in found:
+        if one.measured and one.holding == "needs_feedback":
+            assert one.growth_is_near, str(one)
+
+
+def test_what_is_not_as_it_is_said_to_be_is_listed() -> None:
+    held = Case(
+        grip="a", contacts=4, algorithm="margin", holding="holds", controller="constant",
+        bodies="stiff", stiffness=0.0, growth=0.0, is_mesh=False, outcome="held", fingers=0.0,
+        measured=None, displacement=0.0, rotation=0.0, seconds=0.1, said="holds",
+    )  # fmt: skip
+    lost = replace(held, grip="b", outcome="moved", displacement=0.02)
+    bent = replace(held, grip="c", fingers=0.1)
+    loose = replace(held, grip="d", holding="needs_feedback", stiffness=0.5, growth=2.0)
+    text = summary([held, lost, bent, loose])
+    listed = text.partition("Not as said, stiff bodies:")[2].split("\n- ")[1:]
+    assert [line[0] for line in listed] == ["b", "c", "d"]
+    assert "- 1 of 3 of answers with `holds`, held (33 %; wanted 99%)" in text
