@@ -135,6 +135,8 @@ def test_a_search_that_ends_early_guarantees_less_and_nothing_wrong() -> None:
     quick = along(block_on_slope(0.5, 0.0), [], PUSH, node_limit=3)
     assert quick.guaranteed[0] < 0.25 * GRAVITY
     np.testing.assert_allclose(quick.failing, 0.5 * GRAVITY, rtol=1e-3)
+    # Certificates take no nodes.
+    assert along(block_on_slope(0.5, 0.0), [], PUSH, node_limit=0).guaranteed[0] >= 0.0
 
 
 @pytest.mark.parametrize("number", [2])

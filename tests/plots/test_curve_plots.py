@@ -115,6 +115,7 @@ def test_a_window_of_squeeze_shows_its_ends_and_samples():
         upper=WindowEnd(0.7, np.ones(1), EndReason.LIMIT, "joint 'a' is at its effort limit"),
         others=(),
         amounts=np.array([-1.0, -0.5, 0.0, 0.7]),
+        torques=np.ones((4, 1)),
         holding=(Holding.FAILS, Holding.MAY_FAIL, Holding.HOLDS, Holding.HOLDS),
         margins=np.array([np.nan, 0.1, 0.3, 0.5]),
         growth=np.array([np.nan, np.nan, 0.0, 0.0]),

@@ -35,7 +35,7 @@ _REST = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
 _NO_SQUEEZE = 1e-6
 """Of the contact forces: less than this inside them is no squeeze."""
 _WITHIN = 1e-6
-"""Of a limit: torques may exceed it by this."""
+"""Of a limit, or of the load: what torques may exceed it by, or margins be below zero."""
 _WIDEST = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
 
@@ -53,7 +53,7 @@ class EndReason(StrEnum):
     """What ends a window of squeeze. See the example of `squeeze_window`."""
 
     LIMIT = "limit"
-    """A joint reaches its effort limit."""
+    """A joint reaches its effort limit, or contact forces theirs."""
     SLIPS = "slips"
     """No contact forces within friction balance the torques."""
     MAY_SLIP = "may_slip"
@@ -102,8 +102,9 @@ class SqueezeWindow(Brief):
         upper: Where more does; None as above.
         others: Further stretches of amounts in which samples hold, (low, high) each.
         amounts: (K,) multiples of the direction that were looked at, ascending.
+        torques: (K, L) the motors' torques there, N m (N).
         holding: K answers under the controller.
-        margins: (K,) margin of these torques, N; NaN where they do not balance.
+        margins: (K,) margin of these torques, N; NaN where no forces within limits balance them.
         growth: (K,) rate at which a small motion grows, 1/s; NaN where it is not known.
         controller: The joint feedback, in words; empty: the torques are constant.
     """
@@ -113,6 +114,7 @@ class SqueezeWindow(Brief):
     upper: WindowEnd | None
     others: tuple[tuple[float, float], ...]
     amounts: FloatArray
+    torques: FloatArray
     holding: tuple[Holding, ...]
     margins: FloatArray
     growth: FloatArray
@@ -213,8 +215,9 @@ def squeeze_window(
         upper,
         tuple(_others(found, middle)),
         read_only(amounts),
+        read_only(np.array([one.torques for one in found])),
         tuple(one.verdict.holding for one in found),
-        read_only(np.array([line.margin(one) for one in found])),
+        read_only(np.array([one.margin for one in found])),
         read_only(np.array([one.verdict.growth_rate for one in found])),
         first.controller,
     )
@@ -227,10 +230,18 @@ class _Point:
     amount: float
     torques: FloatArray
     verdict: StabilityVerdict
+    margin: float
 
     @property
     def holds(self) -> bool:
-        return self.verdict.holding is Holding.HOLDS
+        return self.verdict.holding is Holding.HOLDS and self.margin >= 0.0
+
+    @property
+    def failure(self) -> tuple[EndReason, str]:
+        """Why it does not hold, and the same in words."""
+        if self.verdict.holding is Holding.HOLDS:
+            return EndReason.LIMIT, "no contact forces up to max_normal_force balance the torques"
+        return _REASONS[self.verdict.holding], self.verdict.message
 
 
 class _Line:
@@ -262,13 +273,12 @@ class _Line:
         torques = self._torques + amount * self._direction
         if not self._held.all() and amount != 0.0:
             torques = _followed(self._problem, torques, self._held, self._direction)
-        return _Point(amount, torques, self._verdict_on(torques))
-
-    def margin(self, point: _Point) -> float:
-        """Return the margin of a point's torques, N; NaN where they do not balance."""
-        fixed = self._problem.with_changes(torque_limits=(point.torques, point.torques))
-        solution = solve_problem(fixed, Margin(), _REST)
-        return solution.margin if solution.found else np.nan
+        fixed = self._problem.with_changes(torque_limits=(torques, torques))
+        margin = solve_problem(fixed, Margin(), _REST).margin
+        # Torques that follow lie at the edge of what balances: rounding makes nothing less of it.
+        if -_WITHIN * self._problem.scales.force < margin < 0.0:
+            margin = 0.0
+        return _Point(amount, torques, self._verdict_on(torques), margin)
 
     def limiting(self, amount: float) -> str:
         """Return the joint that is at its limit at an amount; empty: none is."""
@@ -379,8 +389,7 @@ def _end(line: _Line, points: list[_Point], tolerance: float) -> WindowEnd:
             while abs(bad.amount - good.amount) > tolerance:
                 middle = line.at(0.5 * (good.amount + bad.amount))
                 good, bad = (middle, bad) if middle.holds else (good, middle)
-            reason = _REASONS[bad.verdict.holding]
-            return _ended(good, reason, bad.verdict.message)
+            return _ended(good, *bad.failure)
         last = point
     joint = line.limiting(last.amount)
     if joint:

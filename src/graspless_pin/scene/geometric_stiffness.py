@@ -1,0 +1,169 @@
+"""The geometric stiffness of a scene's rest: how contact forces' work changes along motions.
+
+In closed form from the surfaces at the contacts. At rest Q + G^T f = 0 for the generalised load Q
+(weight, torques less the links' weight), and G N = 0 along the motions without slip. So along them
+the change of N^T Q is N^T (dQ + dG^T f) with the contact forces f fixed in the world: contact
+points and levers move as bodies and surfaces do.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from graspless_pin.errors import SceneError
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.contact.curvature import FLAT, Rolling, has_mesh, radii_of_curvature
+from graspless_pin.geometry.hand.joint_columns import JointColumns
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.holding.dynamics import motion_length
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.fields import SceneFields
+
+
+def surfaces_of(scene: SceneFields, problem: QuasistaticProblem) -> Mapping[str, Rolling]:
+    """Return the radii of curvature at the contacts: with meshes by facets and by fits to them."""
+    found = contacts_of(scene).arrays
+    placed = [support.placed_bodies for support in scene.supports]
+    if scene.hand is not None:
+        placed.append(scene.hand.placed_bodies)
+    pieces: defaultdict[str, list[CollisionBody]] = defaultdict(list)
+    for body in chain(*placed):
+        pieces[body.name].append(body)
+    own, touching = scene.object.placed_bodies, [pieces[name] for name in found.bodies]
+    half = 0.5 * np.array(found.distances)[:, None] * found.normals
+    models = ["facets", "fitted"] if any(map(has_mesh, [own, *touching])) else ["facets"]
+    surfaces = {}
+    for name in models:
+        fitted = name == "fitted"
+        radii = [
+            [
+                radii_of_curvature(own, point + gap, -normal, tangents, fitted=fitted),
+                radii_of_curvature(body, point - gap, normal, tangents, fitted=fitted),
+            ]
+            for body, point, gap, normal, tangents in zip(
+                touching, found.positions, half, found.normals, problem.tangents, strict=True
+            )
+        ]
+        surfaces[name] = Rolling(*np.array(radii).swapaxes(0, 1))
+    return surfaces
+
+
+class MovingBodies(NamedTuple):
+    """How the touching bodies move in d motions.
+
+    Attributes:
+        columns: The columns of the hand's joints; None without a hand.
+        links: Pinocchio joint of the link at each of the hand's contacts, which come first.
+        rates: (n, d) joint rates.
+        turns: (M, 3, d) angular velocities.
+        points: (M, 3, d) velocities of the material points at the contacts.
+    """
+
+    columns: JointColumns | None
+    links: list[int]
+    rates: FloatArray
+    turns: FloatArray
+    points: FloatArray
+
+
+def moving_bodies(scene: SceneFields, velocities: FloatArray) -> MovingBodies:
+    """Return how the touching bodies move along motions N (6 + L, d) of object and joints."""
+    hand, found = scene.hand, contacts_of(scene).arrays
+    turns = np.zeros((len(found), 3, velocities.shape[1]))
+    points = np.zeros_like(turns)
+    if hand is None:
+        return MovingBodies(None, [], np.zeros((0, velocities.shape[1])), turns, points)
+    rates = hand.actuation.from_joints @ velocities[6 : 6 + len(hand.actuation.names)]
+    columns = JointColumns(hand)
+    links = [hand.tree.link_joints[name] for name in found.bodies[: found.hand_count]]
+    for contact, link in enumerate(links):
+        turns[contact] = columns.rotation(link) @ rates
+        points[contact] = columns.velocity(link, found.positions[contact]) @ rates
+    return MovingBodies(columns, links, rates, turns, points)
+
+
+def refuse_flat_on_flat(
+    scene: SceneFields,
+    problem: QuasistaticProblem,
+    rolling: Rolling,
+    velocities: FloatArray,
+    bodies: MovingBodies,
+) -> None:
+    """Refuse motions about a tangent along which both surfaces are flat: the point would jump.
+
+    Raises:
+        SceneError: Naming the body.
+    """
+    across = np.cross(velocities[3:6] - bodies.turns, problem.normals[:, :, None], axis=1)
+    moves = rolling.moves @ np.einsum("mit,mid->mtd", problem.tangents, across)
+    reach = np.linalg.norm(moves, axis=1).max(axis=1, initial=0.0)
+    if reach.max(initial=0.0) > np.sqrt(FLAT) * motion_length(problem):
+        body = contacts_of(scene).bodies[int(np.argmax(reach))]
+        raise SceneError(
+            f"{scene.name}: one contact stands for a line or a face on {body!r}, about which the "
+            "object tips; use shapes that touch at its ends, or round ones"
+        )
+
+
+def geometric_stiffness(
+    scene: SceneFields,
+    problem: QuasistaticProblem,
+    rolling: Rolling,
+    velocities: FloatArray,
+    bodies: MovingBodies,
+) -> tuple[FloatArray, FloatArray]:
+    """Return (M, 3, d, d) of unit contact forces and (d, d) of the links' weight.
+
+    A row is the motion that does work, a column the one along which forces change.
+    """
+    linear, angular = velocities[:3], velocities[3:6]
+    count, size = problem.contact_count, velocities.shape[1]
+    force_stiffness, constant = np.zeros((count, 3, size, size)), np.zeros((size, size))
+    found, columns = contacts_of(scene).arrays, bodies.columns
+    shares, moves = rolling.shares, rolling.moves
+    for contact in range(count):
+        normal, tangents = problem.normals[contact], problem.tangents[contact]
+        on_object = linear + np.cross(angular, problem.positions[contact], axis=0)
+        across = tangents.T @ np.cross(angular - bodies.turns[contact], normal, axis=0)
+        point = on_object + tangents @ (moves[contact] @ across)
+        own = force_stiffness[contact]
+        if not problem.has_cone[contact]:
+            # Without friction the point slips, and the force turns with the normal.
+            apart = on_object - bodies.points[contact]
+            slip = tangents.T @ apart
+            point = point - tangents @ (rolling.object_radii[contact] @ shares[contact] @ slip)
+            swing = shares[contact] @ (rolling.body_radii[contact] @ across - slip)
+            turned = np.cross(angular, normal, axis=0) - tangents @ swing
+            own -= np.einsum("i,ja,jb->iab", normal, apart, turned)
+        # The moment of a force that is fixed in the world changes with its point of attack.
+        own -= np.cross(angular.T[:, None], (point - linear).T[None]).transpose(2, 0, 1)
+        if columns is not None and contact < len(bodies.links):
+            own += columns.change_of_velocities(
+                bodies.links[contact], found.positions[contact], point, bodies.rates
+            )
+    if scene.hand is not None and columns is not None and scene.count_own_weight:
+        constant -= _of_weight(scene.hand, columns, bodies.rates, scene.gravity)
+    return force_stiffness, constant
+
+
+def _of_weight(
+    hand: Hand, columns: JointColumns, rates: FloatArray, gravity: FloatArray
+) -> FloatArray:
+    """Return (d, d) how the work of the links' weight along motions changes along motions."""
+    masses, centers = hand.tree.masses
+    total = np.zeros((rates.shape[1],) * 2)
+    moved = (hand.tree.supports[:, rates.any(axis=1)]).any(axis=1)
+    for link in np.flatnonzero(moved & (masses > 0.0)).tolist():
+        T = columns.T_world_joint[link]
+        center = T[:3, :3] @ centers[link] + T[:3, 3]
+        move = columns.velocity(link, center) @ rates
+        changes = columns.change_of_velocities(link, center, move, rates)
+        total += masses[link] * np.einsum("i,iab->ab", gravity, changes)
+    return total
