@@ -106,7 +106,8 @@ def test_a_limit_counts_nodes_and_says_how_far_it_came() -> None:
     first, again = (verdict(pressed_on_wall(), 11.0, node_limit=20) for _ in range(2))
     assert first.status is Stability.UNDECIDED
     assert first.nodes == 20
-    assert str(first) == str(again)
+    # What more would take is an estimate from the time that these nodes took.
+    assert first.message == again.message and first.next_nodes == again.next_nodes
     assert "20" in first.message
     assert verdict(pressed_on_wall(), 11.0, time_limit=0.0).status is Stability.UNDECIDED
 
