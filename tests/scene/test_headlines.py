@@ -152,6 +152,8 @@ def test_where_facets_and_surface_differ_both_are_told(tmp_path: Path) -> None:
     height = float(mesh.vertices[:, 2].max()) + 0.05
     said = on_mesh(tmp_path, mesh, height).stability([])
     assert "(on a mesh's facets 0 /s, on a smooth surface fitted to them 5." in str(said)
+    # Contact forces are determined: the worse surface decides, whatever the other says.
+    assert said.holding == "fails" and str(said).startswith("stays at the first instant; then ")
 
 
 def test_a_problem_without_a_scene_is_known_where_nothing_rolls() -> None:

@@ -92,6 +92,15 @@ def _turned(proof: dict[str, Any]) -> None:
     proof["velocities"] = rows.tolist()
 
 
+def _hidden_slip(proof: dict[str, Any], share: float) -> None:
+    """Put a slip in the place of the last motion: tiny, or beside another motion."""
+    rows = np.array(proof["velocities"])
+    slip = np.zeros(len(rows))
+    slip[0] = 1e-7 * np.abs(rows).max()
+    rows[:, -1] = share * rows[:, 0] + slip
+    proof["velocities"] = rows.tolist()
+
+
 def _identity(proof: dict[str, Any]) -> None:
     proof["lyapunov"] = np.eye(len(proof["lyapunov"])).tolist()
 
@@ -125,6 +134,14 @@ def test_what_is_no_proof_is_refused(held_ball, forge) -> None:
     forged = copy.deepcopy(held_ball)
     forge(forged["holding"]["proofs"]["facets"])
     assert failing(forged) == ["no small motion grows (facets)"]
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_small_or_nearly_equal_columns_hide_no_slip(held_ball, share) -> None:
+    forged = copy.deepcopy(held_ball)
+    _hidden_slip(forged["holding"]["proofs"]["facets"], share)
+    (check,) = (one for one in verify_document(forged).checks if one.passed is False)
+    assert check.detail == "the motions let contacts slip or open"
 
 
 def test_without_a_proof_it_does_not_hold(held_ball) -> None:

@@ -173,7 +173,7 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
         growth_by_surface=_growths(models),
         motion=read_only(worst.fastest) if growing else None,
         neutral=tuple(dict.fromkeys(neutral)),
-        least_growth=min(one.least_growth for one in models.values()),
+        least_growth=worst.least_growth,
         proofs={} if growing else _proofs(scene, problem, models),
     )
 

@@ -274,12 +274,11 @@ def simulate(
     """Simulate a scene's rest with MuJoCo, with stiff bodies and with soft ones.
 
     Gaps at contacts are closed first, by joints where they can do so, else by moving the object;
-    what it does is told from there on. It is
-    held in a fixture for 0.3 s while torques and push grow to what they are, and feedback holds the
-    joints. Then both are let go, through a damping that fades within 0.2 s: contacts that just
-    touch would close with an impact otherwise. The torques stay constant. A run ends early where
-    the object is far away. With ``protocol="step"`` all acts at once on the free object, impact
-    included.
+    what it does is told from there on. It is held in a fixture for 0.3 s while torques and push
+    grow to what they are, and feedback holds the joints. Then both are let go, through a damping
+    that fades within 0.2 s: contacts that just touch would close with an impact otherwise. The
+    torques stay constant. A run ends early where the object is far away. With ``protocol="step"``
+    all acts at once on the free object, impact included.
 
     Args:
         scene: The scene, without a declared motion.

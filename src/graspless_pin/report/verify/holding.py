@@ -26,8 +26,6 @@ _OF_INSTANT = {
     "undecided": ("strong", "undecided"),
 }
 """What the first instant may be for what is said of the object under the controller."""
-
-
 _MOST_MOTIONS = 200
 
 
@@ -137,9 +135,10 @@ class _Proof:
         sizes = np.linalg.norm(flat, axis=0)
         sizes[sizes == 0.0] = 1.0
         scaled, motions = flat / sizes, self.N[columns] * sizes[:, None]
-        if np.abs(scaled @ motions).max(initial=0.0) > tolerances.WITHOUT_SLIP * np.abs(
-            motions
-        ).max(initial=0.0):
+        # Of an orthonormal basis: small columns, or columns that nearly agree, hide no slip.
+        lengths = np.linalg.norm(motions, axis=0)
+        basis, _ = np.linalg.qr(motions / np.where(lengths > 0.0, lengths, 1.0))
+        if np.abs(scaled @ basis).max(initial=0.0) > tolerances.WITHOUT_SLIP:
             return "the motions let contacts slip or open"
         values = np.linalg.svd(scaled, compute_uv=False)
         rank = int((values > tolerances.MOTION_RANK * values.max(initial=0.0)).sum())
