@@ -11,25 +11,26 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import islice, product
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import trimesh
 from tabulate import tabulate
 
+from benchmarks.grip_runs import FINGER_MOVED, MARGIN, NODES, run_of
+from benchmarks.grip_windows import EndCase, StableCase, end_cases, stable_cases, window_summary
 from graspless_pin import Controller, Holding, Scene, load_scene, place_hand
 from graspless_pin.findings import capture
 from graspless_pin.geometry import Box, Capsule, Cone, Cylinder, MeshShape, Sphere
 from graspless_pin.geometry.bodies.shapes import Shape
-from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.new_scene import NewScene, new_scene_text
 from graspless_pin.scene.saving import scene_text
-from graspless_pin.simulation import SimulatedRun, simulate
 from graspless_pin.simulation.model import SOFT, STIFF, ContactModel
 
 ROOT = Path(__file__).parents[1]
@@ -42,18 +43,8 @@ EFFORT = 1.0
 """N m (N) of actuators whose limit the robot's files do not tell."""
 MASS = 0.3  # kg
 SEED, CANDIDATES, RANKS = 11, 60, 4
-NODES = BRIEF_NODE_LIMIT
-MARGIN = 0.1  # N, of Algorithm 2
 BELOW, ABOVE = 0.67, 1.5
 """Times the feedback that is said to be needed."""
-SECONDS, LONGEST, GROWTHS = 2.0, 20.0, 6.0
-"""s of runs; of those in which a motion grows so many times its time constant, s at most."""
-START = 1e-4, 1e-3
-"""m, rad: how far along a motion that grows a run begins."""
-FINGER_MOVED = float(np.radians(2.0))
-"""rad: a joint that goes farther does not stay, whatever the object does."""
-FITTED = 10.0, 60.0
-"""Of the start: growth is read off between these."""
 WITHIN, WITHIN_ON_MESH = 1.2, 2.0
 """Factors by which growth rates may be off, on smooth shapes and on meshes."""
 
@@ -171,13 +162,38 @@ def place(name: tuple[str, str]) -> list[Path]:
     return sorted(KEPT.glob(f"{hand}_{target}_[0-9].yaml"))
 
 
-def kept_cases(path: Path) -> list[Case]:
-    """Return what is said of a grip and what becomes of it; from a file where it is known."""
-    kept = path.with_suffix(".json")
-    if kept.exists():
-        return [Case(**one) for one in json.loads(kept.read_text())]
-    found = cases(path)
-    kept.write_text(json.dumps([asdict(one) for one in found], indent=1))
+_Kind = TypeVar("_Kind", Case, StableCase, EndCase)
+
+
+class GripCases(NamedTuple):
+    """All that is known of a grip."""
+
+    said: list[Case]
+    stable: list[StableCase]
+    ends: list[EndCase]
+
+
+def kept_cases(path: Path) -> GripCases:
+    """Return what is said of a grip and what becomes of it; from files where it is known."""
+    return GripCases(
+        _kept(path.with_suffix(".json"), Case, lambda: cases(path)),
+        _kept(
+            path.with_suffix(".stable.json"),
+            StableCase,
+            lambda: stable_cases(load_scene(path), path.stem),
+        ),
+        _kept(
+            path.with_suffix(".ends.json"), EndCase, lambda: end_cases(load_scene(path), path.stem)
+        ),
+    )
+
+
+def _kept(path: Path, kind: type[_Kind], made: Callable[[], Iterable[_Kind]]) -> list[_Kind]:
+    if path.exists():
+        return [kind(**one) for one in json.loads(path.read_text())]
+    with capture():
+        found = [*made()]
+    path.write_text(json.dumps([vars(one) for one in found], indent=1))
     return found
 
 
@@ -212,25 +228,17 @@ def _of_torques(
 
     def run(controller: str, stiffness: float, model: ContactModel) -> Case:
         held = scene.with_changes(controller=Controller(stiffness))
-        own, growth, span = motion, said.growth_rate, SECONDS
+        own, growth = motion, said.growth_rate
         if stiffness and said.holding is Holding.NEEDS_FEEDBACK:
             now = held.stability(torques, node_limit=NODES)
             growth = now.growth_rate
             if now.small_motions is not None and now.small_motions.motion is not None:
                 own = now.small_motions.motion
-        if growth > 0.0:
-            span = min(max(GROWTHS / growth, SECONDS), LONGEST)
-        start = None if own is None else _start(own)
-        (done,) = simulate(
-            held, torques, seconds=span, displacement=start, contact_models=[model]
-        ).runs
         mesh = small is not None and bool(small.growth_by_surface)
+        done = run_of(held, torques, own, growth, model)
         return Case(
             name, scene.problem().contact_count, algorithm, str(said.holding), controller,
-            model.name, said.stiffness_needed, growth, mesh, str(done.outcome),
-            float(np.abs(done.joint_moves - done.joint_moves[0]).max(initial=0.0)),
-            _measured(done) if growth > 0.0 else None,
-            done.displacement, done.rotation, seconds, said.message,
+            model.name, said.stiffness_needed, growth, mesh, *done, seconds, said.message,
         )  # fmt: skip
 
     needed = said.stiffness_needed
@@ -243,30 +251,6 @@ def _of_torques(
         yield run("constant", 0.0, SOFT)
     if soft and needs:
         yield run("above", 2.0 * needed, SOFT)
-
-
-def _start(motion: FloatArray) -> FloatArray:
-    """Return a motion (6 + L,) as long as a run's start."""
-    sizes = np.concatenate([np.full(3, START[0]), np.full(len(motion) - 3, START[1])])
-    return motion / np.abs(motion / sizes).max()
-
-
-def _measured(run: SimulatedRun) -> float | None:
-    """Return the rate at which what moves goes farther, 1/s."""
-    first = run.T_world_object[0]
-    way = run.T_world_object[:, :3, 3] - first[:3, 3]
-    turn = np.linalg.norm(run.T_world_object[:, :3, :3] - first[:3, :3], axis=(1, 2)) / np.sqrt(2)
-    joints = np.abs(run.joint_moves - run.joint_moves[0]).max(axis=1, initial=0.0)
-    sizes = [np.linalg.norm(way, axis=1) / START[0], turn / START[1], joints / START[1]]
-    size = 1.0 + np.max(sizes, axis=0)  # the run starts that far along the motion
-    low, high = FITTED
-    past = np.flatnonzero(size > high)
-    end = int(past[0]) if len(past) else len(size)
-    under = np.flatnonzero(size[:end] < low)
-    begin = int(under[-1]) + 1 if len(under) else 0
-    if end - begin < 3 or size[end - 1] < 0.5 * high:
-        return None
-    return float(np.polyfit(run.times[begin:end], np.log(size[begin:end]), 1)[0])
 
 
 def summary(found: Sequence[Case]) -> str:
@@ -340,12 +324,14 @@ def main() -> None:
             print(f"{len(grips)} grips", file=sys.stderr, flush=True)
             if given.count is not None and len(grips) >= given.count:
                 break
-        results: list[Case] = []
+        results = GripCases([], [], [])
         if not given.place:
             for own in pool.map(kept_cases, islice(grips, given.count)):
-                results += own
-                print(*own, sep="\n", file=sys.stderr, flush=True)
-    print(summary(results))
+                for all_cases, new in zip(results, own, strict=True):
+                    all_cases.extend(new)
+                    print(*new, sep="\n", file=sys.stderr, flush=True)
+    print(summary(results.said))
+    print(f"\n{window_summary(results.stable, results.ends)}")
 
 
 if __name__ == "__main__":

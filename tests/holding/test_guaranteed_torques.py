@@ -36,9 +36,13 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms import guaranteed_torques
 from graspless_pin.algorithms.guaranteed_torques import half_space
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.holding.small_motions import RestModel
 from graspless_pin.holding.stability import undecided_verdict
 from graspless_pin.programs.analysis_objectives import InsideHalfSpaces
+from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import read_solution, solution_document
 
 CUBOID = "examples/paper/cuboid_at_rest.yaml"
@@ -225,9 +229,7 @@ def test_a_scene_that_verdicts_cannot_decide_on_has_none(monkeypatch: pytest.Mon
     assert said.status.name == "UNDECIDED"
 
 
-def test_torques_that_few_nodes_left_undecided_are_asked_again_in_their_order(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_torques_that_few_nodes_left_undecided_are_asked_again_in_their_order() -> None:
     asked = list[tuple[int, float]]()
 
     def told(problem: QuasistaticProblem, torques: Any, **how: Any) -> Any:
@@ -236,9 +238,9 @@ def test_torques_that_few_nodes_left_undecided_are_asked_again_in_their_order(
         sure = len(asked) > 1 and how["node_limit"] > 300
         return replace(said, status=Stability.STRONG) if sure else said
 
-    monkeypatch.setattr(guaranteed_torques, "stability", told)
     problem = pressed_on_wall().with_changes(torque_limits=(0.0, 40.0))
-    found = minimize_torque(problem, 0.1, stability="strong", verdict_nodes=1000)
+    options = SolveOptions.parse(stability="strong", verdict_nodes=1000)
+    found = solve_problem(problem, Torque(0.1), options, rest=RestModel(verdict=told))
     (_, best), (few, first), *_ = asked
     again = [torque for nodes, torque in asked[1:] if nodes == 1000]
     assert few == 300 and again == [first]

@@ -7,7 +7,7 @@ import pytest
 from scene_tools import EXAMPLES, PAPER, content, loaded
 from scipy.linalg import null_space
 
-from graspless_pin import load_scene, minimum_stiffness
+from graspless_pin import free_motions, load_scene, minimum_stiffness, stability
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.scene import Scene
 
@@ -43,6 +43,30 @@ def test_a_ball_on_a_ball_rolls_off_at_the_textbooks_rate(tmp_path):
     assert np.abs(found.motion).max() == 1.0
     rolled = np.cross(found.motion[3:6], [0, 0, 0.05])
     np.testing.assert_allclose(found.motion[:3], rolled, atol=1e-9)
+
+
+def test_walls_that_bear_nothing_do_not_keep_a_ball_on_a_ball(tmp_path):
+    """Three contacts leave no motion without slip, but two of them can bear no friction."""
+    walls = [
+        {
+            "name": name,
+            "shape": {"type": "box", "size": [0.02, 0.02, 0.02]},
+            "pose": {"position": [*position, 0.25]},
+        }
+        for name, position in (("left", [-0.06, 0.0]), ("behind", [0.0, -0.06]))
+    ]
+    below = {"name": "below", "shape": ball(0.2)}
+    scene = standing(
+        tmp_path, ball(0.05), 0.25, below, supports=[below, *walls], friction=0.3
+    )  # with more of it the ball can jam
+    assert scene.problem().contact_count == 3 and len(free_motions(scene.problem())) == 0
+    found = minimum_stiffness(scene, [])
+    assert found.growth == pytest.approx(np.sqrt(5 * G / (7 * 0.25)), rel=1e-5)
+    said = scene.stability([])
+    assert said.status == "strong" and said.holding == "fails"
+    alone = stability(scene.problem(), [])
+    assert alone.status == "strong" and alone.holding == "undecided"
+    assert "some contacts bear nothing" in str(alone)
 
 
 def board_on_cylinder(folder, half) -> Scene:

@@ -546,7 +546,7 @@ def bound_of_a_far_answer_is_half_too_large(document: Document) -> None:
 
 @forgery("tree")
 def optimum_is_guaranteed(document: Document) -> None:
-    says("strong", "the best found of the torques of which rest is the only outcome")(document)
+    says("strong", "the best found of the torques that guarantee rest")(document)
     document["guarantee"] = {"best_case": document["max_torque"], "gap": 0.0, "tried": 1}
 
 
@@ -720,7 +720,7 @@ _TABLE: tuple[tuple[Any, ...], ...] = (
     ("mode_without_motion_has_none_of_forces", "infeasible mode",
      put("contacts", ..., "selected", to=False), put("contacts", ..., "signs", to=[0, 0])),
     ("not_found_is_impossible", "not guaranteed",
-     says("infeasible_strong", "infeasible: rest is the only outcome of no torques")),
+     says("infeasible_strong", "infeasible: no torques guarantee rest")),
     ("normal_is_turned", "tree", put("contacts", 0, "normal", by=times(-1.0)),
      put("contacts", 0, "tangents", by=lambda pair: pair[::-1])),
     ("normal_and_force_are_turned", "tree", put("contacts", ..., "normal", by=times(-1.0)),

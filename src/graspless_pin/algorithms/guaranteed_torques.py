@@ -10,20 +10,25 @@ of torques for each, as in counterexample-guided synthesis. Only the verdict gua
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
+from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.holding.dynamics import contact_jacobian, generalized_load
-from graspless_pin.holding.stability import counterexamples, stability, undecided_verdict
+from graspless_pin.holding.small_motions import LinearizedMotion, RestModel, extreme_forces
+from graspless_pin.holding.stability import counterexamples, undecided_verdict
 from graspless_pin.holding.verdict import DynamicOutcome, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.analysis_objectives import InsideHalfSpaces, at_torques
 from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.programs.program import MatrixInequality
 from graspless_pin.solution import Evidence, Guarantee, Status, TorqueSolution
+from graspless_pin.solvers import least_within
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)
 """Of the supports' friction, tried one after the other."""
@@ -41,6 +46,12 @@ _SAME = 1e-6
 """Of the joint scales: torques that differ by less were tried."""
 _STILL = 1e-9
 """Power per second of the joint scales along a motion, W/s: less has no part in it."""
+_GUESSED_GROWTH = 0.05
+"""1/s: half of what counts as growing."""
+_RESERVE = 0.9
+"""Of the controller's gains: guesses hold with these already, as nothing is quite rigid."""
+_ROUNDS = 5
+"""Semidefinite programs of one guess."""
 _FIRST_NODES = 300
 """Sets of outcomes of a first verdict; what that leaves undecided is asked again, with all."""
 
@@ -51,16 +62,22 @@ Tried = tuple[TorqueSolution, StabilityVerdict]
 
 
 def guaranteed(
-    best: TorqueSolution, optimum: Optimum, options: SolveOptions, limits: Limits, unknown: str = ""
+    best: TorqueSolution,
+    optimum: Optimum,
+    options: SolveOptions,
+    limits: Limits,
+    rest: RestModel | None = None,
 ) -> TorqueSolution:
     """Return the best torques found of which rest is the only outcome.
+
+    Where a scene states its controller, small motions must not grow under it either.
 
     Args:
         best: The best case, found or not.
         optimum: Finds that of another problem, for another objective.
         options: How the verdicts are asked for.
         limits: Of the whole call.
-        unknown: Why no verdict can be had; empty: one can.
+        rest: What is known of rest beside the problem; None: nothing.
 
     Returns:
         The best case where nothing is found or where its own torques are guaranteed; else a
@@ -68,13 +85,17 @@ def guaranteed(
     """
     if not best.found:
         return best
+    rest = RestModel() if rest is None else rest
+    unknown = rest.unknown or best.problem.cone_model.no_verdict
     if unknown:
         verdict = undecided_verdict(best.problem, best.torques, unknown)
         return _none_found(best, [(best, verdict)])
-    search = _Search(best, optimum, options, limits)
+    search = _Search(best, optimum, options, limits, rest)
     verdict = search.judged(best, options.verdict_nodes)
-    if verdict.status is Stability.STRONG:
+    if rest.is_kept(verdict):
         return _certified(best, best, verdict, 1)
+    if verdict.joints_held:
+        return _none_found(best, search.tried)
     found = [one for one in map(search.first, (search.led(verdict), search.guesses())) if one]
     if not found and options.verdict_nodes > _FIRST_NODES:
         open_still = [one for one, known in search.tried[1:] if known.status is Stability.UNDECIDED]
@@ -83,7 +104,9 @@ def guaranteed(
     if not found:
         return _none_found(best, search.tried)
     sign = 1.0 if best.objective.maximizes else -1.0
-    candidate, verdict = search.improved(*max(found, key=lambda one: sign * one[0].value))
+    candidate, verdict = max(found, key=lambda one: sign * one[0].value)
+    if not search.motions:  # else they are the best ones with some reserve
+        candidate, verdict = search.improved(candidate, verdict)
     return _certified(best, candidate, verdict, len(search.tried))
 
 
@@ -96,6 +119,7 @@ class _Search:
         optimum: Finds that of another problem, for another objective.
         options: How the verdicts are asked for.
         limits: Of the whole call.
+        rest: What is known of rest beside the problem.
         tried: Each candidate with its verdict.
     """
 
@@ -103,11 +127,12 @@ class _Search:
     optimum: Optimum
     options: SolveOptions
     limits: Limits
+    rest: RestModel
     tried: list[Tried] = field(default_factory=list)
 
     def judged(self, candidate: TorqueSolution, nodes: int = _FIRST_NODES) -> StabilityVerdict:
         """Return the verdict on a candidate's torques, after so many sets of outcomes at most."""
-        verdict = stability(
+        verdict = self.rest.verdict(
             self.best.problem,
             candidate.torques,
             node_limit=min(nodes, self.options.verdict_nodes),
@@ -122,7 +147,7 @@ class _Search:
         """Return the first candidate whose torques are guaranteed."""
         for candidate in candidates:
             verdict = self.judged(candidate, nodes)
-            if verdict.status is Stability.STRONG:
+            if self.rest.is_kept(verdict):
                 return candidate, verdict
             if self.limits.passed:
                 break
@@ -148,7 +173,7 @@ class _Search:
                     break
                 normals, sides = (np.array(part) for part in zip(*cuts, strict=True))
                 inside = InsideHalfSpaces(normals, sides, _DEPTH, objective.required_margin)
-                candidate = self._held(self.optimum(problem, inside))
+                candidate = self._optimal(problem, inside)
                 if candidate is None:
                     break
                 change, last = np.abs(candidate.torques - last), candidate.torques
@@ -165,12 +190,13 @@ class _Search:
         problem, objective = self.best.problem, self.best.objective
         rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
         supports = ~rows.any(axis=1) & ~problem.is_sliding
-        shares: list[tuple[Objective, float]] = [(objective, share) for share in _SHARES]
+        first = (1.0, *_SHARES) if self.motions else _SHARES
+        shares: list[tuple[Objective, float]] = [(objective, share) for share in first]
         if not isinstance(objective, Margin):
             shares += [(Margin(), share) for share in (1.0, *_SHARES)]
         for aim, share in shares if problem.joint_count else ():
             friction = np.where(supports, share, 1.0) * problem.friction
-            held = self._held(self.optimum(problem.with_changes(friction=friction), aim))
+            held = self._optimal(problem.with_changes(friction=friction), aim)
             if held is not None:
                 yield held
 
@@ -181,20 +207,81 @@ class _Search:
             middle = 0.5 * (known + far)
             candidate = self._at(middle)
             judged = None if candidate is None else self.judged(candidate)
-            if candidate is None or judged is None or judged.status is not Stability.STRONG:
+            if candidate is None or judged is None or not self.rest.is_kept(judged):
                 far = middle
             else:
                 known, found, verdict = middle, candidate, judged
         return found, verdict
 
-    def _held(self, found: TorqueSolution) -> TorqueSolution | None:
-        """Return the optimum of the problem itself with the torques of another."""
+    @cached_property
+    def motions(self) -> Sequence[LinearizedMotion]:
+        """Small motions that must not grow, by model of the surfaces; empty: none is known."""
+        return [motion for motion in self.rest.motions() if len(motion.inertia)]
+
+    def _optimal(self, problem: QuasistaticProblem, aim: Objective) -> TorqueSolution | None:
+        """Return the optimum of the problem itself with the torques that are best for another.
+
+        Of those under which small motions are not expected to grow, where there are any.
+        """
+        if self.motions:
+            torques = stable_torques(problem, aim, self.motions, self.best.problem)
+            if torques is not None:
+                return self._at(torques)
+        found = self.optimum(problem, aim)
         return self._at(found.torques) if found.found else None
 
     def _at(self, torques: FloatArray) -> TorqueSolution | None:
         objective = self.best.objective
         held = self.optimum(self.best.problem, at_torques(objective, torques))
         return replace(held, objective=objective) if held.found else None
+
+
+def stable_torques(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    motions: Sequence[LinearizedMotion],
+    whole: QuasistaticProblem,
+) -> FloatArray | None:
+    """Return the best torques (L,) under which no small motion is expected to grow; None: none.
+
+    A semidefinite program over the forces of the relaxation. Only the symmetric part of the
+    geometric stiffness counts, and of the contact forces that torques leave open those that are
+    chosen, and the worst ones that were met on the way: a guess, N m (N).
+
+    Args:
+        problem: Contacts, load and limits.
+        objective: What is optimised.
+        motions: Small motions under the controller, by model of the surfaces.
+        whole: The problem whose contact forces may be any that are admissible.
+    """
+    formulation = formulate(problem, objective)
+    program, coordinates = formulation.program, formulation.coordinates
+    margin = [one.at for one in program.bounded_blocks if one.name == "margin"]
+    low = program.lb.copy()
+    for at in margin:
+        low[at] = np.maximum(low[at], 0.0)
+    program = program.bounded(low, program.ub)
+    basis = coordinates.force_scale * coordinates.basis.T
+    offsets = [(motion, np.zeros((problem.contact_count, 3))) for motion in motions]
+    torques = None
+    for _ in range(_ROUNDS):
+        inequalities = []
+        for motion, forces in offsets:
+            constant, each = motion.inequality(forces, _GUESSED_GROWTH, _RESERVE)
+            inequalities.append(MatrixInequality(constant, np.tensordot(basis, each, 1)))
+        x = least_within(program, inequalities)
+        if x is None:
+            break
+        forces = coordinates.forces(x)
+        torques = problem.gravity_torques + problem.jacobian.T @ forces.ravel()
+        known = len(offsets)
+        for motion in motions:
+            worst = extreme_forces(motion, whole, torques, forces, worst=True)
+            if motion.fastest(motion.stiffness(worst))[0] > 0.0:
+                offsets.append((motion, worst - forces))
+        if len(offsets) == known:
+            break
+    return torques
 
 
 def half_space(
@@ -243,7 +330,7 @@ def _none_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
     """Return that no torques were found, and that there are none where there is no choice."""
     verdict = next(judged for one, judged in reversed(tried) if one is best)
     moves = verdict.status in (Stability.WEAK, Stability.NONE)
-    proven = moves and not best.problem.joint_count
+    proven = moves and (verdict.joints_held or not best.problem.joint_count)
     return replace(
         best,
         status=Status.INFEASIBLE_STRONG if proven else Status.STRONG_NOT_FOUND,

@@ -14,6 +14,7 @@ from graspless_pin.algorithms.load_brackets import (
     load_bracket,
 )
 from graspless_pin.algorithms.options import Limits
+from graspless_pin.holding.dynamics import with_joints_held
 from graspless_pin.holding.stability import stability, undecided_verdict
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
@@ -183,24 +184,8 @@ def _without(
     )
     # A hybrid finger that touches nothing commands nothing.
     idle = np.flatnonzero(hybrid_contacts(problem) == contact)
-    changed = with_joints_still(fewer, verdict.torques, idle)
+    changed, tau = with_joints_held(fewer, verdict.torques, idle), verdict.torques
     if limits.passed:
-        return undecided_verdict(*changed, "undecided: the time was over before it was looked at")
-    return stability(*changed, node_limit=node_limit, time_limit=limits.left)
-
-
-def with_joints_still(
-    problem: QuasistaticProblem, tau: FloatArray, joints: NDArray[np.intp]
-) -> tuple[QuasistaticProblem, FloatArray]:
-    """Return the problem without these joints, which stand still, and the others' torques."""
-    kept = np.delete(np.arange(problem.joint_count), joints)
-    inertia = problem.joint_inertia
-    changed = problem.with_changes(
-        jacobian=problem.jacobian[:, kept],
-        torque_limits=(problem.lower_torque[kept], problem.upper_torque[kept]),
-        joint_names=[problem.joint_names[joint] for joint in kept],
-        joint_units=[problem.joint_units[joint] for joint in kept],
-        gravity_torques=problem.gravity_torques[kept],
-        joint_inertia=None if inertia is None else inertia[np.ix_(kept, kept)],
-    )
-    return changed, tau[kept]
+        why = "undecided: the time was over before it was looked at"
+        return undecided_verdict(changed, tau, why)
+    return stability(changed, tau, node_limit=node_limit, time_limit=limits.left)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
@@ -29,6 +31,9 @@ from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
 
+if TYPE_CHECKING:
+    from graspless_pin.holding.small_motions import RestModel
+
 
 def solve_problem(
     problem: QuasistaticProblem,
@@ -36,7 +41,7 @@ def solve_problem(
     options: SolveOptions = DEFAULT_OPTIONS,
     *,
     mode: SlidingMode | None = None,
-    unknown: str = "",
+    rest: RestModel | None = None,
 ) -> TorqueSolution:
     """Solve a problem for an objective.
 
@@ -45,7 +50,7 @@ def solve_problem(
         objective: What is optimised.
         options: How.
         mode: Solve this (B, S) only.
-        unknown: Why no verdict on torques can be had; empty: one can.
+        rest: What is known of rest beside the problem; None: nothing.
 
     Raises:
         ArgumentError: If an argument is none of its kind, or the mode not one of the problem; if
@@ -60,11 +65,11 @@ def solve_problem(
         what = "the argument mode is about forces that may balance in it"
         options.need_weak(what, "ask `stability` of its torques")
     best = _best_case(problem, objective, options, limits, mode)
-    return as_stable(best, options, limits, unknown)
+    return as_stable(best, options, limits, rest)
 
 
 def as_stable(
-    best: TorqueSolution, options: SolveOptions, limits: Limits, unknown: str
+    best: TorqueSolution, options: SolveOptions, limits: Limits, rest: RestModel | None
 ) -> TorqueSolution:
     """Return the best case, or the best torques found whose rest is as stable as is asked for.
 
@@ -72,18 +77,17 @@ def as_stable(
         best: The best case, found or not.
         options: What is asked for.
         limits: Of the whole call.
-        unknown: Why no verdict on torques can be had; empty: one can.
+        rest: What is known of rest beside the problem; None: nothing.
     """
     if not options.strong:
         return best
-    unknown = unknown or best.problem.cone_model.no_verdict
     # Loaded here: the best case needs no verdict, and goes without its search and solver.
     from graspless_pin.algorithms.guaranteed_torques import guaranteed
 
     def optimum(problem: QuasistaticProblem, objective: Objective) -> TorqueSolution:
         return _best_case(problem, objective, options, limits)
 
-    return guaranteed(best, optimum, options, limits, unknown)
+    return guaranteed(best, optimum, options, limits, rest)
 
 
 def _best_case(

@@ -10,6 +10,7 @@ on what the search began with, but where several sets of forces are equally good
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,6 +37,9 @@ from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 
+if TYPE_CHECKING:
+    from graspless_pin.holding.small_motions import RestModel
+
 COLD_START = WarmStart()
 
 
@@ -44,7 +48,7 @@ def solve_from(
     objective: Objective,
     options: SolveOptions,
     start: WarmStart = COLD_START,
-    unknown: str = "",
+    rest: RestModel | None = None,
 ) -> tuple[TorqueSolution, WarmStart]:
     """Solve a problem as `solve_problem` does, trying first what was best before.
 
@@ -53,14 +57,14 @@ def solve_from(
         objective: What is optimised.
         options: How the problem is solved.
         start: What a similar problem with the same contacts left behind.
-        unknown: See `solve_problem`.
+        rest: See `solve_problem`.
 
     Returns:
         The solution, and what it leaves behind.
     """
     rules, limits = options.rules, Limits.of(options)
     if rules.by_direction:
-        return solve_problem(problem, objective, options, unknown=unknown), start
+        return solve_problem(problem, objective, options, rest=rest), start
     state = _WarmState(formulate(problem, objective), rules, options.solver, start=start)
 
     def cold(formulation: Formulation) -> SearchResult:
@@ -72,7 +76,7 @@ def solve_from(
         result = undecided(state)
     optima = threshold_optima(result, cold)
     best = solution_of(result, rules, optima=optima)
-    return as_stable(best, options, limits, unknown), state.left_behind()
+    return as_stable(best, options, limits, rest), state.left_behind()
 
 
 def reaches_margin(
@@ -80,7 +84,7 @@ def reaches_margin(
     margin: float,
     options: SolveOptions,
     start: WarmStart = COLD_START,
-    unknown: str = "",
+    rest: RestModel | None = None,
 ) -> tuple[bool | None, WarmStart]:
     """Decide whether any feasible mode reaches a margin, with the first proof either way.
 
@@ -93,7 +97,7 @@ def reaches_margin(
         margin: The margin to reach, N.
         options: How the problem is solved.
         start: What a similar problem with the same contacts left behind.
-        unknown: See `solve_problem`.
+        rest: See `solve_problem`.
 
     Returns:
         Whether it is reached, None if a limit ended the search before a proof; and what that leaves
@@ -104,7 +108,7 @@ def reaches_margin(
     """
     required = real_number("margin", margin, 0.0)
     if options.rules.by_direction or options.strong:
-        best = solve_problem(problem, Margin(), options, unknown=unknown)
+        best = solve_problem(problem, Margin(), options, rest=rest)
         if best.found and best.margin >= required:
             return True, start
         open_still = best.status in UNDECIDED or (best.found and best.certificate.bound >= required)

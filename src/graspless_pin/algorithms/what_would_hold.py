@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.load_brackets import bracket_limits
 from graspless_pin.algorithms.options import Limits
-from graspless_pin.algorithms.robustness import with_joints_still
 from graspless_pin.algorithms.torque import maximize_margin
+from graspless_pin.holding.dynamics import with_joints_held
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import NODE_LIMIT, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
@@ -134,14 +134,14 @@ def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iter
             limits,
         )  # fmt: skip
     for joint, name in enumerate(problem.joint_names):
-        held = with_joints_still(problem, tau, np.array([joint], dtype=np.intp))
-        yield from _tried(held, f"joint {name} under position control", limits)
+        held = with_joints_held(problem, tau, np.array([joint], dtype=np.intp))
+        yield from _tried((held, tau), f"joint {name} under position control", limits)
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     acts = (blocks != 0.0).any(axis=1)
     for contact in np.flatnonzero(acts.sum(axis=1) > 1).tolist():
-        held = with_joints_still(problem, tau, np.flatnonzero(acts[contact]))
+        held = with_joints_held(problem, tau, np.flatnonzero(acts[contact]))
         words = f"all joints behind contact {contact} under position control"
-        yield from _tried(held, words, limits)
+        yield from _tried((held, tau), words, limits)
 
 
 def _other_torques(problem: QuasistaticProblem, limits: Limits) -> Iterator[HoldingChange]:

@@ -72,21 +72,26 @@ def loaded_scene(path: Path) -> Scene:
 
 
 ControllerOption = Annotated[
-    float | None,
+    str | None,
     typer.Option(
         "--controller",
         metavar="K",
         help="Stiffness of position feedback at the joints beside the torques, N m/rad, over "
-        "(0.1 m)^2 where joints slide; 0: constant torques; default: the file's.",
+        "(0.1 m)^2 where joints slide; 'torque': constant torques; 'position': joints stand still; "
+        "'any': tell the least that is needed; default: the file's.",
     ),
 ]
 
 
-def under_controller(scene: Scene, stiffness: float | None) -> Scene:
+def under_controller(scene: Scene, stiffness: str | None) -> Scene:
     """Return a scene under joint feedback of a stiffness, its damping stays; None: its own."""
     if stiffness is None:
         return scene
-    return scene.with_changes(controller=replace(scene.controller, stiffness=stiffness))
+    try:
+        gain: float | str = float(stiffness)
+    except ValueError:
+        gain = stiffness
+    return scene.with_changes(controller=replace(scene.controller, stiffness=gain))
 
 
 def exit_code(solution: TorqueSolution) -> ExitCode:

@@ -21,6 +21,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.planning.squeeze_window import SqueezeWindow, squeeze_window
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
@@ -71,6 +72,10 @@ def report(
         bool,
         typer.Option("--simulate", help="Simulate the torques with MuJoCo, with a time-lapse."),
     ] = False,
+    squeeze: Annotated[
+        bool,
+        typer.Option("--squeeze", help="Tell how hard the hand may squeeze: some 30 verdicts."),
+    ] = False,
 ) -> None:
     """Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.
 
@@ -93,8 +98,10 @@ def report(
         bounds, rest_bounds = _ranges(case.solution, ranges_time) if ranges else (None, None)
         with waiting_for("simulating"):
             lapse = _lapse(case) if simulated else None
+        with waiting_for("trying how hard the hand may squeeze"):
+            window = _window(case) if squeeze else None
         with waiting_for("drawing"):
-            page = report_html(case, bounds, lapse, rest_bounds)
+            page = report_html(case, bounds, lapse, rest_bounds, window)
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
@@ -150,3 +157,11 @@ def _lapse(case: Case) -> TimeLapse | None:
         raise ArgumentError("--simulate", f"needs the scene. {case.missing}")
     found = simulate(case.scene, case.solution.torques)
     return time_lapse(case.scene, found, simulated_words(case.scene, found))
+
+
+def _window(case: Case) -> SqueezeWindow | None:
+    if not case.solution.found:
+        return None
+    if case.scene is None:
+        raise ArgumentError("--squeeze", f"needs the scene. {case.missing}")
+    return squeeze_window(case.scene, case.solution.torques)

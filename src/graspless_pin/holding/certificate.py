@@ -11,18 +11,27 @@ import numpy as np
 
 from graspless_pin.holding.bounds import States
 from graspless_pin.holding.dynamics import (
+    LEAST_LOAD,
     Dynamics,
     force_jacobian,
     free_friction,
     generalized_load,
 )
-from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, Balance, least_residual, pushed
+from graspless_pin.holding.equilibrium import (
+    BALANCE_TOLERANCE,
+    Balance,
+    farthest_forces,
+    least_residual,
+    pushed,
+)
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.verdict import LoadProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.scales import coordinate_units
 
+MOST_FORCE = 1e3
+"""Of the load: admissible forces are looked at up to this, or the normal forces' limit."""
 _HOPELESS = 0.03
 """Of the load: forces that leave more unbalanced let the object move."""
 _ROUNDS = 4
@@ -155,3 +164,29 @@ def proven_loads(
         if not found:
             break
     return tuple(proofs), programs
+
+
+def bearing_forces(
+    problem: QuasistaticProblem, torques: FloatArray, forces: FloatArray
+) -> FloatArray:
+    """Return forces of a rest in which all contacts bear load that do in any.
+
+    Args:
+        problem: Contacts and loads, at rest.
+        torques: (L,) N m (N).
+        forces: (M, 3) of a rest, in contact frames, in loads.
+
+    Returns:
+        (M, 3) in contact frames, in loads.
+    """
+    jacobian, load = in_loads(problem, torques)
+    most = np.minimum(problem.max_normal_force / problem.scales.force, MOST_FORCE)
+    found = [forces]
+    for contact in np.flatnonzero(forces[:, 0] <= LEAST_LOAD).tolist():
+        if np.mean(found, axis=0)[contact, 0] <= LEAST_LOAD:
+            cost = np.zeros_like(forces)
+            cost[contact, 0] = -1.0
+            other = farthest_forces(jacobian, load, free_friction(problem), cost, most)
+            if other is not None and other[contact, 0] > LEAST_LOAD:
+                found.append(other)
+    return np.mean(found, axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -20,17 +21,31 @@ DEFAULT = "default"
 """Key of the gains of all joints that are not named."""
 
 
+class Feedback(StrEnum):
+    """What runs on the joints where no gains are told. See the example of `Controller`."""
+
+    ANY = "any"
+    """Not decided: verdicts tell the least stiffness that is needed."""
+    TORQUE = "torque"
+    """None: the torques are constant."""
+    POSITION = "position"
+    """Joints keep their positions, whatever torques that takes."""
+
+
+_WORDS = "or one of 'torque', 'position' and 'any'"
+
+
 @dataclass(frozen=True)
 class Controller:
     """Feed-forward torques with position feedback: tau = tau* + K (q_0 - q) - D q'.
 
     Gains are given for all joints alike, or by the names of joints and fingers, with those of all
     others under ``default``. Those of fingers and of all joints are per radian, and over the square
-    of `LEVER` at joints that slide; those of a joint are in its own unit. Without stiffness the
-    torques are constant.
+    of `LEVER` at joints that slide; those of a joint are in its own unit.
 
     Attributes:
-        stiffness: K, N m/rad (N/m for a joint that slides).
+        stiffness: K, N m/rad (N/m for a joint that slides), or a `Feedback`; kept as a number where
+            the torques are constant.
         damping: D, of the joints' own friction and the motors', too, N m s/rad (N s/m).
 
     Raises:
@@ -46,14 +61,21 @@ class Controller:
         'needs_feedback'
     """
 
-    stiffness: float | Mapping[str, float] = 0.0
+    stiffness: float | Mapping[str, float] | Feedback | str = Feedback.ANY
     damping: float | Mapping[str, float] = DAMPING
 
     def __post_init__(self) -> None:
         """Check the gains."""
         for name in ("stiffness", "damping"):
             given = getattr(self, name)
-            if isinstance(given, Mapping):
+            if isinstance(given, str) and name == "stiffness":
+                if given not in Feedback.__members__.values():
+                    raise ArgumentError(
+                        name, f"found {reprlib.repr(given)}; needs a number, N m/rad, {_WORDS}"
+                    )
+                kind = Feedback(given)
+                object.__setattr__(self, name, 0.0 if kind is Feedback.TORQUE else kind)
+            elif isinstance(given, Mapping):
                 checked = {str(key): real_number(f"{name}[{key}]", value, 0.0)
                            for key, value in given.items()}  # fmt: skip
                 object.__setattr__(self, name, checked)
@@ -71,11 +93,23 @@ class Controller:
             return given
         if isinstance(given, int | float) and not isinstance(given, bool):
             return cls(given)
+        if given in Feedback.__members__.values():
+            return cls(str(given))
         raise ArgumentError(
             name,
-            f"found {reprlib.repr(given)}; needs a Controller, e.g. Controller(stiffness=2.0), or "
-            "a stiffness of all joints, N m/rad",
+            f"found {reprlib.repr(given)}; needs a Controller, e.g. Controller(stiffness=2.0), a "
+            f"stiffness of all joints, N m/rad, {_WORDS}",
         )
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether it is decided what runs on the joints."""
+        return self.stiffness is not Feedback.ANY
+
+    @property
+    def holds_joints(self) -> bool:
+        """Whether joints keep their positions, whatever torques that takes."""
+        return self.stiffness is Feedback.POSITION
 
     def check(self, joints: Sequence[str], fingers: Sequence[str]) -> None:
         """Refuse gains of joints and fingers that are not there.
@@ -95,7 +129,7 @@ class Controller:
     def gains(
         self, joints: Sequence[str], shares: FloatArray, fingers: Mapping[str, str]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return K and D of some joints, each (c,), in their units.
+        """Return K and D of some joints, each (c,), in their units; without told gains K is zero.
 
         Args:
             joints: Their names.
@@ -103,7 +137,9 @@ class Controller:
             fingers: The finger of each joint that belongs to one.
         """
 
-        def of(given: float | Mapping[str, float], otherwise: float) -> FloatArray:
+        def of(given: float | Mapping[str, float] | str, otherwise: float) -> FloatArray:
+            if isinstance(given, str):
+                return np.zeros(len(shares))
             if not isinstance(given, Mapping):
                 return float(given) * shares
             rest = given.get(DEFAULT, otherwise)

@@ -5,6 +5,7 @@ Free motions are those of object and joints that no friction resists.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -239,6 +240,8 @@ def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
     )
 
 
+LEAST_LOAD = 1e-4
+"""Of the load: contacts that bear less in all admissible forces neither hold nor guide anything."""
 NEGLIGIBLE = 1e-6
 """A speed below this share of the others is none, and so is a lever."""
 _IN_ONE_PLACE = 1e-3
@@ -286,7 +289,33 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
     return read_only(motions)
 
 
-def rolling_without_scene(problem: QuasistaticProblem) -> SmallMotions:
+def with_joints_held(
+    problem: QuasistaticProblem, torques: FloatArray, joints: NDArray[np.intp]
+) -> QuasistaticProblem:
+    """Return the problem with some joints that stand still, whatever torques that takes.
+
+    They keep their places, but have no part in the contacts, and each bears its own torque.
+
+    Args:
+        problem: The problem.
+        torques: (L,) of the motors, N m (N).
+        joints: Which.
+    """
+    jacobian, gravity = problem.jacobian.copy(), problem.gravity_torques.copy()
+    jacobian[:, joints] = 0.0
+    gravity[joints] = torques[joints]
+    inertia = problem.joint_inertia
+    if inertia is not None:
+        own = inertia.diagonal()[joints].copy()
+        inertia = inertia.copy()
+        inertia[joints] = inertia[:, joints] = 0.0
+        inertia[joints, joints] = np.where(own > 0.0, own, 1.0)  # nothing moves it
+    return problem.with_changes(jacobian=jacobian, gravity_torques=gravity, joint_inertia=inertia)
+
+
+def rolling_without_scene(
+    problem: QuasistaticProblem, bearing: Callable[[], FloatArray]
+) -> SmallMotions:
     """Return what is known of small motions about a rest from its contacts' first order alone.
 
     Where no motion of object and joints leaves all contacts without slip, there is none. How
@@ -294,20 +323,30 @@ def rolling_without_scene(problem: QuasistaticProblem) -> SmallMotions:
 
     Args:
         problem: Contacts and joints at rest.
+        bearing: Returns (M, 3) forces of a rest, N, world axes, in which all contacts bear load
+            that do in any; the others hold nothing.
     """
     if problem.is_sliding.any():
         return SmallMotions.not_known("contacts slide as declared")
+    rolls = "how the contacts roll needs a scene with shapes"
     basis, moving, _ = _without_slip(problem)
+    if basis.shape[1]:
+        return SmallMotions.not_known(rolls)
+    forces = bearing()
+    bears = np.einsum("li,li->l", forces, problem.normals) > LEAST_LOAD * problem.scales.force
+    basis, moving, _ = _without_slip(problem, bears)
     if not basis.shape[1]:
         joints = np.flatnonzero(moving[problem.passive_count :])
         still, nothing, none = np.zeros((len(moving), 0)), np.zeros((0, 0)), np.zeros(len(joints))
-        proof = GrowthProof(still, nothing, (*joints.tolist(),), none, none, none, 0.0, nothing)
+        proof = GrowthProof(
+            still, forces, nothing, (*joints.tolist(),), none, none, none, 0.0, nothing
+        )
         return SmallMotions(0.0, 0.0, least_growth=0.0, proofs={"any": proof})
-    return SmallMotions.not_known("how the contacts roll needs a scene with shapes")
+    return SmallMotions.not_known(f"some contacts bear nothing, and {rolls}")
 
 
 def _without_slip(
-    problem: QuasistaticProblem,
+    problem: QuasistaticProblem, bears: NDArray[np.bool_] | None = None
 ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
     """Return a basis of the motions without slip, scaled, of which entries, and their units."""
     hybrid = hybrid_contacts(problem)
@@ -319,6 +358,8 @@ def _without_slip(
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
     still[hybrid[hybrid >= 0], 0] = False
+    if bears is not None:
+        still[~bears] = False
     return null_space(velocities[still], rcond=NEGLIGIBLE), moving, units
 
 

@@ -17,7 +17,8 @@ class GrowthProof:
     see `holding.small_motions`.
 
     Attributes:
-        velocities: (P + L, d) N: motions without slip.
+        velocities: (P + L, d) N: motions without slip at contacts that bear any load.
+        forces: (M, 3) of a rest in which all contacts that can do so bear load, N, world axes.
         geometric_stiffness: (d, d) K_geo, under the worst admissible contact forces as found.
         joints: c columns of the joints that carry touching links: N_q is their rows of N.
         gains: (c,) K, N m/rad (N/m).
@@ -29,6 +30,7 @@ class GrowthProof:
     """
 
     velocities: FloatArray
+    forces: FloatArray
     geometric_stiffness: FloatArray
     joints: tuple[int, ...]
     gains: FloatArray

@@ -13,6 +13,7 @@ programs (Frank and Wolfe's method) on the growth rate.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,11 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig, eigh, solve_continuous_lyapunov
 
-from graspless_pin.holding.certificate import in_loads
+from graspless_pin.holding.certificate import MOST_FORCE, in_loads
 from graspless_pin.holding.dynamics import free_friction, world_forces
 from graspless_pin.holding.equilibrium import farthest_forces
+from graspless_pin.holding.stability import stability
+from graspless_pin.holding.verdict import Holding, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.program import MatrixInequality
 
 GROWTH_LIMIT = 0.1
 """Motions that grow no faster than this do not count as growing, 1/s."""
@@ -32,11 +36,11 @@ _DOUBLINGS = 60
 _HALVINGS = 24
 _MOST_ROUNDS = 8
 _MOST_STARTS = 6
-_MOST_FORCE = 1e3
-"""Of the load: admissible forces are looked at up to this, or the normal forces' limit."""
 _BETTER = 1e-6
 _PROVEN = 0.5
 """Of one: what has to be left of Lyapunov's equation after rounding."""
+_LEAST_STIFFNESS = 1e-12
+"""N m: smaller entries are not scaled up."""
 _INFLUENCE = 1e-9
 """Of the largest entry: forces that change the stiffness by less leave it alone."""
 
@@ -51,6 +55,8 @@ class LinearizedMotion:
         constant_stiffness: (d, d) the rest of K_geo: of the links' weights.
         joint_rates: (c, d) N_q: of the joints that carry touching links.
         velocities: (P + L, d) N.
+        gains: (c,) K of the controller, N m/rad (N/m).
+        damping: (c,) D, N m s/rad (N s/m).
     """
 
     inertia: FloatArray
@@ -58,19 +64,49 @@ class LinearizedMotion:
     constant_stiffness: FloatArray
     joint_rates: FloatArray
     velocities: FloatArray
+    gains: FloatArray
+    damping: FloatArray
 
     def stiffness(self, forces: FloatArray) -> FloatArray:
         """Return K_geo (d, d) under contact forces (M, 3), N, world axes."""
         return self.constant_stiffness + np.einsum("mi,miab->ab", forces, self.force_stiffness)
 
-    def system(
-        self, stiffness: FloatArray, damping: FloatArray, pattern: FloatArray, factors: FloatArray
-    ) -> FloatArray:
+    def held(self, stiffness: FloatArray) -> FloatArray:
+        """Return K_geo + N_q^T K N_q (d, d) under the controller."""
+        return stiffness + self.feedback(self.gains)
+
+    @property
+    def drag(self) -> FloatArray:
+        """(d, d) D_z = N_q^T D N_q."""
+        return self.feedback(self.damping)
+
+    def inequality(self, forces: FloatArray, rate: float, share: float) -> MatrixInequality:
+        """Return what keeps motions from growing faster than a rate, of the symmetric parts alone.
+
+        K_geo + N_q^T K N_q + r D_z + r^2 M_z >= 0 is enough where K_geo is symmetric, and a guess
+        elsewhere.
+
+        Args:
+            forces: (M, 3) that come on top of the unknown contact forces, N, world axes.
+            rate: r, 1/s.
+            share: Of the controller's gains.
+
+        Returns:
+            Of the 3 M forces, N, world axes, in coordinates in which entries are of order one.
+        """
+        constant = self.stiffness(forces) + share * self.feedback(self.gains)
+        constant += rate * self.drag + rate**2 * self.inertia
+        each = self.force_stiffness.reshape(-1, *constant.shape)
+        largest = np.abs(each).max(axis=0, initial=0.0).diagonal()
+        unit = 1.0 / np.sqrt(np.maximum(np.abs(constant.diagonal()) + largest, _LEAST_STIFFNESS))
+        scaled = (np.outer(unit, unit) * one for one in (constant, each))
+        return MatrixInequality(*(0.5 * (one + one.swapaxes(-1, -2)) for one in scaled))
+
+    def system(self, stiffness: FloatArray, pattern: FloatArray, factors: FloatArray) -> FloatArray:
         """Return A of (z, z')' = A (z, z') under multiples of a pattern of feedback.
 
         Args:
             stiffness: (d, d) K_geo, with that of a feedback where there is one.
-            damping: (c,) D, N m s/rad (N s/m).
             pattern: (c,) gains.
             factors: (K,) on them.
 
@@ -78,7 +114,7 @@ class LinearizedMotion:
             (K, 2 d, 2 d).
         """
         count = len(self.inertia)
-        parts = [stiffness, self.feedback(damping), self.feedback(pattern)]
+        parts = [stiffness, self.drag, self.feedback(pattern)]
         rolled = -np.linalg.solve(self.inertia, np.hstack(parts))
         found = np.zeros((len(factors), 2 * count, 2 * count))
         found[:, :count, count:] = np.eye(count)
@@ -90,29 +126,31 @@ class LinearizedMotion:
         """Return N_q^T K N_q (d, d) of the joints' gains (c,)."""
         return self.joint_rates.T @ (gains[:, None] * self.joint_rates)
 
-    def fastest(self, stiffness: FloatArray, damping: FloatArray) -> tuple[float, FloatArray]:
-        """Return the fastest growth, 1/s, zero up to `GROWTH_LIMIT`, and its motion (P + L,)."""
-        rate, shape, _ = self.fastest_mode(stiffness, damping)
+    def fastest(self, stiffness: FloatArray) -> tuple[float, FloatArray]:
+        """Return the fastest growth, 1/s, zero up to `GROWTH_LIMIT`, and its motion (P + L,).
+
+        Args:
+            stiffness: (d, d) K_geo.
+        """
+        rate, shape, _ = self.fastest_mode(stiffness)
         return (rate if rate > GROWTH_LIMIT else 0.0), self.velocities @ shape
 
     def neutral(self, stiffness: FloatArray) -> FloatArray:
-        """Return (P + L, k) motions that nothing drives, neither back nor on."""
+        """Return (P + L, k) motions that nothing drives, back or on, under K_geo (d, d)."""
         if not len(stiffness):
             return np.zeros((len(self.velocities), 0))
         unit = np.sqrt(np.diag(self.inertia))
-        scaled = stiffness / np.outer(unit, unit)
+        scaled = self.held(stiffness) / np.outer(unit, unit)
         _, values, turns = np.linalg.svd(scaled)
         still = values <= GROWTH_LIMIT**2
         return self.velocities @ (turns[still].T / unit[:, None])
 
-    def fastest_mode(
-        self, stiffness: FloatArray, damping: FloatArray
-    ) -> tuple[float, FloatArray, FloatArray]:
-        """Return the largest growth, its motion (d,), and its gradient (d, d) by the stiffness."""
+    def fastest_mode(self, stiffness: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the largest growth, its motion (d,), and its gradient (d, d) by K_geo (d, d)."""
         count = len(self.inertia)
         if count == 0:
             return 0.0, np.zeros(0), np.zeros((0, 0))
-        A = self.system(stiffness, damping, np.zeros(len(self.joint_rates)), np.zeros(1))[0]
+        A = self.system(stiffness, self.gains, np.ones(1))[0]
         found: Any = eig(A, left=True, right=True)
         values, left, right = found
         most = int(np.argmax(np.real(values)))
@@ -124,19 +162,16 @@ class LinearizedMotion:
             gradient = -np.real(np.outer(back, v[:count]) / scale)
         return float(np.real(values[most])), np.real(v[:count]), gradient
 
-    def least_feedback(
-        self, stiffness: FloatArray, damping: FloatArray, pattern: FloatArray
-    ) -> float:
+    def least_feedback(self, stiffness: FloatArray, pattern: FloatArray) -> float:
         """Return the smallest factor on (c,) gains beyond which nothing grows; inf: there is none.
 
         Args:
             stiffness: (d, d) K_geo.
-            damping: (c,) D, N m s/rad (N s/m).
-            pattern: (c,) gains.
+            pattern: (c,) gains, in the place of the controller's.
         """
 
         def growing(factors: FloatArray) -> NDArray[np.bool_]:
-            values = np.linalg.eigvals(self.system(stiffness, damping, pattern, factors))
+            values = np.linalg.eigvals(self.system(stiffness, pattern, factors))
             return np.real(values).max(axis=1, initial=0.0) > GROWTH_LIMIT
 
         size = float(np.abs(stiffness).max(initial=0.0))
@@ -216,8 +251,6 @@ def extreme_forces(
     problem: QuasistaticProblem,
     torques: FloatArray,
     forces: FloatArray,
-    damping: FloatArray,
-    gains: FloatArray,
     *,
     worst: bool,
 ) -> FloatArray:
@@ -228,8 +261,6 @@ def extreme_forces(
         problem: Contacts and loads, at rest.
         torques: (L,) N m (N).
         forces: (M, 3) those of one rest, world axes, N, to begin with.
-        damping: (c,) D of the joints, N m s/rad (N s/m).
-        gains: (c,) K of their feedback, N m/rad (N/m).
         worst: Whether motions shall grow fastest.
 
     Returns:
@@ -244,12 +275,12 @@ def extreme_forces(
     size = float(np.abs(in_frames).max(initial=0.0))
     if np.abs(influence).max(initial=0.0) <= _INFLUENCE * size:
         return forces
-    unit, held, sign = problem.scales.force, motion.feedback(gains), 1.0 if worst else -1.0
-    most = np.minimum(problem.max_normal_force / unit, _MOST_FORCE)
+    unit, sign = problem.scales.force, 1.0 if worst else -1.0
+    most = np.minimum(problem.max_normal_force / unit, MOST_FORCE)
 
     def growth(forces: FloatArray) -> tuple[float, FloatArray]:
         """Return the growth, to be made large, and its gradient by the stiffness."""
-        rate, _, gradient = motion.fastest_mode(motion.stiffness(forces) + held, damping)
+        rate, _, gradient = motion.fastest_mode(motion.stiffness(forces))
         return sign * rate, sign * gradient
 
     def along(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
@@ -288,3 +319,26 @@ def _softest(motion: LinearizedMotion, stiffness: FloatArray) -> FloatArray:
     symmetric = 0.5 * (stiffness + stiffness.T)
     _, vectors = eigh(symmetric, motion.inertia, subset_by_index=[0, 0])
     return np.outer(vectors[:, 0], vectors[:, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class RestModel:
+    """What is known of rest beside a problem, for torques that are to be guaranteed.
+
+    Attributes:
+        unknown: Why no verdict on torques can be had; empty: one can.
+        motions: Returns the small motions that must not grow, by model of the surfaces.
+        verdict: `stability`, with what small motions do.
+        lasts: Whether rest has to last under the controller; else the first instant alone counts.
+    """
+
+    unknown: str = ""
+    motions: Callable[[], Sequence[LinearizedMotion]] = tuple
+    verdict: Callable[..., StabilityVerdict] = stability
+    lasts: bool = False
+
+    def is_kept(self, verdict: StabilityVerdict) -> bool:
+        """Return whether rest is as is asked for."""
+        if self.lasts:
+            return verdict.holding is Holding.HOLDS
+        return verdict.status is Stability.STRONG

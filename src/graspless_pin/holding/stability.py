@@ -18,6 +18,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import (
     balance,
+    bearing_forces,
     in_loads,
     is_certificate,
     proven_loads,
@@ -297,12 +298,17 @@ def _possible(problem: QuasistaticProblem) -> str:
 
 
 def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
-    known = replace(
-        known,
-        status=Stability.STRONG,
-        proof=proof,
-        small_motions=rolling_without_scene(known.problem),
-    )
+    problem, torques, forces = known.problem, known.torques, known.rest_forces
+
+    def bearing() -> FloatArray:
+        if forces is None:
+            return np.zeros((problem.contact_count, 3))
+        local = np.einsum("lij,li->lj", problem.frames, forces) / problem.scales.force
+        found = bearing_forces(problem, torques, local)
+        return world_forces(problem, found * problem.scales.force)
+
+    small = rolling_without_scene(problem, bearing)
+    known = replace(known, status=Stability.STRONG, proof=proof, small_motions=small)
     return replace(known, message=strong_words(known))
 
 

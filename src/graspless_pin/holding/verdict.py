@@ -255,6 +255,8 @@ class StabilityVerdict:
         message: One sentence.
         controller: The joint feedback beside the torques, in words; empty: the torques are
             constant.
+        joints_held: Whether joints keep their positions under it: then torques do not count, and
+            the joints of the problem have no part in its contacts.
     """
 
     status: Stability
@@ -274,6 +276,7 @@ class StabilityVerdict:
     next_nodes: int
     message: str
     controller: str = ""
+    joints_held: bool = False
 
     def __bool__(self) -> Never:
         """Refuse, since there are four answers.

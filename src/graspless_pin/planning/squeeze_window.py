@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from math import isfinite
@@ -142,7 +142,7 @@ def squeeze_window(
     direction: ArrayLike | Mapping[str, float] | None = None,
     *,
     other_joints: OtherJoints | str = OtherJoints.FOLLOW,
-    samples: int = 12,
+    samples: int | Sequence[float] = 12,
     precision: float = 1e-3,
     node_limit: int = BRIEF_NODE_LIMIT,
 ) -> SqueezeWindow:
@@ -162,8 +162,8 @@ def squeeze_window(
         other_joints: What joints do that have no part in the direction: ``follow`` changes their
             torques by the least share of their limits that balance asks for, ``fixed`` by nothing.
             All joints follow around the direction of the internal forces.
-        samples: On either side of the given torques.
-        precision: Of the ends, as a share of the width that is looked at.
+        samples: How many on either side of the given torques, or the amounts themselves.
+        precision: Of the ends, as a share of the width that is looked at; 1: samples alone tell.
         node_limit: Sets of outcomes that each verdict looks at.
 
     Raises:
@@ -182,7 +182,6 @@ def squeeze_window(
     problem = subject.problem() if isinstance(subject, Scene) else checked_problem(subject)
     given = finite_array("torques", torques, (problem.joint_count,))
     how = choice(OtherJoints, "other_joints", other_joints)
-    count = whole_number("samples", samples, 1)
     share = real_number("precision", precision, 0.0)
     nodes = whole_number("node_limit", node_limit, 0)
 
@@ -198,9 +197,7 @@ def squeeze_window(
         held = np.ones(len(way), dtype=bool)
     line = _Line(problem, given, way, held, verdict_on)
     low, high = line.reach(lowest=-1.0 if direction is None else -np.inf)
-    amounts = np.unique(
-        np.concatenate([np.linspace(low, 0.0, count + 1), np.linspace(0.0, high, count + 1)])
-    )
+    amounts = _amounts(samples, low, high)
     points = {amount: line.at(amount) for amount in amounts.tolist()}
     found = [*points.values()]
     middle = int(np.searchsorted(amounts, 0.0))
@@ -221,6 +218,21 @@ def squeeze_window(
         read_only(np.array([one.verdict.growth_rate for one in found])),
         first.controller,
     )
+
+
+def _amounts(samples: int | Sequence[float], low: float, high: float) -> FloatArray:
+    """Return the amounts that are looked at, ascending, that of the given torques among them."""
+    if isinstance(samples, int):
+        count = whole_number("samples", samples, 1) + 1
+        ends = [np.linspace(low, 0.0, count), np.linspace(0.0, high, count)]
+        return np.unique(np.concatenate(ends))
+    given = finite_array("samples", samples, (len(samples),))
+    beyond = given[(given < low) | (given > high)]
+    if len(beyond):
+        raise ArgumentError(
+            "samples", f"has {beyond[0]:g}; limits leave the amounts {low:g} to {high:g}"
+        )
+    return np.unique(np.append(given, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

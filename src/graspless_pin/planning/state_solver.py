@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,12 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.batch_states import PlainProblems, PlainStates
-from graspless_pin.scene.scene_stability import unknown_of
+from graspless_pin.scene.scene_stability import rest_model_of
 from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks, state_findings
 from graspless_pin.solution import UNDECIDED, TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.holding.small_motions import RestModel
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
 
@@ -239,7 +242,7 @@ class StateSolver:
         if found is not None:
             return scene, found
         solution = self._starts.searched(
-            bodies, problem, self.objective, self.options, self._unknown(scene)
+            bodies, problem, self.objective, self.options, self._rest(scene)
         )
         self._plain.learn(scene, problem)
         return _evaluation(scene, solution)
@@ -260,7 +263,7 @@ class StateSolver:
         if found is None:
             start = self._starts.best(*what)
             reached, learned = reaches_margin(
-                problem, margin, self.options, start, self._unknown(scene)
+                problem, margin, self.options, start, self._rest(scene)
             )
             self._starts.learn(*what, learned)
             self._plain.learn(scene, problem)
@@ -279,8 +282,8 @@ class StateSolver:
             return state
         return Evaluation(StateStatus.of(found[0]), found[0].message, state[0], None)
 
-    def _unknown(self, scene: Scene) -> str:
-        return unknown_of(scene) if self.options.strong else ""
+    def _rest(self, scene: Scene) -> RestModel | None:
+        return rest_model_of(scene) if self.options.strong else None
 
 
 def _reaches(optimum: WarmOptimum, margin: float) -> bool:

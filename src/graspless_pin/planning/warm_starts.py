@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from graspless_pin.algorithms.batch_optimum import (
     WarmOptimum,
@@ -15,6 +15,9 @@ from graspless_pin.algorithms.warm_start import COLD_START, solve_from
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.holding.small_motions import RestModel
 
 _MOST_KEPT = 256
 _MOST_MISSES = 8
@@ -135,7 +138,7 @@ class WarmStarts:
         problem: QuasistaticProblem,
         objective: Objective,
         options: SolveOptions,
-        unknown: str = "",
+        rest: RestModel | None = None,
     ) -> TorqueSolution:
         """Solve a problem by a search that begins with what served last, and learn from it.
 
@@ -144,10 +147,10 @@ class WarmStarts:
             problem: See `best`.
             objective: See `best`.
             options: How it is solved.
-            unknown: See `solve_problem`.
+            rest: See `solve_problem`.
         """
         start = self.best(bodies, problem, objective)
-        solution, learned = solve_from(problem, objective, options, start, unknown)
+        solution, learned = solve_from(problem, objective, options, start, rest)
         self.learn(bodies, problem, objective, learned)
         return solution
 
@@ -173,12 +176,12 @@ class WarmStarts:
         problem: QuasistaticProblem,
         objective: Objective,
         options: SolveOptions,
-        unknown: str = "",
+        rest: RestModel | None = None,
     ) -> TorqueSolution:
         """Return the solution: by a warm start if one leads to it, else by a search."""
         found = self.optimum(bodies, problem, objective, options)
         if found is None:
-            return self.searched(bodies, problem, objective, options, unknown)
+            return self.searched(bodies, problem, objective, options, rest)
         return solution_of_optimum(problem, objective, options.rules, found.optimum)
 
 

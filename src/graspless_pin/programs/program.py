@@ -83,6 +83,19 @@ class Columns(NamedTuple):
 Terms = Mapping[Columns, ArrayLike]
 """Coefficients of added columns: a number, one a row (for a single column), or a matrix."""
 
+
+class MatrixInequality(NamedTuple):
+    """constant + sum_k x_k coefficients_k is positive semidefinite.
+
+    Attributes:
+        constant: (d, d) symmetric.
+        coefficients: (n, d, d) symmetric.
+    """
+
+    constant: FloatArray
+    coefficients: FloatArray
+
+
 FARTHEST = 1e8
 """Bounds are proven for variables up to this size: double precision resolves no more."""
 LARGEST_FIGURE = 1e15

@@ -34,7 +34,7 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
     Returns:
         ``status``, ``message``, ``acceleration_resolution``, ``acceleration_limit`` (m/s^2),
         ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes``,
-        ``free_motions``, ``moves`` and ``proof``.
+        ``free_motions``, ``moves``, ``joints_held`` and ``proof``.
     """
     return {
         "status": str(verdict.status),
@@ -48,6 +48,7 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "nodes": verdict.nodes,
         "free_motions": verdict.free_motions,
         "moves": None if verdict.moves is None else str(verdict.moves),
+        "joints_held": verdict.joints_held,
         "proof": None if verdict.proof is None else _proof(verdict.proof),
     }
 

@@ -14,6 +14,7 @@ from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
@@ -95,8 +96,11 @@ def refuse_flat_on_flat(
     rolling: Rolling,
     velocities: FloatArray,
     bodies: MovingBodies,
+    bears: NDArray[np.bool_] | None = None,
 ) -> None:
     """Refuse motions about a tangent along which both surfaces are flat: the point would jump.
+
+    Where contacts that bear load are told, (M,), it is about these alone.
 
     Raises:
         SceneError: Naming the body.
@@ -104,6 +108,8 @@ def refuse_flat_on_flat(
     across = np.cross(velocities[3:6] - bodies.turns, problem.normals[:, :, None], axis=1)
     moves = rolling.moves @ np.einsum("mit,mid->mtd", problem.tangents, across)
     reach = np.linalg.norm(moves, axis=1).max(axis=1, initial=0.0)
+    if bears is not None:
+        reach[~bears] = 0.0
     if reach.max(initial=0.0) > np.sqrt(FLAT) * motion_length(problem):
         body = contacts_of(scene).bodies[int(np.argmax(reach))]
         raise SceneError(

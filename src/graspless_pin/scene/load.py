@@ -36,7 +36,7 @@ from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene_findings import findings_of
-from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
+from graspless_pin.scene.scene_schema import ControllerEntry, MotionEntry, SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.suggestions import names_in_words
 
@@ -298,7 +298,9 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
 
 
 def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Controller:
-    controller = Controller(entry.controller.stiffness, entry.controller.damping)
+    stated = entry.controller
+    gains = vars(stated) if isinstance(stated, ControllerEntry) else {"stiffness": stated}
+    controller = Controller(**gains)
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
     file.at(("controller",), lambda: controller.check(joints, fingers))
     return controller

@@ -13,9 +13,10 @@ from scipy.linalg import null_space
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import capture
-from graspless_pin.holding.certificate import balance
+from graspless_pin.holding.certificate import balance, bearing_forces
 from graspless_pin.holding.controller import ARMATURE, DAMPING, Controller, gain_shares
 from graspless_pin.holding.dynamics import (
+    LEAST_LOAD,
     NEGLIGIBLE,
     contact_jacobian,
     motion_length,
@@ -42,7 +43,7 @@ from graspless_pin.scene.geometric_stiffness import (
     surfaces_of,
 )
 from graspless_pin.scene.joints import fingers_of_motors
-from graspless_pin.scene.problem_data import problem_of
+from graspless_pin.scene.problem_data import problem_of, rest_problem
 
 _BALANCED = 1e-3
 _PART = 1e-3
@@ -88,6 +89,7 @@ class _Found(NamedTuple):
     """What small motions of one model of the surfaces do under the worst forces."""
 
     motion: LinearizedMotion
+    bearing: FloatArray
     stiffness: FloatArray
     forces: FloatArray
     growth: float
@@ -126,15 +128,15 @@ def minimum_stiffness(
         0.4 N m/rad
     """
     added, damping = real_number("armature", armature, 0.0), real_number("damping", damping, 0.0)
-    problem, models = _by_surface(scene, torques, added, Controller(0.0, damping))
+    scene = checked_scene(scene).with_changes(controller=Controller(0.0, damping))
+    problem, models = _by_surface(scene, torques, added)
     worst = _worst(models)
     carriers = _carriers(scene, problem)
     names = [problem.joint_names[joint] for joint in carriers]
-    _, given = _gains(scene, problem, Controller(0.0, damping))
     alone = dict.fromkeys(names, 0.0)
     if worst.growth > 0.0:
         alone = {
-            name: worst.motion.least_feedback(worst.stiffness, given, row)
+            name: worst.motion.least_feedback(worst.stiffness, row)
             for name, row in zip(names, np.eye(len(names)), strict=True)
         }
     return MinimumStiffness(
@@ -158,7 +160,7 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
     """
     try:
         with capture():
-            problem, models = _by_surface(scene, torques, ARMATURE, scene.controller)
+            problem, models = _by_surface(scene, torques, ARMATURE)
     except GrasplessPinError as error:
         why = str(error).removeprefix(f"{scene.name}: ").partition("; ")[0]
         return SmallMotions.not_known(why)
@@ -183,20 +185,21 @@ def _proofs(
 ) -> Mapping[str, GrowthProof]:
     """Return what proves that nothing grows, by model of the surfaces; empty: it is not proven."""
     carriers = _carriers(scene, problem)
-    gains, damping = _gains(scene, problem, scene.controller)
     proofs = {}
     for name, one in models.items():
         motion = one.motion
-        held, drag = one.stiffness + motion.feedback(gains), motion.feedback(damping)
-        lyapunov = lyapunov_matrix(motion.inertia, held, drag, GROWTH_LIMIT)
+        lyapunov = lyapunov_matrix(
+            motion.inertia, motion.held(one.stiffness), motion.drag, GROWTH_LIMIT
+        )
         if lyapunov is None:
             return {}
         proofs[name] = GrowthProof(
             read_only(motion.velocities),
+            read_only(one.bearing),
             read_only(one.stiffness),
             (*carriers.tolist(),),
-            read_only(gains),
-            read_only(damping),
+            read_only(motion.gains),
+            read_only(motion.damping),
             read_only(ARMATURE * _shares(scene, problem)),
             GROWTH_LIMIT,
             read_only(lyapunov),
@@ -206,8 +209,10 @@ def _proofs(
 
 def controller_words(scene: SceneFields) -> str:
     """Return the feedback at the joints that carry touching links; empty: constant torques."""
+    if scene.controller.holds_joints:
+        return "joints held in their positions"
     problem = problem_of(scene)
-    gains, _ = _gains(scene, problem, scene.controller)
+    gains, _ = _gains(scene, problem)
     gains = gains / _shares(scene, problem) * _per_all(scene, problem)
     low, high = gains.min(initial=np.inf), gains.max(initial=0.0)
     given = f"{low:g} to {high:g}" if low < high else f"{high:g}"
@@ -233,11 +238,9 @@ def _shares(scene: SceneFields, problem: QuasistaticProblem) -> FloatArray:
     return gain_shares([unit is JointUnit.FORCE for unit in units])
 
 
-def _gains(
-    scene: SceneFields, problem: QuasistaticProblem, controller: Controller
-) -> tuple[FloatArray, FloatArray]:
+def _gains(scene: SceneFields, problem: QuasistaticProblem) -> tuple[FloatArray, FloatArray]:
     """Return K and D, each (c,), of the joints that carry touching links."""
-    fingers = {}
+    controller, fingers = scene.controller, dict[str, str]()
     if scene.hand is not None:
         controller.check(scene.hand.actuation.names, (*scene.hand.fingers,))
         fingers = fingers_of_motors(scene.hand)
@@ -271,7 +274,7 @@ def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: Float
 
 
 def _by_surface(
-    scene: SceneFields, torques: ArrayLike, armature: float, controller: Controller
+    scene: SceneFields, torques: ArrayLike, armature: float
 ) -> tuple[QuasistaticProblem, Mapping[str, _Found]]:
     """Return a scene's problem at rest, and its small motions by how meshes are taken.
 
@@ -281,50 +284,106 @@ def _by_surface(
         ArgumentError: See `minimum_stiffness`.
         SceneError: See `minimum_stiffness`.
     """
-    scene = checked_scene(scene).with_changes(motion=None)
+    scene = scene.with_changes(motion=None)
     problem = problem_of(scene)
     torque = finite_array("torques", torques, (problem.joint_count,))
-    if scene.given_contacts is not None:
-        raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
-    if scene.hand is not None and scene.hand.control.hybrid_fingers:
-        raise SceneError(f"{scene.name}: a hybrid finger follows the object; control it by force")
-    velocities, inertia = _motions(scene, problem, torque, armature)
-    gains, damping = _gains(scene, problem, controller)
+    problem = rest_problem(scene, problem, torque)
+    _refuse_unknown(scene)
     found = balance(problem, torque)
     if found is None or not found.is_rest:
+        _check_balance(problem, torque, _motions(scene, problem, armature)[0])
         raise ArgumentError(
             "torques", "do not hold the object in balance: no contact forces within friction do"
         )
-    forces = world_forces(problem, found.forces * problem.scales.force)
-    models, bodies = {}, moving_bodies(scene, velocities)
-    carriers = 6 + _carriers(scene, problem)
-    for name, rolling in surfaces_of(scene, problem).items():
-        refuse_flat_on_flat(scene, problem, rolling, velocities, bodies)
-        force_stiffness, constant = geometric_stiffness(scene, problem, rolling, velocities, bodies)
-        motion = LinearizedMotion(
-            inertia, force_stiffness, constant, velocities[carriers], velocities
-        )
+    bearing = bearing_forces(problem, torque, found.forces)
+    motions = _linearized(scene, problem, armature, bearing[:, 0] > LEAST_LOAD)
+    bearing, forces = (
+        world_forces(problem, one * problem.scales.force) for one in (bearing, found.forces)
+    )
+    models = {}
+    for name, motion in motions.items():
         worst, best = (
-            extreme_forces(motion, problem, torque, forces, damping, gains, worst=worst)
-            for worst in (True, False)
+            extreme_forces(motion, problem, torque, forces, worst=worst) for worst in (True, False)
         )
         stiffness = motion.stiffness(worst)
-        held = stiffness + motion.feedback(gains)
-        growth, fastest = motion.fastest(held, damping)
+        growth, fastest = motion.fastest(stiffness)
         if growth > 0.0:
             fastest = fastest / fastest[np.argmax(np.abs(fastest))]
-        least = motion.least_feedback(stiffness, damping, _shares(scene, problem))
-        least_growth, _ = motion.fastest(held - stiffness + motion.stiffness(best), damping)
+        least = motion.least_feedback(stiffness, _shares(scene, problem))
+        least_growth, _ = motion.fastest(motion.stiffness(best))
+        neutral = motion.neutral(stiffness)
         models[name] = _Found(
-            motion, stiffness, worst, growth, fastest, least, motion.neutral(held), least_growth
+            motion, bearing, stiffness, worst, growth, fastest, least, neutral, least_growth
         )
     return problem, models
 
 
+def linearized_motions(scene: SceneFields) -> tuple[LinearizedMotion, ...]:
+    """Return small motions under the scene's controller, by model of surfaces.
+
+    Empty where they are not known, or a motion is declared.
+    """
+    problem = problem_of(scene)
+    if problem.is_sliding.any():
+        return ()
+    try:
+        _refuse_unknown(scene)
+        with capture():
+            return (*_linearized(scene, problem, ARMATURE).values(),)
+    except GrasplessPinError:
+        return ()
+
+
+def _refuse_unknown(scene: SceneFields) -> None:
+    """Refuse a scene whose contacts roll nobody knows how.
+
+    Raises:
+        SceneError: Saying why.
+    """
+    if scene.given_contacts is not None:
+        raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
+    if scene.hand is not None and scene.hand.control.hybrid_fingers:
+        raise SceneError(f"{scene.name}: a hybrid finger follows the object; control it by force")
+
+
+def _linearized(
+    scene: SceneFields,
+    problem: QuasistaticProblem,
+    armature: float,
+    bears: NDArray[np.bool_] | None = None,
+) -> Mapping[str, LinearizedMotion]:
+    """Return small motions under the scene's controller, by model of the surfaces.
+
+    Args:
+        scene: The scene.
+        problem: Its problem of rest.
+        armature: See `minimum_stiffness`.
+        bears: (M,) contacts that bear load, and that no motion slips or opens; None: all.
+
+    Raises:
+        ArgumentError: See `minimum_stiffness`.
+        SceneError: See `minimum_stiffness`.
+    """
+    velocities, inertia = _motions(scene, problem, armature, bears)
+    gains, damping = _gains(scene, problem)
+    bodies, carriers = moving_bodies(scene, velocities), 6 + _carriers(scene, problem)
+    motions = {}
+    for name, rolling in surfaces_of(scene, problem).items():
+        refuse_flat_on_flat(scene, problem, rolling, velocities, bodies, bears)
+        force_stiffness, constant = geometric_stiffness(scene, problem, rolling, velocities, bodies)
+        motions[name] = LinearizedMotion(
+            inertia, force_stiffness, constant, velocities[carriers], velocities, gains, damping
+        )
+    return motions
+
+
 def _motions(
-    scene: SceneFields, problem: QuasistaticProblem, torques: FloatArray, armature: float
+    scene: SceneFields,
+    problem: QuasistaticProblem,
+    armature: float,
+    bears: NDArray[np.bool_] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return N (6 + L, d) and N^T M N.
+    """Return N (6 + L, d) and N^T M N; the arguments are those of `_linearized`.
 
     Raises:
         ArgumentError: See `minimum_stiffness`.
@@ -335,15 +394,9 @@ def _motions(
     rows = contact_jacobian(problem)
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
+    if bears is not None:
+        still[~bears] = False
     basis = null_space(rows[still][:, kept] * (units / motion_length(problem)), rcond=NEGLIGIBLE)
-    scale = problem.scales.force * motion_length(problem)
-    load = np.concatenate([problem.external_wrench, torques - problem.gravity_torques])
-    off = float(np.abs(basis.T @ (load[kept] * units)).max(initial=0.0)) / scale
-    if off > _BALANCED:
-        raise ArgumentError(
-            "torques",
-            f"do not hold the object in balance: {off:.3g} of the load's moment is left over",
-        )
     velocities = np.zeros((6 + problem.joint_count, basis.shape[1]))
     velocities[kept] = units[:, None] * basis
     inertia = np.zeros((len(kept), len(kept)))
@@ -357,10 +410,28 @@ def _motions(
     return velocities, velocities[kept].T @ inertia @ velocities[kept]
 
 
+def _check_balance(
+    problem: QuasistaticProblem, torques: FloatArray, velocities: FloatArray
+) -> None:
+    """Refuse torques that leave a motion without slip out of balance.
+
+    Raises:
+        ArgumentError: If they do.
+    """
+    load = np.concatenate([problem.external_wrench, torques - problem.gravity_torques])
+    scale = problem.scales.force * motion_length(problem)
+    off = float(np.abs(velocities.T @ load).max(initial=0.0)) / scale
+    if off > _BALANCED:
+        raise ArgumentError(
+            "torques",
+            f"do not hold the object in balance: {off:.3g} of the load's moment is left over",
+        )
+
+
 def _carriers(scene: SceneFields, problem: QuasistaticProblem) -> NDArray[np.intp]:
     """Return the (c,) columns of J that move a link which touches the object."""
     hand = scene.hand
-    if hand is None:
+    if hand is None or scene.controller.holds_joints:
         return np.zeros(0, dtype=np.intp)
     found = contacts_of(scene).arrays
     touching = [hand.tree.link_joints[link] for link in {*found.bodies[: found.hand_count]}]

@@ -71,6 +71,24 @@ class Loads(NamedTuple):
         )
 
 
+def rest_problem(
+    scene: SceneFields, problem: QuasistaticProblem, torques: FloatArray
+) -> QuasistaticProblem:
+    """Return the problem of rest under the scene's controller: it may hold all joints.
+
+    Args:
+        scene: The scene.
+        problem: Its problem.
+        torques: (L,) of the motors, N m (N).
+    """
+    if not scene.controller.holds_joints:
+        return problem
+    # Loaded here: scenes that are solved without a verdict go without.
+    from graspless_pin.holding.dynamics import with_joints_held
+
+    return with_joints_held(problem, torques, np.arange(problem.joint_count))
+
+
 def problem_of(scene: SceneFields) -> QuasistaticProblem:
     """Return the problem of a scene: see `Scene.problem`."""
     state = jointed_contacts(scene)

@@ -35,7 +35,7 @@ from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.motion_and_contacts import SceneContacts
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_findings import findings_of, unused_figures
-from graspless_pin.scene.scene_stability import unknown_of, verdict_of
+from graspless_pin.scene.scene_stability import rest_model_of, verdict_of
 from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.suggestions import what_to_pass
@@ -124,8 +124,8 @@ class Scene(SceneFields):
         """
         mode = options.pop("mode", None)
         objective, how = self.asked(algorithm, **options)
-        unknown = unknown_of(self) if how.strong else ""
-        found = solve_problem(self.problem(), objective, how, mode=mode, unknown=unknown)
+        rest = rest_model_of(self) if how.strong else None
+        found = solve_problem(self.problem(), objective, how, mode=mode, rest=rest)
         unused = [] if algorithm else [*unused_figures(self.solve_options, self._stated)]
         if unused:
             return found.of_source(changed(self, findings=(*self.findings, *unused)))

@@ -133,13 +133,17 @@ class SolveEntry(Entry):
     )
 
 
+FeedbackName = Literal["any", "torque", "position"]
+
+
 class ControllerEntry(Entry):
     """What runs on the robot's joints beside the torques: position feedback."""
 
-    stiffness: NotNegative | ByName[NotNegative] = Field(
-        default=0.0,
+    stiffness: FeedbackName | NotNegative | ByName[NotNegative] = Field(
+        default="any",
         description="[N m/rad] of all joints, or by joint (N/m where it slides), finger or "
-        "'default', these over (0.1 m)^2 where joints slide; 0: constant torques",
+        "'default', these over (0.1 m)^2 where joints slide; torque: constant torques; position: "
+        "joints stand still; any: verdicts tell the least that is needed",
     )
     damping: NotNegative | ByName[NotNegative] = Field(
         default=DAMPING,
@@ -196,8 +200,10 @@ class SceneEntry(Entry):
     warnings: Literal["show", "error"] = Field(
         default="show", description="error: what is wrong with the scene is refused"
     )
-    controller: ControllerEntry = Field(
-        default=ControllerEntry(), description="what runs on the robot's joints beside the torques"
+    controller: FeedbackName | NotNegative | ControllerEntry = Field(
+        default="any",
+        description="[N m/rad] what runs on the robot's joints beside the torques: the stiffness "
+        "of all joints, gains, or a word as for the stiffness",
     )
     solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
 

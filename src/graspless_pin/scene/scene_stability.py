@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,11 +12,15 @@ from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.verdict import MovingPart, StabilityKeywords, StabilityVerdict
+from graspless_pin.problem.checks import finite_array
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.joints import fingers_of_motors
-from graspless_pin.scene.problem_data import problem_of
+from graspless_pin.scene.problem_data import problem_of, rest_problem
 from graspless_pin.solution import TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.holding.small_motions import RestModel
 
 
 def hand_support_contacts(scene: SceneFields) -> tuple[tuple[str, str], ...]:
@@ -64,10 +68,12 @@ def verdict_of(
     # Loaded here: whoever solves without a verdict goes without the search and its solver.
     from graspless_pin.holding.stability import stability, undecided_verdict
 
-    why = unknown_of(scene)
+    problem, why = problem_of(scene), unknown_of(scene)
+    given = finite_array("torques", torques, (problem.joint_count,))
     if why:
-        return known_of_scene(scene, undecided_verdict(problem_of(scene), torques, why, **options))
-    return known_of_scene(scene, stability(problem_of(scene), torques, **options))
+        return known_of_scene(scene, undecided_verdict(problem, given, why, **options))
+    problem = rest_problem(scene, problem, given)
+    return known_of_scene(scene, stability(problem, given, **options))
 
 
 def solution_verdict(
@@ -100,7 +106,9 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
     # Loaded here: scenes that are solved without a verdict go without.
     from graspless_pin.scene.minimum_stiffness import controller_words, small_motions
 
-    verdict = replace(verdict, controller=controller_words(scene))
+    verdict = replace(
+        verdict, controller=controller_words(scene), joints_held=scene.controller.holds_joints
+    )
     small = verdict.small_motions
     if verdict.moves is MovingPart.FINGER and scene.hand is not None:
         return replace(verdict, message=finger_words(verdict, fingers_of_motors(scene.hand)))
@@ -111,10 +119,35 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
     return replace(verdict, message=strong_words(verdict))
 
 
+def rest_model_of(scene: SceneFields) -> RestModel:
+    """Return what a scene tells of rest beside its problem, for torques to be guaranteed.
+
+    Where its controller is stated, rest has to last under it.
+    """
+    from graspless_pin.holding.small_motions import RestModel
+    from graspless_pin.holding.stability import stability
+    from graspless_pin.scene.minimum_stiffness import linearized_motions
+
+    if not scene.controller.is_stated:
+        return RestModel(unknown_of(scene))
+    return RestModel(
+        unknown_of(scene),
+        lambda: linearized_motions(scene),
+        lambda problem, torques, **limits: known_of_scene(
+            scene, stability(rest_problem(scene, problem, torques), torques, **limits)
+        ),
+        lasts=True,
+    )
+
+
 def unknown_of(scene: SceneFields) -> str:
     """Return why no verdict on torques of a scene can be had; empty: one can."""
     if why := CONE_MODELS[checked_cone(scene.cone)].no_verdict:
         return why
+    if scene.controller.holds_joints:
+        hybrid = () if scene.hand is None else scene.hand.control.hybrid_fingers
+        told = ", ".join(hybrid)
+        return f"undecided: joints hold their positions, but {told} follows" if hybrid else ""
     touching = hand_support_contacts(scene)
     if not touching:
         return ""

@@ -19,6 +19,7 @@ from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix, roll_pitch_yaw
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
+from graspless_pin.holding.controller import DAMPING, Controller
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
@@ -61,7 +62,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         "motion": None if motion is None else _motion(motion),
         **{name: getattr(scene, name) for name in _AS_THEY_ARE},
         "tangent_axes": list(scene.tangent_axes),
-        "controller": vars(scene.controller),
+        "controller": _controller(scene.controller),
         "solve": SolveEntry().model_dump() | dict(scene.solve_options),
     }
     if scene.given_contacts is not None:
@@ -136,6 +137,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return value.value
     return value + 0.0 if isinstance(value, float) else value  # no -0
+
+
+def _controller(controller: Controller) -> Any:
+    in_a_word = isinstance(controller.stiffness, str) and controller.damping == DAMPING
+    return controller.stiffness if in_a_word else vars(controller)
 
 
 def _hand(scene: SceneFields, hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:

@@ -127,6 +127,8 @@ def _hybrid(hand: Hand, contacts: SceneContacts) -> Iterator[tuple[int, Axis]]:
 
 TIME_STEP = 5e-4
 """s."""
+HOLDING_GAIN = 1e2
+"""N m/rad: joints with this feedback stand still."""
 _OUT_OF_REACH = 1e-3
 """Of the largest singular value: gaps that are closed only by turning far stay open."""
 _LEVER, _LAST = 0.05, 0.1
@@ -390,6 +392,8 @@ def _write_hand(
     moving = [*joints.axes.values()]
     shares = gain_shares([axis.linear for axis in moving])
     stiffness, damping = controller.gains([axis.name for axis in moving], shares, fingers)
+    if controller.holds_joints:
+        stiffness = HOLDING_GAIN * shares
     figures = np.column_stack([stiffness, damping, ARMATURE * shares])
     own = dict(zip(joints.axes, figures.tolist(), strict=True))
     poses: list[FloatArray] = [np.eye(4)]

@@ -22,6 +22,7 @@ from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_
 from graspless_pin.scene import Scene
 from graspless_pin.simulation.model import (
     FIXTURE,
+    HOLDING_GAIN,
     OBJECT,
     SOFT,
     STIFF,
@@ -40,7 +41,7 @@ _PARTS_OF_STEP = 5
 """Of a time step, where contacts close with an impact. Stiff bodies go back in two time steps: in
 whole steps they bounce for ever, and the object drifts on although friction would stop it."""
 _DAMPING_RATES = 1e5, 1e-1  # 1/s, first and last: the object's damping over its inertia
-_HOLDING_GAINS = 1e2, 1e-3  # N m/rad, first and last: the joints' feedback until all is released
+_HOLDING_GAINS = HOLDING_GAIN, 1e-3  # N m/rad, first and last: the joints' until the release ends
 
 
 def load_mujoco() -> Any:

@@ -90,11 +90,9 @@ class Status(Enum):
         "the load is too large for the limits: what they leave to the joints is lost in the "
         "rounding of the balance"
     )
-    STRONG = "the best found of the torques of which rest is the only outcome"
-    STRONG_NOT_FOUND = (
-        "no torques found of which rest is the only outcome; that there are none is not proven"
-    )
-    INFEASIBLE_STRONG = "infeasible: rest is the only outcome of no torques"
+    STRONG = "the best found of the torques that guarantee rest"
+    STRONG_NOT_FOUND = "no torques found that guarantee rest; that there are none is not proven"
+    INFEASIBLE_STRONG = "infeasible: no torques guarantee rest"
 
     @property
     def message(self) -> str:

@@ -4,6 +4,7 @@ Where a solver's answer fails the check another solver is asked.
 """
 
 from graspless_pin.programs.answers import PRIMAL_TOLERANCE, Answer, Outcome
+from graspless_pin.solvers.conic_backends import least_within
 from graspless_pin.solvers.solving import ANY_SOLVER, available_solvers, check_solver, solve
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "Outcome",
     "available_solvers",
     "check_solver",
+    "least_within",
     "solve",
 ]

@@ -5,6 +5,7 @@ Cuts where the last answer left the cones are Kelley's cutting planes (J. SIAM 8
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
@@ -17,18 +18,50 @@ from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.answers import Backend, Multipliers, asked
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import MatrixInequality, Program
+from graspless_pin.programs.reductions import without_far_limits
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
 clarabel: Any = compiled_clarabel
 _FIRST_CUTS = 8
 _ROUNDS = 40
+_GUESS_TOLERANCE = 1e-6
+"""Scaled: what a point of a semidefinite program may miss."""
 _NEAR = 1e-9
 """Cuts end where forces are no farther outside their cones, in scaled units."""
 
 
 def by_clarabel(program: Program) -> Multipliers | None:
     """Clarabel's own interface: equalities, sides and bounds as cones of its, then second-order."""
+    return _by_clarabel(program)
+
+
+def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> FloatArray | None:
+    """Return (n,) where a semidefinite program has its least value, by Clarabel; None: nowhere.
+
+    The point is held against the program and the matrix inequalities, but proves nothing: it may be
+    a guess alone.
+
+    Args:
+        program: The program.
+        inequalities: Of its first columns.
+    """
+    found = _by_clarabel(without_far_limits(program), inequalities)
+    if found is None or not np.isfinite(found[0]).all():
+        return None
+    x = found[0]
+    if program.residual(x) > _GUESS_TOLERANCE:
+        return None
+    for constant, coefficients in inequalities:
+        value = constant + np.einsum("k,kab->ab", x[: len(coefficients)], coefficients)
+        if len(value) and np.linalg.eigvalsh(value)[0] < -_GUESS_TOLERANCE:
+            return None
+    return x
+
+
+def _by_clarabel(
+    program: Program, inequalities: Sequence[MatrixInequality] = ()
+) -> Multipliers | None:
     low, high = program.sides
     m, n = len(program.b), len(program.c)
     ends = np.concatenate([high, -low, program.ub, -program.lb])
@@ -41,14 +74,37 @@ def by_clarabel(program: Program) -> Multipliers | None:
     matrix = copy(form.matrix)
     matrix.data = form.signs * np.append(program.rows.T.ravel(), 1.0)[form.places]
     curved = form.unit if program.is_linear else scipy.sparse.diags_array(program.P[form.kept])
+    sides, cones = ends[form.sides], form.cones
+    if inequalities:
+        rows = [_semidefinite(one, n, form.kept) for one in inequalities]
+        matrix = scipy.sparse.csc_array(scipy.sparse.vstack([matrix, *(row for row, _ in rows)]))
+        sides = np.concatenate([sides, *(side for _, side in rows)])
+        cones = cones + [clarabel.PSDTriangleConeT(len(one.constant)) for one in inequalities]
     solver = clarabel.DefaultSolver(
-        curved.tocsc(), program.c[form.kept], matrix, ends[form.sides], form.cones, _SETTINGS
+        curved.tocsc(), program.c[form.kept], matrix, sides, cones, _SETTINGS
     )
     solution = solver.solve()
     x, z = np.zeros(n), np.array(solution.z)
     x[form.kept] = solution.x
     weights: Any = np.bincount(form.rows, form.row_signs * z[form.of_rows], len(low))
     return np.minimum(np.maximum(x, program.lb), program.ub), weights[:m], weights[m:]
+
+
+def _semidefinite(
+    inequality: MatrixInequality, count: int, kept: NDArray[np.int_]
+) -> tuple[Any, FloatArray]:
+    """Return rows and sides of one inequality: the upper triangle, column by column, times sqrt 2.
+
+    Args:
+        inequality: The inequality.
+        count: Columns of the program.
+        kept: Those that Clarabel gets.
+    """
+    lower = np.tril_indices(len(inequality.constant))  # of a symmetric matrix: the same entries
+    weights = np.where(lower[0] == lower[1], 1.0, np.sqrt(2.0))
+    rows = np.zeros((len(weights), count))
+    rows[:, : len(inequality.coefficients)] = -(inequality.coefficients[:, *lower] * weights).T
+    return scipy.sparse.csc_array(rows[:, kept]), inequality.constant[lower] * weights
 
 
 class _Form(NamedTuple):

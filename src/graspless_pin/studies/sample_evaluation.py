@@ -29,7 +29,7 @@ from graspless_pin.scene.problem_data import (
     renewed_row,
 )
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.scene_stability import solution_verdict, unknown_of
+from graspless_pin.scene.scene_stability import rest_model_of, solution_verdict
 from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.studies.rows import OBJECTIVE_VALUE, Row, of_findings, torque_columns
@@ -357,8 +357,8 @@ def _solution(study: Study, scene: Scene, starts: WarmStarts | None) -> TorqueSo
         return scene.solve(None, **limits)
     objective, how = scene.asked(**limits)
     asked_for = how.rules, *scene.contacts.bodies
-    unknown = unknown_of(scene) if how.strong else ""
-    found = starts.solved(asked_for, scene.problem(), objective, how, unknown)
+    rest = rest_model_of(scene) if how.strong else None
+    found = starts.solved(asked_for, scene.problem(), objective, how, rest)
     return found.of_source(scene)
 
 

@@ -28,6 +28,7 @@ from graspless_pin.report.html.sections import (
     range_rows,
     scene_in_words,
     torque_figure,
+    window_figures,
 )
 from graspless_pin.report.html.view import render, view_context
 from graspless_pin.report.verdict_data import read_motion, read_small_motion
@@ -36,6 +37,7 @@ from graspless_pin.solution.active_limits import joint_limit_words, margin_limit
 from graspless_pin.solution.tables import shown, torque_size
 
 if TYPE_CHECKING:
+    from graspless_pin.planning.squeeze_window import SqueezeWindow
     from graspless_pin.report.html.time_lapse import TimeLapse
 
 _SUGGESTION = "- "
@@ -53,6 +55,7 @@ def report_html(
     bounds: ContactForceBounds | None = None,
     lapse: TimeLapse | None = None,
     rest_bounds: ContactForceBounds | None = None,
+    window: SqueezeWindow | None = None,
 ) -> str:
     """Return a case as one HTML page that fetches nothing.
 
@@ -63,6 +66,8 @@ def report_html(
         lapse: A simulation of the solution's torques; None: the page has none.
         rest_bounds: Those over all outcomes of rest: with ``static_friction="coulomb"`` and round
             cones. Stand beside `bounds`.
+        window: How hard the hand may squeeze, around the solution's torques; None: the page does
+            not say.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
@@ -76,7 +81,12 @@ def report_html(
         >>> report_html(case).startswith("<!")
         True
     """
-    return render("report.html", lambda: _context(case, bounds, rest_bounds) | {"lapse": lapse})
+    further = {
+        "lapse": lapse,
+        "window": window,
+        "window_figures": [] if window is None else window_figures(window),
+    }
+    return render("report.html", lambda: _context(case, bounds, rest_bounds) | further)
 
 
 def _context(

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.holding.verdict import DynamicOutcome
-from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
+from graspless_pin.holding.verdict import DynamicOutcome, Holding
+from graspless_pin.plots import friction_section, normal_force_ranges, squeeze_plot, torque_bars
 from graspless_pin.plots.canvas import fonts_without_remarks
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
@@ -33,6 +33,8 @@ from graspless_pin.visualization import LIGHT, Picture, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from graspless_pin.planning.squeeze_window import SqueezeWindow
 
 _SIGNS = {-1: "−", 0: "0 ", 1: "+"}
 _STYLE: dict[Any, Any] = {
@@ -55,6 +57,7 @@ _STYLE: dict[Any, Any] = {
 }
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _SECTION_SIZE = (2.5, 2.75)
+_WINDOW_SIZE = (7.0, 2.6)
 
 
 def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
@@ -136,6 +139,20 @@ def torque_figure(solution: TorqueSolution) -> str:
     )
     size = (7.0, 0.9 + 0.24 * problem.joint_count)
     return _inline_svg("torques", alt, size, lambda ax: torque_bars(solution, ax))
+
+
+def window_figures(window: SqueezeWindow) -> list[str]:
+    """Return the margin and the growth of small motions over the squeeze, as SVGs."""
+    held = int(np.count_nonzero(np.equal(window.holding, Holding.HOLDS)))
+    figures = []
+    for value, name in (("margin", "The margin"), ("growth", "The growth of small motions")):
+        alt = (
+            f"{name} over the squeeze, at {len(window.amounts)} amounts, of which {held} hold; the "
+            "window is shaded, and its ends say what fails there."
+        )
+        draw = partial(squeeze_plot, window, value=value)
+        figures.append(_inline_svg(f"squeeze-{value}", alt, _WINDOW_SIZE, draw))
+    return figures
 
 
 def friction_figures(solution: TorqueSolution) -> list[str]:

@@ -106,6 +106,7 @@ class _Proof:
                 ("lyapunov", (2 * count, 2 * count)),
             )
         )
+        self.forces = bodies.forces("forces", stated, "a proof")
         self.rate = number(entry(stated, "rate", "a proof"), "rate")
         self.passive = passive
 
@@ -118,12 +119,15 @@ class _Proof:
         return self._of_motions() or self._of_growth()
 
     def _of_motions(self) -> str:
-        """Return whether the motions are all that neither slip nor open contacts."""
+        """Return whether the motions are all without slip at contacts that bear load."""
         problem, hybrid = self.bodies.problem, self.bodies.hybrid
         rows = contact_motion(problem)
         still = np.ones((problem.count, 3), dtype=bool)
         still[:, 1:] = problem.cone[:, None]
         still[hybrid[hybrid >= 0], 0] = False
+        if self.bodies.amiss(self.forces) > tolerances.SHARE:
+            return "the forces are none of rest"
+        still[self.forces[:, 0] <= tolerances.bearing(self.bodies.undisturbed)] = False
         columns = np.zeros(rows.shape[2], dtype=bool)
         columns[: self.passive] = True
         columns[self.passive + np.array(self.joints, dtype=int)] = True

@@ -25,9 +25,9 @@ MESSAGES = {
     "not_found_in_limit": "nothing found",
     "unverified": "no solver gave",
     "load_too_large": "the load is too large",
-    "strong": "the best found of the torques of which rest is the only outcome",
-    "strong_not_found": "no torques found of which rest is the only outcome",
-    "infeasible_strong": "infeasible: rest is the only outcome of no torques",
+    "strong": "the best found of the torques that guarantee rest",
+    "strong_not_found": "no torques found that guarantee rest",
+    "infeasible_strong": "infeasible: no torques guarantee rest",
 }
 """How the message of each status begins."""
 # What counts as zero in the data: smaller figures are rounding.

@@ -182,6 +182,8 @@ def rest_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
         return []
     instant = word(entry(stated, "status", "stability"), "status", _STATUSES)
     bodies = read_load(document, problem)
+    if stated.get("joints_held", False) is not False:
+        bodies = bodies.with_joints_held()
     under_controller = holding_checks(document.get("holding"), instant, bodies)
     return [*under_controller, *verdict_checks(stated, bodies)]
 
@@ -224,6 +226,8 @@ class _Verdict:
 
     def run(self) -> list[Check]:
         checks = [given("inertias", "as they are stated" if self.is_known else "not known")]
+        if self.bodies.joints_held:
+            checks.append(given("joints", "keep their positions, whatever torques that takes"))
         rest = f"{self.resolution:g} of load over mass"
         if self.is_known:
             stated = number(entry(self.stated, "acceleration_limit", "stability"), "a limit")

@@ -32,6 +32,7 @@ class RestLoad:
         undisturbed: The problem whose load all tolerances are relative to.
         inertia: (P + L, P + L) of object and joints; None where it is not known.
         hybrid: (L,) contact whose normal force a column commands; -1: a joint.
+        joints_held: Whether joints keep their positions, whatever torques that takes.
         dynamics: The equations of motion; None without inertia, or where nothing accelerates.
     """
 
@@ -42,8 +43,11 @@ class RestLoad:
         inertia: np.ndarray | None,
         hybrid: np.ndarray,
         undisturbed: Problem | None = None,
+        *,
+        joints_held: bool = False,
     ) -> None:
         """Work out the equations of motion."""
+        self.joints_held = joints_held
         self.problem, self.load, self.inertia, self.hybrid = problem, load, inertia, hybrid
         self.undisturbed = problem if undisturbed is None else undisturbed
         self.unit = _loads(problem)
@@ -51,6 +55,13 @@ class RestLoad:
         self.dynamics: RestDynamics | None = None
         if inertia is not None:
             self.dynamics = rest_dynamics(problem, load, inertia, hybrid)
+
+    def with_joints_held(self) -> RestLoad:
+        """Return the same bodies with joints that have no part in the contacts, and no load."""
+        load = np.concatenate([self.problem.w, np.zeros(len(self.problem.units))])
+        problem = replace(self.problem, J=np.zeros_like(self.problem.J))
+        hybrid = np.full_like(self.hybrid, -1)
+        return RestLoad(problem, load, self.inertia, hybrid, joints_held=True)
 
     def changed(self, wrench: np.ndarray) -> RestLoad:
         """Return the same bodies with so much more external wrench (P,)."""

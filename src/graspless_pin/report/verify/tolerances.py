@@ -40,6 +40,8 @@ GROWTH = 0.1
 """Motions that grow no faster than this do not count as growing, 1/s."""
 WITHOUT_SLIP = 1e-5
 """Of the velocities of object and joints: what contacts may have that neither slip nor open."""
+BEARING = 5e-5
+"""Of the load: contacts that bear less guide no motion."""
 MOTION_RANK = 1e-7
 """Of the largest singular value: directions with less are motions without slip."""
 PROJECTED = 1e-14
@@ -75,6 +77,11 @@ def lost(sizes: Any) -> Any:
 def force(problem: Problem) -> float:
     """Return by how much forces may miss balance, cones and margins, N."""
     return SHARE * problem.force
+
+
+def bearing(problem: Problem) -> float:
+    """Return the normal force from which on a contact guides small motions, N."""
+    return BEARING * problem.force
 
 
 def moment(problem: Problem) -> float:

@@ -1,0 +1,102 @@
+"""Runs of placed grips in MuJoCo: what stays, and how fast what moves grows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from graspless_pin import Scene
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.simulation import SimulatedRun, simulate
+from graspless_pin.simulation.model import STIFF, ContactModel
+
+NODES = BRIEF_NODE_LIMIT
+MARGIN = 0.1  # N, of Algorithm 2
+SECONDS, LONGEST, GROWTHS = 2.0, 20.0, 6.0
+"""s of runs; of those in which a motion grows so many times its time constant, s at most."""
+START = 1e-4, 1e-3
+"""m, rad: how far along a motion that grows a run begins."""
+FINGER_MOVED = float(np.radians(2.0))
+"""rad: a joint that goes farther does not stay, whatever the object does."""
+FITTED = 10.0, 60.0
+"""Of the start: growth is read off between these."""
+
+
+class GripRun(NamedTuple):
+    """What became of a grip.
+
+    Attributes:
+        outcome: What the object does.
+        fingers: Largest way of a joint, rad.
+        measured: Rate of growth, 1/s; None: nothing grew far enough.
+        displacement: m.
+        rotation: rad.
+    """
+
+    outcome: str
+    fingers: float
+    measured: float | None
+    displacement: float
+    rotation: float
+
+    @property
+    def stays(self) -> bool:
+        """Whether object and joints stay."""
+        return self.outcome == "held" and self.fingers < FINGER_MOVED
+
+
+def run_of(
+    scene: Scene,
+    torques: FloatArray,
+    motion: FloatArray | None = None,
+    growth: float = 0.0,
+    model: ContactModel = STIFF,
+) -> GripRun:
+    """Return what becomes of torques under the scene's controller.
+
+    Args:
+        scene: The scene.
+        torques: (L,) N m (N).
+        motion: (6 + L,) along which the run begins; None: at rest.
+        growth: Rate at which that one grows, 1/s.
+        model: How hard bodies are.
+    """
+    span = min(max(GROWTHS / growth, SECONDS), LONGEST) if growth > 0.0 else SECONDS
+    start = None if motion is None else _start(motion)
+    (done,) = simulate(
+        scene, torques, seconds=span, displacement=start, contact_models=[model]
+    ).runs
+    moves = np.abs(done.joint_moves - done.joint_moves[0])
+    return GripRun(
+        str(done.outcome),
+        float(moves.max(initial=0.0)),
+        _measured(done) if growth > 0.0 else None,
+        done.displacement,
+        done.rotation,
+    )
+
+
+def _start(motion: FloatArray) -> FloatArray:
+    """Return a motion (6 + L,) as long as a run's start."""
+    sizes = np.concatenate([np.full(3, START[0]), np.full(len(motion) - 3, START[1])])
+    return motion / np.abs(motion / sizes).max()
+
+
+def _measured(run: SimulatedRun) -> float | None:
+    """Return the rate at which what moves goes farther, 1/s."""
+    first = run.T_world_object[0]
+    way = run.T_world_object[:, :3, 3] - first[:3, 3]
+    turn = np.linalg.norm(run.T_world_object[:, :3, :3] - first[:3, :3], axis=(1, 2)) / np.sqrt(2)
+    joints = np.abs(run.joint_moves - run.joint_moves[0]).max(axis=1, initial=0.0)
+    sizes = [np.linalg.norm(way, axis=1) / START[0], turn / START[1], joints / START[1]]
+    size = 1.0 + np.max(sizes, axis=0)  # the run starts that far along the motion
+    low, high = FITTED
+    past = np.flatnonzero(size > high)
+    end = int(past[0]) if len(past) else len(size)
+    under = np.flatnonzero(size[:end] < low)
+    begin = int(under[-1]) + 1 if len(under) else 0
+    if end - begin < 3 or size[end - 1] < 0.5 * high:
+        return None
+    return float(np.polyfit(run.times[begin:end], np.log(size[begin:end]), 1)[0])
