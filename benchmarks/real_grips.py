@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import islice, product
+from itertools import chain, islice, product
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -23,6 +23,7 @@ import trimesh
 from tabulate import tabulate
 
 from benchmarks.grip_runs import FINGER_MOVED, MARGIN, NODES, run_of
+from benchmarks.grip_softness import SoftCase, soft_cases, soft_summary
 from benchmarks.grip_windows import EndCase, StableCase, end_cases, stable_cases, window_summary
 from graspless_pin import Controller, Holding, Scene, load_scene, place_hand
 from graspless_pin.findings import capture
@@ -162,7 +163,7 @@ def place(name: tuple[str, str]) -> list[Path]:
     return sorted(KEPT.glob(f"{hand}_{target}_[0-9].yaml"))
 
 
-_Kind = TypeVar("_Kind", Case, StableCase, EndCase)
+_Kind = TypeVar("_Kind", Case, StableCase, EndCase, SoftCase)
 
 
 class GripCases(NamedTuple):
@@ -171,20 +172,30 @@ class GripCases(NamedTuple):
     said: list[Case]
     stable: list[StableCase]
     ends: list[EndCase]
+    soft: list[SoftCase]
 
 
 def kept_cases(path: Path) -> GripCases:
     """Return what is said of a grip and what becomes of it; from files where it is known."""
+    grip = path.stem
+
+    def stable() -> Iterator[StableCase]:
+        return stable_cases(load_scene(path), grip)
+
+    def ends() -> Iterator[EndCase]:
+        return end_cases(load_scene(path), grip)
+
+    def soft() -> Iterator[SoftCase]:
+        failed = [one for one in said if one.controller == "above" and one.bodies == "soft"]
+        asked = [(one.algorithm, one.stiffness) for one in failed if not one.stays]
+        return soft_cases(load_scene(path), grip, asked)
+
+    said = _kept(path.with_suffix(".json"), Case, lambda: cases(path))
     return GripCases(
-        _kept(path.with_suffix(".json"), Case, lambda: cases(path)),
-        _kept(
-            path.with_suffix(".stable.json"),
-            StableCase,
-            lambda: stable_cases(load_scene(path), path.stem),
-        ),
-        _kept(
-            path.with_suffix(".ends.json"), EndCase, lambda: end_cases(load_scene(path), path.stem)
-        ),
+        said,
+        _kept(path.with_suffix(".stable.json"), StableCase, stable),
+        _kept(path.with_suffix(".ends.json"), EndCase, ends),
+        _kept(path.with_suffix(".soft.json"), SoftCase, soft),
     )
 
 
@@ -324,14 +335,16 @@ def main() -> None:
             print(f"{len(grips)} grips", file=sys.stderr, flush=True)
             if given.count is not None and len(grips) >= given.count:
                 break
-        results = GripCases([], [], [])
+        results = GripCases([], [], [], [])
         if not given.place:
             for own in pool.map(kept_cases, islice(grips, given.count)):
-                for all_cases, new in zip(results, own, strict=True):
-                    all_cases.extend(new)
-                    print(*new, sep="\n", file=sys.stderr, flush=True)
+                results.said.extend(own.said)
+                results.stable.extend(own.stable)
+                results.ends.extend(own.ends)
+                results.soft.extend(own.soft)
+                print(*chain(*own), sep="\n", file=sys.stderr, flush=True)
     print(summary(results.said))
-    print(f"\n{window_summary(results.stable, results.ends)}")
+    print(f"\n{window_summary(results.stable, results.ends)}\n\n{soft_summary(results.soft)}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from tests.scene.scene_tools import EXAMPLES, content, loaded
 from graspless_pin import Controller, Scene, Status, load_scene, minimum_stiffness
 from graspless_pin.errors import SceneError
 from graspless_pin.holding.controller import Feedback
+from graspless_pin.holding.small_motions import LinearizedMotion
+from graspless_pin.holding.verdict import strong_words
 from graspless_pin.programs.program import MatrixInequality, Program
 from graspless_pin.report import solution_document, write_document
 from graspless_pin.report.verify import verify_document
@@ -60,6 +63,37 @@ def test_the_controller_that_is_not_stated_asks_for_the_first_instant_alone(ball
     found = ball.solve("margin", stability="strong")
     assert found.status is Status.OPTIMAL and found.guarantee is not None
     assert ball.stability(found.torques).holding == "needs_feedback"
+
+
+def test_feedback_may_bring_two_frequencies_together() -> None:
+    """K = 1e6 [[1 + k, s], [-s, 3]], s = 1/2, flutters where |2 - k| < 2 s, without damping."""
+    K = 1e6 * np.array([[1.0, 0.5], [-0.5, 3.0]])
+    motion = LinearizedMotion(
+        np.eye(2), np.zeros((1, 3, 2, 2)), K, np.array([[1.0, 0.0]]), np.zeros((7, 2)),
+        np.zeros(1), np.zeros(1),
+    )  # fmt: skip
+    (low, first), (second, high) = motion.stable_feedback(K, np.array([1e6]))
+    assert (low, high) == (0.0, np.inf)
+    assert (first, second) == pytest.approx((1.0, 3.0), rel=1e-3)
+    between = replace(motion, gains=np.array([2e6]))
+    assert between.fastest(K)[0] == pytest.approx(1e3 * np.sqrt(3.0 + 0.5j).imag, rel=1e-3)
+
+
+def test_feedback_that_destabilises_is_told_as_such(ball: Scene) -> None:
+    said = ball.with_changes(controller=2.0).stability(ball.solve("margin").torques)
+    small = said.small_motions
+    assert small is not None and small.stable[-1] == (small.stiffness, np.inf)
+    lost = replace(
+        small, moving="the object rolls", growth=2.0, stable=((0.0, 1.5),), stiffness=0.0
+    )
+    lost = replace(lost, least_growth=2.0)
+    assert "needs joint feedback of at most 1.5 N m/rad; with joint feedback of 2 N m/rad the" in (
+        strong_words(replace(said, small_motions=lost))
+    )
+    both = replace(lost, stable=((0.0, 0.5), (1.0, 1.5)), stiffness=1.0)
+    assert "feedback of at most 0.5 or 1 to 1.5 N m/rad;" in (
+        strong_words(replace(said, small_motions=both))
+    )
 
 
 def interval(low: float, high: float) -> tuple[Program, MatrixInequality]:

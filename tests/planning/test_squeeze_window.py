@@ -82,12 +82,24 @@ def test_more_feedback_lets_the_hand_squeeze_more(pressed_ball) -> None:
         assert window.lower is not None and window.upper is not None
         assert window.lower.reason == "slips" and window.upper.reason == "grows"
         assert "the object rolls, growing at" in window.upper.message
-        beyond = window.upper.torques + 0.03 * window.direction
         assert held.stability(window.upper.torques).holding == "holds"
-        assert held.stability(beyond).holding != "holds"
+        amounts = [window.lower.amount - 0.1, window.upper.amount + 0.1]
+        beyond = squeeze_window(held, torques, samples=amounts, precision=1.0)
+        assert [one == "holds" for one in beyond.holding] == [False, True, False]
+        assert beyond.amounts == pytest.approx([amounts[0], 0.0, amounts[1]])
         tops.append(window.upper.amount)
         assert f"with joint feedback of {stiffness:g} N m/rad from " in str(window)
     assert tops[1] > 1.5 * tops[0]
+
+
+def test_joints_that_follow_keep_a_reserve_of_friction(pressed_ball) -> None:
+    """The least change alone would leave no margin at some contact."""
+    scene, torques = pressed_ball
+    held = scene.with_changes(controller=Controller(2.0))
+    window = squeeze_window(held, torques, samples=[-0.3, 0.2, 0.4], precision=1.0)
+    assert (window.margins > 0.05).all()
+    with pytest.raises(ArgumentError, match=r"samples: has 100; limits leave the amounts -1 to "):
+        squeeze_window(held, torques, samples=[100.0])
 
 
 def test_without_feedback_the_ball_has_no_window(pressed_ball) -> None:

@@ -190,6 +190,40 @@ def test_the_ball_is_lost_as_its_curvatures_tell(algorithm):
     assert found.stiffness < stopped_by
 
 
+def pressed_aside(folder, mode) -> Scene:
+    """A ball on a ball, and a round tip that a joint pushes against its side."""
+    (folder / "rod.urdf").write_text(
+        '<robot name="rod"><link name="base"/><link name="tip"><inertial><mass value="0.1"/>'
+        '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<collision><geometry><sphere radius="0.01"/></geometry></collision></link>'
+        '<joint name="slide" type="prismatic"><parent link="base"/><child link="tip"/>'
+        '<axis xyz="-1 0 0"/><limit lower="-1" upper="1" effort="50" velocity="1"/></joint></robot>'
+    )
+    return standing(
+        folder, ball(0.05), 0.25, {"shape": ball(0.2)}, friction=1.5,
+        hand={
+            "urdf": "rod.urdf", "control": {"rod": mode},
+            "fingers": {"rod": {"joints": ["slide"], "tip": "tip"}},
+            "base_pose": {"position": [0.06, 0, 0.25]},
+        },
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("force", [0.5, 2.0])
+def test_a_hybrid_finger_follows_as_a_joint_along_the_normal_does(force, tmp_path):
+    """The one motion rolls across the normal: the joint stands still, and only its force counts."""
+    scene, given = pressed_aside(tmp_path, "force"), {}
+    for mode in ("force", "hybrid"):
+        scene = pressed_aside(tmp_path, mode)
+        given[mode] = minimum_stiffness(scene, [force])
+        assert scene.stability([force]).holding == "fails"
+    by_joint, hybrid = given["force"], given["hybrid"]
+    assert hybrid.growth == pytest.approx(by_joint.growth, rel=1e-6) and hybrid.growth > 1.0
+    assert by_joint.motion is not None and hybrid.motion is not None
+    np.testing.assert_allclose(np.abs(hybrid.motion), np.abs(by_joint.motion), atol=1e-6)
+    np.testing.assert_allclose(hybrid.forces, by_joint.forces, atol=1e-6)
+
+
 def pressing_arm(folder) -> Scene:
     """Three links of 0.1 m press a box against a wall with a round tip, and may buckle."""
     body, parent = '<link name="base"/>', "base"
@@ -286,10 +320,6 @@ def test_what_it_cannot_tell_is_refused(tmp_path):
         minimum_stiffness(scene, [0.0, 1.0])
     with pytest.raises(ArgumentError, match=r"^damping: is -1"):
         minimum_stiffness(scene, torques, damping=-1)
-    data = content(PAPER / "cuboid_at_rest.yaml")
-    data["hand"]["control"] = {"finger_6/finger": "hybrid"}
-    with pytest.raises(SceneError, match="a hybrid finger follows the object"):
-        minimum_stiffness(loaded(tmp_path, data), [0.0, 1.0])
     data = content(PAPER / "cuboid_at_rest.yaml")
     data["contacts"] = [{"body": "slope", "position": [0, 0, 0], "normal": [0, 0, 1]}]
     with pytest.raises(SceneError, match="contacts are stated"):

@@ -47,8 +47,9 @@ class SmallMotions:
     Slips and contacts that part are another question, which the verdict itself answers.
 
     Attributes:
-        stiffness: Feedback at each joint beyond which none grows, N m/rad (N/m where all joints
-            slide); 0: none grows without; inf: no feedback is enough; NaN: it is not known.
+        stiffness: The least feedback at each joint with which none grows, and with no larger one
+            that is `stable`, N m/rad (N/m where all joints slide); 0: none grows without; inf: no
+            feedback is enough; NaN: it is not known.
         growth: Rate of the one that grows fastest under the controller, 1/s; 0: none grows faster
             than `small_motions.GROWTH_LIMIT`; NaN as above.
         unit: Of the stiffness.
@@ -59,6 +60,8 @@ class SmallMotions:
         neutral: What motions do that nothing drives on or back.
         least_growth: Growth under those contact forces, of all that the torques leave open, that
             suit best, as found; NaN as above.
+        stable: All feedback with which none grows, (low, high) each, ascending, in that unit; the
+            last high is inf where none grows with any larger one.
         proofs: What proves that none grows, by model of the surfaces; empty: one does, or it is
             not known.
     """
@@ -72,6 +75,7 @@ class SmallMotions:
     motion: FloatArray | None = None
     neutral: tuple[str, ...] = ()
     least_growth: float = nan
+    stable: tuple[tuple[float, float], ...] = ()
     proofs: Mapping[str, GrowthProof] = field(default_factory=dict)
 
     @property

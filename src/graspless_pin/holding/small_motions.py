@@ -25,11 +25,13 @@ from graspless_pin.holding.certificate import MOST_FORCE, in_loads
 from graspless_pin.holding.dynamics import free_friction, world_forces
 from graspless_pin.holding.equilibrium import farthest_forces
 from graspless_pin.holding.stability import stability
-from graspless_pin.holding.verdict import Holding, Stability, StabilityVerdict
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.program import MatrixInequality
 
+Intervals = tuple[tuple[float, float], ...]
+"""(low, high) each, ascending."""
 GROWTH_LIMIT = 0.1
 """Motions that grow no faster than this do not count as growing, 1/s."""
 _DOUBLINGS = 60
@@ -162,8 +164,11 @@ class LinearizedMotion:
             gradient = -np.real(np.outer(back, v[:count]) / scale)
         return float(np.real(values[most])), np.real(v[:count]), gradient
 
-    def least_feedback(self, stiffness: FloatArray, pattern: FloatArray) -> float:
-        """Return the smallest factor on (c,) gains beyond which nothing grows; inf: there is none.
+    def stable_feedback(self, stiffness: FloatArray, pattern: FloatArray) -> Intervals:
+        """Return the factors on gains with which nothing grows, intervals, ascending.
+
+        They are looked at in steps of two, up to 1e8 times what the stiffness makes of them; the
+        last interval ends at infinity where nothing grows there.
 
         Args:
             stiffness: (d, d) K_geo.
@@ -174,24 +179,24 @@ class LinearizedMotion:
             values = np.linalg.eigvals(self.system(stiffness, pattern, factors))
             return np.real(values).max(axis=1, initial=0.0) > GROWTH_LIMIT
 
-        size = float(np.abs(stiffness).max(initial=0.0))
-        rates = self.joint_rates
-        reach = float(np.square(rates).sum(axis=0).max(initial=0.0)) if len(rates) else 0.0
-        if not growing(np.zeros(1))[0]:
-            return 0.0
+        reach = float(self.feedback(pattern).diagonal().max(initial=0.0))
         if reach == 0.0:
-            return np.inf
+            return () if growing(np.zeros(1))[0] else ((0.0, np.inf),)
+        size = float(np.abs(stiffness).max(initial=0.0))
         powers = np.arange(-_DOUBLINGS // 2, _DOUBLINGS // 2, dtype=float)
-        factors = size / reach * np.exp2(powers)
+        factors = np.append(0.0, size / reach * np.exp2(powers))
         grows = growing(factors)
-        if grows[-1]:
-            return np.inf
-        last = len(grows) - 1 - int(np.argmax(grows[::-1])) if grows.any() else 0
-        low, high = factors[last], factors[last + 1]
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if growing(np.array([middle]))[0] else (low, middle)
-        return float(high)
+        ends = [0.0]
+        for step in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
+            low, high = factors[step], factors[step + 1]
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                same = growing(np.array([middle]))[0] == grows[step]
+                low, high = (middle, high) if same else (low, middle)
+            ends.append(float(low if grows[step + 1] else high))
+        ends.append(np.inf)
+        inner = ends[1:] if grows[0] else ends
+        return tuple(zip(inner[::2], inner[1::2], strict=False))
 
 
 def scaled_system(
@@ -339,6 +344,4 @@ class RestModel:
 
     def is_kept(self, verdict: StabilityVerdict) -> bool:
         """Return whether rest is as is asked for."""
-        if self.lasts:
-            return verdict.holding is Holding.HOLDS
-        return verdict.status is Stability.STRONG
+        return verdict.keeps_rest(lasting=self.lasts)

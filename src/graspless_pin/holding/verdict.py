@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import ceil, floor, isinf, log10, nan
+from math import ceil, floor, inf, isinf, log10, nan
 from typing import Never, TypedDict
 
 import numpy as np
@@ -330,6 +330,10 @@ class StabilityVerdict:
             return Holding.MAY_FAIL
         return Holding.FAILS if isinf(small.stiffness) else Holding.NEEDS_FEEDBACK
 
+    def keeps_rest(self, *, lasting: bool) -> bool:
+        """Return whether rest is the only outcome, and if asked for, lasts under the controller."""
+        return self.holding is Holding.HOLDS if lasting else self.status is Stability.STRONG
+
     def full_message(self, option: str = "node_limit={}") -> str:
         """Return the message, and where more nodes might decide, how to ask for them.
 
@@ -387,11 +391,8 @@ def strong_words(verdict: StabilityVerdict) -> str:
             f"{neutral}"
         )
     grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s{_surface_words(small)}"
-    least = "none"
-    stops = "no joint feedback stops it"
-    if not isinf(small.stiffness):
-        least = f"{_rounded(small.stiffness, up=True):g}"
-        stops = f"joint feedback of at least {least} {small.unit} stops it"
+    needed = f"joint feedback of {_stable_words(small)}"
+    stops = "no joint feedback stops it" if isinf(small.stiffness) else f"{needed} stops it"
     if small.depends_on_forces:
         under = f"with {verdict.controller} " if verdict.controller else ""
         return (
@@ -401,14 +402,20 @@ def strong_words(verdict: StabilityVerdict) -> str:
     if isinf(small.stiffness):
         return f"stays at the first instant; then {grows}: {stops} (proof: {proof})"
     if verdict.controller:
-        return (
-            f"needs joint feedback of at least {least} {small.unit}; with {verdict.controller} "
-            f"{grows} (first instant: {proof})"
-        )
-    return (
-        f"holds with joint feedback of at least {least} {small.unit}; without it {grows} "
-        f"(first instant: {proof})"
-    )
+        return f"needs {needed}; with {verdict.controller} {grows} (first instant: {proof})"
+    return f"holds with {needed}; without it {grows} (first instant: {proof})"
+
+
+def _stable_words(small: SmallMotions) -> str:
+    """Return which feedback stops what grows, such as "at least 2 N m/rad"."""
+    parts = []
+    for low, high in small.stable or ((small.stiffness, inf),):
+        least, most = f"{_rounded(low, up=True):g}", f"{_rounded(high):g}"
+        if isinf(high):
+            parts.append(f"at least {least}")
+        else:
+            parts.append(f"{least} to {most}" if low > 0.0 else f"at most {most}")
+    return f"{' or '.join(parts)} {small.unit}"
 
 
 def _surface_words(small: SmallMotions) -> str:
@@ -451,7 +458,7 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
 
 def _rounded(value: float, *, up: bool = False) -> float:
     """Return two digits of a figure."""
-    if value <= 0.0:
+    if value <= 0.0 or isinf(value):
         return value
     unit = 10.0 ** (floor(log10(value)) - 1)
     return float(f"{(ceil if up else round)(value / unit * (1.0 - 1e-9)) * unit:.2g}")

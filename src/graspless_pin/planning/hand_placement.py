@@ -8,7 +8,7 @@ from functools import cached_property
 from textwrap import fill
 
 from graspless_pin.findings import capture
-from graspless_pin.holding.verdict import Stability, StabilityVerdict, parted
+from graspless_pin.holding.verdict import StabilityVerdict, parted
 from graspless_pin.planning.placing_candidates import NODES, PlacingFault
 from graspless_pin.planning.placing_plan import PlacingAim
 from graspless_pin.records import Brief
@@ -45,8 +45,9 @@ class PlacedHand(Brief):
 
     @property
     def holds(self) -> bool:
-        """Whether it is proven that rest is the only outcome."""
-        return self.verdict is not None and self.verdict.status is Stability.STRONG
+        """Whether rest is proven to be the only outcome, and to last under a stated controller."""
+        stated = self.scene.controller.is_stated
+        return self.verdict is not None and self.verdict.keeps_rest(lasting=stated)
 
     def __str__(self) -> str:
         """Margins, links and verdict."""

@@ -280,7 +280,11 @@ def _order(
     plan: PlacingPlan, closed: ClosedHand, verdict: StabilityVerdict | None
 ) -> tuple[float, ...]:
     """Return what places are sorted by, the best first."""
-    status = _ORDER.index(Stability.UNDECIDED if verdict is None else verdict.status)
+    status = _ORDER.index(Stability.UNDECIDED)
+    if verdict is not None:
+        kept = verdict.keeps_rest(lasting=plan.scene.controller.is_stated)
+        lost = verdict.status is Stability.STRONG and not kept
+        status = _ORDER.index(Stability.WEAK if lost else verdict.status)
     if plan.aim is PlacingAim.PRESS:
         return status, -closed.margin
     alone = carries(closed, plan.margin)

@@ -36,6 +36,9 @@ _NO_SQUEEZE = 1e-6
 """Of the contact forces: less than this inside them is no squeeze."""
 _WITHIN = 1e-6
 """Of a limit, or of the load: what torques may exceed it by, or margins be below zero."""
+_FRICTION_USED = 0.9
+"""Of the coefficients: what joints that follow let contacts use, where balance leaves them that."""
+_HALVINGS = 8
 _WIDEST = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
 
@@ -56,6 +59,8 @@ class EndReason(StrEnum):
     """A joint reaches its effort limit, or contact forces theirs."""
     SLIPS = "slips"
     """No contact forces within friction balance the torques."""
+    FINGER_MOVES = "finger_moves"
+    """A joint moves by itself, in an outcome in which the object stays."""
     MAY_SLIP = "may_slip"
     """Rest is not the only outcome any more."""
     GROWS = "grows"
@@ -68,7 +73,7 @@ class EndReason(StrEnum):
 
 _REASONS = {
     Holding.FAILS: EndReason.SLIPS,
-    Holding.FINGER_MOVES: EndReason.SLIPS,
+    Holding.FINGER_MOVES: EndReason.FINGER_MOVES,
     Holding.MAY_FAIL: EndReason.MAY_SLIP,
     Holding.NEEDS_FEEDBACK: EndReason.GROWS,
     Holding.UNDECIDED: EndReason.UNDECIDED,
@@ -160,7 +165,8 @@ def squeeze_window(
             internal contact forces, those of the rest's forces that balance each other, so that
             the amount -1 takes the squeeze away and 1 doubles it.
         other_joints: What joints do that have no part in the direction: ``follow`` changes their
-            torques by the least share of their limits that balance asks for, ``fixed`` by nothing.
+            torques by the least share of their limits that balance asks for, within 0.9 of the
+            friction where that is enough, ``fixed`` by nothing.
             All joints follow around the direction of the internal forces.
         samples: How many on either side of the given torques, or the amounts themselves.
         precision: Of the ends, as a share of the width that is looked at; 1: samples alone tell.
@@ -382,14 +388,32 @@ def _followed(
     held: NDArray[np.bool_],
     direction: FloatArray,
 ) -> FloatArray:
-    """Return torques of balance with those of some joints held; as they are where none balance."""
+    """Return torques of balance with those of some joints held; as they are where none balance.
+
+    The least change alone would use up the friction of some contact: a reserve is kept if it can.
+    """
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
     lower[held] = upper[held] = torques[held]
-    changed = problem.with_changes(torque_limits=(lower, upper))
-    solution = solve_problem(
-        changed, _LeastChange((*torques.tolist(),), (*direction.tolist(),)), _REST
-    )
-    return np.where(held, torques, solution.torques) if solution.found else torques
+    least = _LeastChange((*torques.tolist(),), (*direction.tolist(),))
+
+    def within(share: float) -> FloatArray | None:
+        friction = share * problem.friction
+        changed = problem.with_changes(torque_limits=(lower, upper), friction=friction)
+        solution = solve_problem(changed, least, _REST)
+        return np.where(held, torques, solution.torques) if solution.found else None
+
+    found = within(_FRICTION_USED)
+    if found is not None:
+        return found
+    found, (low, high) = within(1.0), (_FRICTION_USED, 1.0)
+    if found is None:
+        return torques
+    for _ in range(_HALVINGS):  # the least share, so that torques do not jump
+        middle = 0.5 * (low + high)
+        nearer = within(middle)
+        low, high = (middle, high) if nearer is None else (low, middle)
+        found = found if nearer is None else nearer
+    return found
 
 
 def _end(line: _Line, points: list[_Point], tolerance: float) -> WindowEnd:

@@ -58,6 +58,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
 
     Returns:
         ``status`` (see `Holding`), ``controller`` in words, ``stiffness_needed`` (N m/rad or N/m),
+        ``stable_stiffness`` ([low, high] each; high infinite: with any larger one),
         ``growth_rate`` and ``least_growth_rate`` (1/s, under the contact forces that suit worst and
         best; all NaN where they are not known), ``unstable_motion`` (P + L; None where none grows),
         ``acceleration`` with the ``status`` of the first instant, and ``proofs`` that no small
@@ -68,6 +69,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "status": str(verdict.holding),
         "controller": verdict.controller or "constant torques",
         "stiffness_needed": verdict.stiffness_needed,
+        "stable_stiffness": [] if small is None else small.stable,
         "growth_rate": verdict.growth_rate,
         "least_growth_rate": nan if small is None else small.least_growth,
         "unstable_motion": None if small is None else small.motion,

@@ -23,6 +23,7 @@ from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.dynamics import motion_length
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields
@@ -65,6 +66,7 @@ class MovingBodies(NamedTuple):
         rates: (n, d) joint rates.
         turns: (M, 3, d) angular velocities.
         points: (M, 3, d) velocities of the material points at the contacts.
+        follows: (M,) contacts of hybrid fingers: they follow the object along the normal alone.
     """
 
     columns: JointColumns | None
@@ -72,22 +74,31 @@ class MovingBodies(NamedTuple):
     rates: FloatArray
     turns: FloatArray
     points: FloatArray
+    follows: NDArray[np.bool_]
 
 
-def moving_bodies(scene: SceneFields, velocities: FloatArray) -> MovingBodies:
+def moving_bodies(
+    scene: SceneFields, problem: QuasistaticProblem, velocities: FloatArray
+) -> MovingBodies:
     """Return how the touching bodies move along motions N (6 + L, d) of object and joints."""
     hand, found = scene.hand, contacts_of(scene).arrays
     turns = np.zeros((len(found), 3, velocities.shape[1]))
     points = np.zeros_like(turns)
+    hybrid = hybrid_contacts(problem)
+    follows = np.isin(np.arange(len(found)), hybrid[hybrid >= 0])
     if hand is None:
-        return MovingBodies(None, [], np.zeros((0, velocities.shape[1])), turns, points)
+        return MovingBodies(None, [], np.zeros((0, velocities.shape[1])), turns, points, follows)
     rates = hand.actuation.from_joints @ velocities[6 : 6 + len(hand.actuation.names)]
     columns = JointColumns(hand)
     links = [hand.tree.link_joints[name] for name in found.bodies[: found.hand_count]]
     for contact, link in enumerate(links):
         turns[contact] = columns.rotation(link) @ rates
         points[contact] = columns.velocity(link, found.positions[contact]) @ rates
-    return MovingBodies(columns, links, rates, turns, points)
+    for contact in np.flatnonzero(follows).tolist():
+        normal, lever = problem.normals[contact], problem.positions[contact]
+        on_object = velocities[:3] + np.cross(velocities[3:6], lever, axis=0)
+        turns[contact], points[contact] = 0.0, np.outer(normal, normal @ on_object)
+    return MovingBodies(columns, links, rates, turns, points, follows)
 
 
 def refuse_flat_on_flat(
@@ -150,7 +161,8 @@ def geometric_stiffness(
             own -= np.einsum("i,ja,jb->iab", normal, apart, turned)
         # The moment of a force that is fixed in the world changes with its point of attack.
         own -= np.cross(angular.T[:, None], (point - linear).T[None]).transpose(2, 0, 1)
-        if columns is not None and contact < len(bodies.links):
+        by_joints = contact < len(bodies.links) and not bodies.follows[contact]
+        if columns is not None and by_joints:
             own += columns.change_of_velocities(
                 bodies.links[contact], found.positions[contact], point, bodies.rates
             )

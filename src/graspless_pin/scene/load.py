@@ -299,8 +299,11 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
 
 def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Controller:
     stated = entry.controller
-    gains = vars(stated) if isinstance(stated, ControllerEntry) else {"stiffness": stated}
-    controller = Controller(**gains)
+    controller = (
+        Controller(stated.stiffness, stated.damping)
+        if isinstance(stated, ControllerEntry)
+        else Controller(stated)
+    )
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
     file.at(("controller",), lambda: controller.check(joints, fingers))
     return controller

@@ -26,12 +26,13 @@ from graspless_pin.holding.dynamics import (
 from graspless_pin.holding.growth import GrowthProof, SmallMotions
 from graspless_pin.holding.small_motions import (
     GROWTH_LIMIT,
+    Intervals,
     LinearizedMotion,
     extreme_forces,
     lyapunov_matrix,
 )
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
-from graspless_pin.problem.inertias import moving_joints
+from graspless_pin.problem.inertias import hybrid_contacts, moving_joints
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
@@ -46,6 +47,7 @@ from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.problem_data import problem_of, rest_problem
 
 _BALANCED = 1e-3
+_ROUNDING = 1e-10
 _PART = 1e-3
 """Of the motion: a smaller part of it is none."""
 _ALONG = float(np.cos(np.radians(20.0)))
@@ -94,7 +96,7 @@ class _Found(NamedTuple):
     forces: FloatArray
     growth: float
     fastest: FloatArray
-    least_feedback: float
+    stable: Intervals
     neutral: FloatArray
     least_growth: float
 
@@ -117,8 +119,8 @@ def minimum_stiffness(
     Raises:
         ArgumentError: If the torques do not hold the object in balance, the joints' inertia is
             singular, or a figure is out of range.
-        SceneError: If contacts are stated, a finger is hybrid, or a single contact stands for a
-            line or a face along which the bodies roll.
+        SceneError: If contacts are stated, or a single contact stands for a line or a face along
+            which the bodies roll.
 
     Examples:
         >>> from graspless_pin import load_scene, minimum_stiffness
@@ -136,11 +138,11 @@ def minimum_stiffness(
     alone = dict.fromkeys(names, 0.0)
     if worst.growth > 0.0:
         alone = {
-            name: worst.motion.least_feedback(worst.stiffness, row)
+            name: _least(worst.motion.stable_feedback(worst.stiffness, row))
             for name, row in zip(names, np.eye(len(names)), strict=True)
         }
     return MinimumStiffness(
-        worst.least_feedback * _per_all(scene, problem),
+        _least(worst.stable) * _per_all(scene, problem),
         MappingProxyType(alone),
         worst.growth,
         read_only(worst.fastest) if worst.growth > 0.0 else None,
@@ -167,8 +169,9 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
     worst = _worst(models)
     growing = worst.growth > 0.0
     neutral = [_moving_words(scene, problem, motion) for motion in worst.neutral.T]
+    per_all = _per_all(scene, problem)
     return SmallMotions(
-        worst.least_feedback * _per_all(scene, problem),
+        _least(worst.stable) * per_all,
         worst.growth,
         _unit(scene, problem),
         _moving_words(scene, problem, worst.fastest) if growing else "",
@@ -176,6 +179,7 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
         motion=read_only(worst.fastest) if growing else None,
         neutral=tuple(dict.fromkeys(neutral)),
         least_growth=worst.least_growth,
+        stable=tuple((low * per_all, high * per_all) for low, high in worst.stable),
         proofs={} if growing else _proofs(scene, problem, models),
     )
 
@@ -255,7 +259,12 @@ def _growths(models: Mapping[str, _Found]) -> Mapping[str, float]:
 
 
 def _worst(models: Mapping[str, _Found]) -> _Found:
-    return max(models.values(), key=lambda one: (one.growth > 0.0, one.least_feedback, one.growth))
+    return max(models.values(), key=lambda one: (one.growth > 0.0, _least(one.stable), one.growth))
+
+
+def _least(stable: Intervals) -> float:
+    """Return from where on the last interval of stable feedback goes; inf: there is none."""
+    return stable[-1][0] if stable else np.inf
 
 
 def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: FloatArray) -> str:
@@ -309,11 +318,11 @@ def _by_surface(
         growth, fastest = motion.fastest(stiffness)
         if growth > 0.0:
             fastest = fastest / fastest[np.argmax(np.abs(fastest))]
-        least = motion.least_feedback(stiffness, _shares(scene, problem))
+        stable = motion.stable_feedback(stiffness, _shares(scene, problem))
         least_growth, _ = motion.fastest(motion.stiffness(best))
         neutral = motion.neutral(stiffness)
         models[name] = _Found(
-            motion, bearing, stiffness, worst, growth, fastest, least, neutral, least_growth
+            motion, bearing, stiffness, worst, growth, fastest, stable, neutral, least_growth
         )
     return problem, models
 
@@ -342,8 +351,6 @@ def _refuse_unknown(scene: SceneFields) -> None:
     """
     if scene.given_contacts is not None:
         raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
-    if scene.hand is not None and scene.hand.control.hybrid_fingers:
-        raise SceneError(f"{scene.name}: a hybrid finger follows the object; control it by force")
 
 
 def _linearized(
@@ -366,7 +373,7 @@ def _linearized(
     """
     velocities, inertia = _motions(scene, problem, armature, bears)
     gains, damping = _gains(scene, problem)
-    bodies, carriers = moving_bodies(scene, velocities), 6 + _carriers(scene, problem)
+    bodies, carriers = moving_bodies(scene, problem, velocities), 6 + _carriers(scene, problem)
     motions = {}
     for name, rolling in surfaces_of(scene, problem).items():
         refuse_flat_on_flat(scene, problem, rolling, velocities, bodies, bears)
@@ -394,9 +401,12 @@ def _motions(
     rows = contact_jacobian(problem)
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
+    hybrid = hybrid_contacts(problem)
+    still[hybrid[hybrid >= 0], 0] = False  # the finger follows
     if bears is not None:
         still[~bears] = False
     basis = null_space(rows[still][:, kept] * (units / motion_length(problem)), rcond=NEGLIGIBLE)
+    basis[np.abs(basis) < _ROUNDING] = 0.0  # no feedback acts on what rounding moves
     velocities = np.zeros((6 + problem.joint_count, basis.shape[1]))
     velocities[kept] = units[:, None] * basis
     inertia = np.zeros((len(kept), len(kept)))
