@@ -18,7 +18,7 @@ from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.least_squares import nonnegative_squares
 from graspless_pin.holding.relaxation import Relaxation, Relaxed
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
-from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet, SlipRange
+from graspless_pin.holding.verdict import ContactState, DualBound, LoadProof, OutcomeSet, SlipRange
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.tree_search import TreeSearch
 
@@ -89,6 +89,8 @@ NEAR = 0.3
 """Share of the power that a point may miss Coulomb's law by where an outcome is looked for."""
 _FINGERS_FIRST = 3.0
 """Weight of contacts that joints drive: what fingers do decides what supports have to bear."""
+_LOADS_ANEW = 3
+"""Sets of outcomes, of which each such one is asked for larger normal forces."""
 _NARROWEST = 1e-4
 """Half the width of a sector that is not halved any more, rad."""
 
@@ -100,7 +102,10 @@ class _Node:
     contact: int
     state: ContactState
     states: States
+    relaxation: Relaxation | None
+    """With the smallest normal forces that are known here; None: it is done with."""
     forced: tuple[DualBound, ...] = ()
+    loads: tuple[LoadProof, ...] = ()
     children: list[_Node] = field(default_factory=list)
     dual: DualBound | None = None
     is_closed: bool = False
@@ -110,7 +115,9 @@ class _Node:
         """Return the node of the proof."""
         slip = slip_range(self.states, self.contact)
         children = tuple(child.finished() for child in self.children)
-        return OutcomeSet(self.contact, self.state, slip, children, self.dual, self.forced)
+        return OutcomeSet(
+            self.contact, self.state, slip, children, self.dual, self.forced, self.loads
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +145,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
         relaxation: Its relaxations.
         is_over: Tells after so many of these nodes whether the search has to end.
     """
-    root = _Node(-1, ContactState.FREE, States.unknown(dynamics.contact_count))
+    root = _Node(-1, ContactState.FREE, States.unknown(dynamics.contact_count), relaxation)
     goal = dynamics.load, np.zeros((dynamics.contact_count, 3))
     threshold = dynamics.resolution**2
     search, nodes, given_up = TreeSearch([root]), 0, 0
@@ -149,10 +156,15 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             node, is_covered = _closed(dynamics, node)
             if is_covered:
                 continue
+        relaxation, node.relaxation = node.relaxation or relaxation, None
         node.dual = relaxation.bounds.proving(node.states, goal[0], threshold)
         if node.dual is not None:
             continue
         nodes += 1
+        if nodes % _LOADS_ANEW == 0 and not dynamics.spread.any():
+            node.loads = tuple(relaxation.larger_loads(node.states))
+            if node.loads:
+                relaxation = relaxation.with_loads(node.loads)
         relaxed = relaxation.solve(node.states, goal)
         y, forces = goal[0] * 0.0, goal[1]
         if relaxed is not None:
@@ -171,6 +183,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
                 contact,
                 state := each.state[contact],
                 each,
+                relaxation,
                 is_closed=_forces_none(state, was_closed),
             )
             for each in parts
@@ -191,7 +204,7 @@ def _closed(dynamics: Dynamics, node: _Node) -> tuple[_Node, bool]:
         contact, state = forced.contact, forced.state
         known = node.states.state[contact]
         states = node.states.changed(contact, state, depends=forced.depends)
-        child = _Node(contact, state, states, forced.duals)
+        child = _Node(contact, state, states, node.relaxation, forced.duals)
         node.children = [child]
         node = child
         if known in (ContactState.OPEN, ContactState.SLIPPING):

@@ -35,8 +35,6 @@ MOST_FORCE = 1e3
 _HOPELESS = 0.03
 """Of the load: forces that leave more unbalanced let the object move."""
 _ROUNDS = 4
-_MORE, _LEAST = 1.05, 1e-6
-"""Times the load that is known, and of the load: what has to be proven for another round."""
 _EXACT = 1e-8
 """Of the load: what may stay unbalanced, or unborne, where no inertia tells what that moves."""
 
@@ -147,23 +145,15 @@ def proven_loads(
         least: (M,) normal forces that every outcome has at least, scaled.
         force_limit: What it proves holds for normal forces up to this, scaled.
     """
-    states, known = States.unknown(dynamics.contact_count), least.copy()
-    proofs, programs = list[LoadProof](), 0
+    states = States.unknown(dynamics.contact_count)
+    relaxation, proofs = Relaxation(dynamics, least, force_limit), list[LoadProof]()
     for _ in range(_ROUNDS):
-        relaxation, found = Relaxation(dynamics, known.copy(), force_limit), list[LoadProof]()
-        for contact in np.flatnonzero(~dynamics.is_commanded).tolist():
-            goal = np.zeros(len(dynamics.load)), np.zeros((dynamics.contact_count, 3))
-            goal[1][contact, 0] = -1.0
-            relaxed = relaxation.solve(states, goal, elastic=False)
-            if relaxed is not None and -relaxed.bound > _MORE * known[contact] + _LEAST:
-                known[contact] = -relaxed.bound
-                force = known[contact] * dynamics.force_unit
-                found.append(LoadProof(contact, float(force), relaxed.dual))
-        programs += relaxation.programs
+        found = relaxation.larger_loads(states)
         proofs += found
         if not found:
             break
-    return tuple(proofs), programs
+        relaxation = relaxation.with_loads(found)
+    return tuple(proofs), relaxation.programs
 
 
 def bearing_forces(

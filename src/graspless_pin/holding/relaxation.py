@@ -5,7 +5,7 @@ Its rows are planes around friction cones, and around the forces and slips of an
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import OutcomeBounds, States, kinematic_dual, repaired
 from graspless_pin.holding.dynamics import Dynamics
-from graspless_pin.holding.verdict import ContactState, DualBound
+from graspless_pin.holding.verdict import ContactState, DualBound, LoadProof
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
@@ -81,6 +81,8 @@ _HOPELESS = 1e-3
 """Of the goal: where the best point has more, splitting contacts tells more than tangents do."""
 _STILL = 1e-9
 """Power of a point, in its square, below which the way to rest tells nothing."""
+_MORE, _LEAST = 1.05, 1e-6
+"""Times the load that is known, and of the load: what has to be proven for it to be worth it."""
 _ROUNDING = 1e-13
 """Of the largest multiplier: smaller ones are none."""
 _PENALTY = 2.0
@@ -110,6 +112,13 @@ class Relaxed:
     load_left: float
 
 
+@dataclass
+class _Tally:
+    """How many linear programs relaxations of the same dynamics have solved."""
+
+    count: int = 0
+
+
 class Relaxation:
     """Linear programs in (y, f, slip bounds, share of the load taken away), from node to node.
 
@@ -126,7 +135,7 @@ class Relaxation:
             loads: (M,) normal forces that every outcome has at least, scaled.
             force_limit: What it proves holds for normal forces up to this, scaled.
         """
-        self.dynamics, self.loads = dynamics, loads
+        self.dynamics, self.loads, self.force_limit = dynamics, loads, force_limit
         self.bounds = OutcomeBounds(dynamics, loads, force_limit)
         count, n = dynamics.contact_count, len(dynamics.load)
         commanded = dynamics.is_commanded
@@ -144,11 +153,12 @@ class Relaxation:
         self._shared = self._simplex.row_count
         self._first = self._shared
         self._rows_of: list[tuple[int, FloatArray]] = []
+        self._tally = _Tally()
 
     @property
     def programs(self) -> int:
-        """Linear programs solved."""
-        return self._simplex.solves
+        """Linear programs solved, of those with larger loads, too."""
+        return self._tally.count
 
     def _add_shared(self) -> None:
         n, count, size = self._n, self._m, self._size
@@ -204,6 +214,7 @@ class Relaxation:
         splits = elastic and states.are(ContactState.FREE, ContactState.CLOSED).any()
         for _ in range(_MOST_CUTS):
             answer = self._simplex.solve()
+            self._tally.count += 1
             if not answer.is_optimal:
                 break
             relaxed = self._read(answer, states, goal, enough)
@@ -214,6 +225,32 @@ class Relaxation:
             if not is_cut or best.bound <= enough or (splits and best.value > _HOPELESS):
                 break
         return best
+
+    def larger_loads(self, states: States) -> list[LoadProof]:
+        """Return smallest normal forces of all outcomes in these states, where they are larger.
+
+        Args:
+            states: Of the contacts.
+        """
+        found = list[LoadProof]()
+        asked = ~self.dynamics.is_commanded & ~states.are(ContactState.OPEN)
+        for contact in np.flatnonzero(asked).tolist():
+            goal = np.zeros(self._n), np.zeros((self._m, 3))
+            goal[1][contact, 0] = -1.0
+            relaxed = self.solve(states, goal, elastic=False)
+            if relaxed is not None and -relaxed.bound > _MORE * self.loads[contact] + _LEAST:
+                force = -relaxed.bound * self.dynamics.force_unit
+                found.append(LoadProof(contact, float(force), relaxed.dual))
+        return found
+
+    def with_loads(self, proofs: Iterable[LoadProof]) -> Relaxation:
+        """Return the relaxation with larger smallest normal forces."""
+        loads = self.loads.copy()
+        for one in proofs:
+            loads[one.contact] = one.force / self.dynamics.force_unit
+        larger = Relaxation(self.dynamics, loads, self.force_limit)
+        larger._tally = self._tally
+        return larger
 
     def _drop(self) -> None:
         """Take away the rows of the last states; the tangents found there hold for all."""

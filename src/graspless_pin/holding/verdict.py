@@ -156,6 +156,7 @@ class OutcomeSet:
             the sibling of this state holds all its outcomes.
         forced: What proves that all outcomes of the parent are in this state, where it is the only
             child: that u_n (u_t1 and u_t2) are at most the closing tolerance.
+        loads: Smallest normal forces of all outcomes here and below, each proven with those before.
         sides: Under a declared motion, what is proven here and below: numbers of goals of
             `holding.kept_bounds` with their multipliers; goal 0: no outcome is here.
     """
@@ -166,6 +167,7 @@ class OutcomeSet:
     children: tuple[OutcomeSet, ...] = ()
     dual: DualBound | None = None
     forced: tuple[DualBound, ...] = ()
+    loads: tuple[LoadProof, ...] = ()
     sides: tuple[tuple[int, DualBound], ...] = ()
 
     @property

@@ -13,6 +13,7 @@ from graspless_pin.holding.verdict import (
     ContactState,
     DualBound,
     DynamicOutcome,
+    LoadProof,
     OutcomeSet,
     RestProof,
     SpanProof,
@@ -187,14 +188,18 @@ def _proof(proof: RestProof) -> dict[str, Any]:
     """Return the proof; nodes of a tree depth first, each with the number of its children."""
     tree = proof.tree
     return {
-        "loads": [
-            {"contact": one.contact, "force": one.force, "multipliers": _multipliers(one.dual)}
-            for one in proof.loads
-        ],
+        "loads": _loads(proof.loads),
         "forces": proof.forces,
         "force_limit": proof.force_limit,
         "nodes": None if tree is None else [_node(node) for node in _depth_first(tree)],
     }
+
+
+def _loads(loads: tuple[LoadProof, ...]) -> list[dict[str, Any]]:
+    return [
+        {"contact": one.contact, "force": one.force, "multipliers": _multipliers(one.dual)}
+        for one in loads
+    ]
 
 
 def _depth_first(tree: OutcomeSet | None) -> Iterator[OutcomeSet]:
@@ -212,6 +217,7 @@ def _node(node: OutcomeSet) -> dict[str, Any]:
         "slip": None if node.slip is None else [node.slip.center, node.slip.half_width],
         "multipliers": None if node.dual is None else _multipliers(node.dual),
         "forced": [_multipliers(dual) for dual in node.forced],
+        "loads": _loads(node.loads),
         "sides": [{"goal": goal, "multipliers": _multipliers(dual)} for goal, dual in node.sides],
         "children": len(node.children),
     }

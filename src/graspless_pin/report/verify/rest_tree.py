@@ -45,6 +45,7 @@ class RestNode:
     forced: list[RestMultipliers]
     sides: list[tuple[int, RestMultipliers]]
     children: list[RestNode] = field(default_factory=list)
+    loads: list[tuple[int, float, RestMultipliers]] = field(default_factory=list)
 
 
 def read_rest_multipliers(given: object, dynamics: RestDynamics, where: str) -> RestMultipliers:
@@ -105,6 +106,7 @@ def _read_node(
             raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
     bound = entry(given, "multipliers", where)
     forced = items(entry(given, "forced", where), f"forced of {where}", 0, 2)
+    loads = items(entry(given, "loads", where), f"loads of {where}", 0, MOST)
     sides = items(entry(given, "sides", where), f"sides of {where}", 0, _goal_count(dynamics))
     node = RestNode(
         contact,
@@ -113,8 +115,19 @@ def _read_node(
         None if bound is None else read_rest_multipliers(bound, dynamics, where),
         [read_rest_multipliers(one, dynamics, where) for one in forced],
         [_read_side(one, dynamics, f"a side of {where}") for one in sides],
+        loads=[read_load_proof(one, dynamics, f"a load of {where}") for one in loads],
     )
     return node, whole(entry(given, "children", where), f"children of {where}", 0, _MOST_NODES)
+
+
+def read_load_proof(
+    given: object, dynamics: RestDynamics, where: str
+) -> tuple[int, float, RestMultipliers]:
+    """Return a contact, its smallest normal force, N, and what proves it."""
+    contact = whole(entry(given, "contact", where), where, 0, len(dynamics.rows) - 1)
+    force = number(entry(given, "force", where), where)
+    multipliers = entry(given, "multipliers", where)
+    return contact, force, read_rest_multipliers(multipliers, dynamics, where)
 
 
 def _read_side(given: object, dynamics: RestDynamics, where: str) -> tuple[int, RestMultipliers]:
@@ -150,22 +163,25 @@ class RestWalk:
 
     def walk(self, root: RestNode) -> None:
         """Go through all nodes."""
-        if self._visit(root, KnownStates.unknown(len(self.dynamics.rows))):
+        if self._visit(root, KnownStates.unknown(len(self.dynamics.rows)), self.loads):
             self._fail("what some nodes pass over is in no other")
 
-    def _visit(self, node: RestNode, states: KnownStates) -> dict[tuple[int, str], float]:
+    def _visit(
+        self, node: RestNode, states: KnownStates, loads: np.ndarray
+    ) -> dict[tuple[int, str], float]:
         """Return by how much closed or sticking contacts of siblings have to part or slip."""
         if self.failure:
             return {}
+        loads = self._with_own(node, states, loads)
         if not node.children:
-            self._leaf(node, states)
+            self._leaf(node, states, loads)
             return {}
         first = node.children[0]
         if any(child.contact != first.contact for child in node.children):
             return self._fail(f"children of one node are of contacts {first.contact} and others")
         if len(node.children) == 1:
-            return self._forced(first, states)
-        held = np.isfinite(self.dynamics.commanded) | (self.loads > 0.0)
+            return self._forced(first, states, loads)
+        held = np.isfinite(self.dynamics.commanded) | (loads > 0.0)
         why = uncovered(node.children, states, held)
         if why:
             return self._fail(f"contact {first.contact}: {why}")
@@ -176,7 +192,7 @@ class RestWalk:
         ):
             most = needed.pop((child.contact, child.kind), 0.0)
             changed = states.changed(child.contact, child.kind, child.arc, most)
-            for key, value in self._visit(child, changed).items():
+            for key, value in self._visit(child, changed, loads).items():
                 needed[key] = max(needed.get(key, 0.0), value)
         return needed
 
@@ -184,25 +200,37 @@ class RestWalk:
         self.failure = self.failure or why
         return {}
 
-    def _leaf(self, node: RestNode, states: KnownStates) -> None:
+    def _with_own(self, node: RestNode, states: KnownStates, loads: np.ndarray) -> np.ndarray:
+        """Return smallest normal forces with those that a node proves, each with those before."""
+        for contact, force, multipliers in node.loads:
+            proven = least_force(
+                self.dynamics, states, loads, (contact, multipliers), self.force_limit
+            )
+            if np.isfinite(proven):
+                least = min(force / self.dynamics.force_unit, proven)
+                loads = loads.copy()
+                loads[contact] = max(loads[contact], least)
+        return loads
+
+    def _leaf(self, node: RestNode, states: KnownStates, loads: np.ndarray) -> None:
         if node.bound is None:
             self._fail("a leaf has no multipliers")
             return
         goal = self.dynamics.load, np.zeros(self.dynamics.rows.shape[:2])
-        proven = largest_goal(self.dynamics, states, self.loads, node.bound, goal, self.force_limit)
+        proven = largest_goal(self.dynamics, states, loads, node.bound, goal, self.force_limit)
         self.leaves += 1
         self.bound = max(self.bound, proven) if np.isfinite(proven) else np.inf
 
-    def _forced(self, child: RestNode, states: KnownStates) -> dict[tuple[int, str], float]:
+    def _forced(
+        self, child: RestNode, states: KnownStates, loads: np.ndarray
+    ) -> dict[tuple[int, str], float]:
         """Go on with the state that a contact is proven to be in."""
         contact, known = child.contact, states.kinds[child.contact]
         rows, zeros = self.dynamics.rows[contact], np.zeros(self.dynamics.rows.shape[:2])
 
         def most(row: np.ndarray, multipliers: RestMultipliers) -> float:
             goal = row, zeros
-            return largest_goal(
-                self.dynamics, states, self.loads, multipliers, goal, self.force_limit
-            )
+            return largest_goal(self.dynamics, states, loads, multipliers, goal, self.force_limit)
 
         count, kind = len(child.forced), child.kind
         if kind == Kind.CLOSED and known in (Kind.FREE, Kind.OPEN) and count == 1:
@@ -223,7 +251,30 @@ class RestWalk:
             return self._fail(f"contact {contact} is not proven to be {child.kind}")
         if _PASSED_OVER.get(known) == child.kind and not child.children and child.bound is None:
             return {(contact, child.kind): tolerance}
-        return self._visit(child, states.changed(contact, child.kind, most=tolerance))
+        return self._visit(child, states.changed(contact, child.kind, most=tolerance), loads)
+
+
+def least_force(
+    dynamics: RestDynamics,
+    states: KnownStates,
+    loads: np.ndarray,
+    proof: tuple[int, RestMultipliers],
+    limit: float,
+) -> float:
+    """Return the normal force that all outcomes in some states have at a contact, scaled.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        loads: (M,) normal forces that are known, scaled.
+        proof: The contact, and multipliers.
+        limit: Normal forces that it has to hold for, scaled.
+    """
+    contact, multipliers = proof
+    q = np.zeros(dynamics.rows.shape[:2])
+    q[contact, 0] = -1.0
+    goal = np.zeros(len(dynamics.load)), q
+    return -largest_goal(dynamics, states, loads, multipliers, goal, limit)
 
 
 def uncovered(children: list[RestNode], states: KnownStates, held: np.ndarray) -> str:
@@ -297,14 +348,10 @@ def stated_loads(
         where = f"load {index} of the proof"
         if dynamics is None:
             raise ValueError(f"{where} needs inertias")
-        contact = whole(entry(one, "contact", where), where, 0, count - 1)
-        force, unit = number(entry(one, "force", where), where), dynamics.force_unit
-        q = np.zeros((count, 3))
-        q[contact, 0] = -1.0
-        multipliers = read_rest_multipliers(entry(one, "multipliers", where), dynamics, where)
-        states, goal = KnownStates.unknown(count), (np.zeros(len(dynamics.load)), q)
-        found = -unit * largest_goal(
-            dynamics, states, loads / unit, multipliers, goal, limit / unit
+        contact, force, multipliers = read_load_proof(one, dynamics, where)
+        unit, states = dynamics.force_unit, KnownStates.unknown(count)
+        found = unit * least_force(
+            dynamics, states, loads / unit, (contact, multipliers), limit / unit
         )
         good = force <= found + tolerances.ARITHMETIC * bodies.undisturbed.force
         detail = f"stated {force:.9g}, proven {found:.9g} N"
