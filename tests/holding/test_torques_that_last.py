@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from tests.scene.scene_tools import EXAMPLES, content, loaded
 
 from graspless_pin import Controller, Scene, Status, load_scene, minimum_stiffness
@@ -213,3 +214,33 @@ def test_simulated_joints_keep_their_positions(ball: Scene) -> None:
         moved[controller] = float(np.abs(run.joint_moves - run.joint_moves[0]).max())
         assert (run.outcome == "held") is (controller == "position")
     assert moved["position"] < 1e-3 < moved["torque"]
+
+
+def with_gains(folder: Path, gains: object, **more: object) -> Scene:
+    """The ball on a slope with an Allegro whose robot file states its gains."""
+    robot = content(EXAMPLES.parent / "robots" / "allegro_right.yaml")
+    (folder / "own.yaml").write_text(yaml.safe_dump(robot | {"controller": gains}))
+    data = content(BALL)
+    data["hand"] |= {"robot": "own.yaml"}
+    return loaded(folder, data | more)
+
+
+def test_robot_files_state_their_gains(ball: Scene, tmp_path: Path) -> None:
+    torques = ball.solve().torques
+    held = with_gains(tmp_path, {"stiffness": 2.0})
+    assert held.stability(torques).holding == "holds"
+    assert "joint feedback of 2 N m/rad" in str(held.stability(torques))
+    own = with_gains(tmp_path, {"stiffness": 2.0}, controller="any")
+    assert own.stability(torques).holding == "needs_feedback"
+    by_finger = {"stiffness": {"thumb": 3.0, "default": 1.0}, "damping": 0.05}
+    both = with_gains(tmp_path, by_finger)
+    assert both.controller == Controller(by_finger["stiffness"], {"default": 0.05})
+    again = load_scene(both.save(tmp_path / "again.yaml"))
+    assert again.controller == both.controller
+
+
+def test_gains_of_no_joint_are_refused_by_the_robot_file(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"own.yaml: controller.stiffness.thum: .*mean 'thumb'"):
+        with_gains(tmp_path, {"stiffness": {"thum": 3.0}})
+    with pytest.raises(SceneError, match=r"own.yaml: controller.stiffness: Input should be gr"):
+        with_gains(tmp_path, {"stiffness": -1.0})

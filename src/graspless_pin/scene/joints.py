@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.errors import StateError, StateFault
+from graspless_pin.errors import RobotError, StateError, StateFault
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.holding.controller import DAMPING, DEFAULT, Controller
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.suggestions import names_in_words
 
 
 class ControlledJoints(NamedTuple):
@@ -151,3 +154,37 @@ def _with_hybrid_fingers(
 def _column_of(finger: str | None) -> str:
     """Return the name of a hybrid finger's column."""
     return f"{finger}.normal_force"
+
+
+def gains_of_robots(hand: Hand) -> Controller:
+    """Return what the robot files of a hand say of the feedback at its joints.
+
+    Gains of one robot's ``default``, or of all its joints, are those of each of its fingers; with
+    one robot without a prefix, of all joints. Where no file states any, it is not decided.
+
+    Raises:
+        RobotError: If a file states gains of what is no joint or finger.
+    """
+    robots = [(mount.prefix, mount.robot()) for mount in hand.mounts]
+    if all(robot.stiffness is None for _, robot in robots):
+        return Controller()
+    known = [*hand.actuation.names, *hand.fingers]
+    gains: dict[str, dict[str, float]] = {"stiffness": {}, "damping": {}}
+    for kind, found in gains.items():
+        for prefix, robot in robots:
+            stated = getattr(robot, kind)
+            own = dict(stated) if isinstance(stated, Mapping) else {DEFAULT: stated}
+            rest = own.pop(DEFAULT, None)
+            if rest is not None and not prefix:
+                found[DEFAULT] = rest
+            elif rest is not None:
+                found |= {name: rest for name in hand.fingers if name.startswith(prefix)}
+            for name, gain in own.items():
+                if prefix + name not in known:
+                    listed = [one.removeprefix(prefix) for one in known if one.startswith(prefix)]
+                    raise RobotError(
+                        f"{robot.file}: controller.{kind}.{name}: is no joint or finger; "
+                        f"{names_in_words(name, listed)}"
+                    )
+                found[prefix + name] = gain
+    return Controller(gains["stiffness"], gains["damping"] or DAMPING)

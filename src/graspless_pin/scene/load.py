@@ -34,6 +34,7 @@ from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
+from graspless_pin.scene.joints import gains_of_robots
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import ControllerEntry, MotionEntry, SceneEntry
@@ -299,11 +300,12 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
 
 def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Controller:
     stated = entry.controller
-    controller = (
-        Controller(stated.stiffness, stated.damping)
-        if isinstance(stated, ControllerEntry)
-        else Controller(stated)
-    )
+    if isinstance(stated, ControllerEntry):
+        controller = Controller(stated.stiffness, stated.damping)
+    elif hand is None or "controller" in entry.model_fields_set:
+        controller = Controller(stated)
+    else:
+        controller = file.at(("hand",), lambda: gains_of_robots(hand), ("robot",))
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
     file.at(("controller",), lambda: controller.check(joints, fingers))
     return controller

@@ -127,6 +127,9 @@ class RobotDescription(Brief):
         effort_unknown: What is known by finger, joint or tendon whose real limit is not.
         meshes: How the collision meshes of its links are made convex.
         visuals_collide: Whether links without collision shapes collide with their visual ones.
+        stiffness: Gain of position feedback, N m/rad, of all joints or by joint, finger or
+            ``default``; None: none is stated.
+        damping: The same of the damping, N m s/rad.
         file: The robot file, if there is one.
         model: The model of example-robot-data, if it is one.
     """
@@ -145,5 +148,7 @@ class RobotDescription(Brief):
     effort_unknown: Mapping[str, str] = field(default_factory=dict)
     meshes: LinkMeshes = field(default_factory=LinkMeshes)
     visuals_collide: bool = False
+    stiffness: float | Mapping[str, float] | None = None
+    damping: float | Mapping[str, float] | None = None
     file: Path | None = None
     model: str | None = None

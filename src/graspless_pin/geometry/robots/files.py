@@ -103,6 +103,8 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
             entry.convex, entry.concavity, entry.decompose_time_limit, entry.max_pieces
         ),
         visuals_collide=entry.visuals_collide,
+        stiffness=None if entry.controller is None else entry.controller.stiffness,
+        damping=None if entry.controller is None else entry.controller.damping,
         file=file,
         model=entry.model,
     )

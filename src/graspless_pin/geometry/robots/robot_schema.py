@@ -27,6 +27,7 @@ from graspless_pin.intake.fields import (
     Finite,
     Many,
     Name,
+    NotNegative,
     Signed,
 )
 from graspless_pin.intake.files import (
@@ -111,6 +112,18 @@ class TendonEntry(Entry):
     )
 
 
+class GainsEntry(Entry):
+    """Position feedback at the joints beside the torques."""
+
+    stiffness: NotNegative | ByName[NotNegative] = Field(
+        description="[N m/rad] of all joints, or by joint (N/m where it slides), finger or "
+        "'default', these over (0.1 m)^2 where joints slide"
+    )
+    damping: NotNegative | ByName[NotNegative] | None = Field(
+        default=None, description="[N m s/rad] likewise, of joints and motors themselves, too"
+    )
+
+
 class RobotFile(Entry):
     """A robot file."""
 
@@ -145,6 +158,9 @@ class RobotFile(Entry):
     )
     effort_limits: ByName[EffortEntry] = Field(
         default={}, description="limits by joint, finger or tendon; default: the URDF's"
+    )
+    controller: GainsEntry | None = Field(
+        default=None, description="what runs on the joints unless a scene says otherwise"
     )
     visuals_collide: bool = Field(
         default=False, description="whether links without collision shapes take their visual ones"
@@ -195,7 +211,8 @@ def _robot_file(file: Path, text: str) -> RobotFile:
     except ValidationError as error:
         first = error.errors()[0]
         found = reprlib.repr(first["input"])
-        key = ".".join(str(part) for part in first["loc"]) or "file"
+        # Of a key that may be of several kinds the kind is named in brackets.
+        key = ".".join(str(part) for part in first["loc"] if "[" not in str(part)) or "file"
         if first["type"] == "extra_forbidden":
             words = names_in_words(str(first["loc"][-1]), RobotFile.model_fields)
             raise RobotError(f"{file}: {key}: unknown key (found {found}); {words}") from error
