@@ -286,9 +286,24 @@ def summary(found: Sequence[Case]) -> str:
         "bodies", "feedback", "said", "torques", "cases", "held", "shifted", "crept", "moved",
         "held, a finger moved",
     ]  # fmt: skip
-    lines = [tabulate(rows, headers, "github"), "", *_shares(found), ""]
+    lines = [tabulate(rows, headers, "github"), "", *_shares(found), "", _softly(found), ""]
     lines += ["Not as said, stiff bodies:", *(f"- {one}" for one in found if one.is_odd)]
     return "\n".join(lines)
+
+
+def _softly(found: Sequence[Case]) -> str:
+    """Return how many rests that hold with stiff bodies are not held with soft ones, and where."""
+    kind = "soft", "constant", Holding.HOLDS
+    own = [one for one in found if (one.bodies, one.controller, one.holding) == kind]
+    targets = [*objects(KEPT)]
+    rows = []
+    for hand in HANDS:
+        row = [hand]
+        for target in targets:
+            here = [one.stays for one in own if one.grip.startswith(f"{hand}_{target}_")]
+            row.append(f"{here.count(False)} of {len(here)}" if here else "")
+        rows.append(row)
+    return tabulate(rows, ["not held, soft", *targets], "github")
 
 
 def _shares(found: Sequence[Case]) -> list[str]:

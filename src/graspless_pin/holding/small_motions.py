@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eig, eigh, solve_continuous_lyapunov
+from scipy.optimize import brentq
 
 from graspless_pin.holding.certificate import MOST_FORCE, in_loads
 from graspless_pin.holding.dynamics import free_friction, world_forces
@@ -35,7 +35,8 @@ Intervals = tuple[tuple[float, float], ...]
 GROWTH_LIMIT = 0.1
 """Motions that grow no faster than this do not count as growing, 1/s."""
 _DOUBLINGS = 60
-_HALVINGS = 24
+_NEAR = 1e-7
+"""Relative: how near the ends of stable feedback are found."""
 _MOST_ROUNDS = 8
 _MOST_STARTS = 6
 _BETTER = 1e-6
@@ -174,26 +175,28 @@ class LinearizedMotion:
             stiffness: (d, d) K_geo.
             pattern: (c,) gains, in the place of the controller's.
         """
+        count = len(self.inertia)
+        still, step = self.system(stiffness, pattern, np.array([0.0, 1.0]))
+        step = step - still
 
-        def growing(factors: FloatArray) -> NDArray[np.bool_]:
-            values = np.linalg.eigvals(self.system(stiffness, pattern, factors))
-            return np.real(values).max(axis=1, initial=0.0) > GROWTH_LIMIT
+        def growth(factors: FloatArray) -> FloatArray:
+            systems = still + factors[:, None, None] * step
+            return np.real(np.linalg.eigvals(systems)).max(axis=1, initial=0.0) - GROWTH_LIMIT
 
         reach = float(self.feedback(pattern).diagonal().max(initial=0.0))
-        if reach == 0.0:
-            return () if growing(np.zeros(1))[0] else ((0.0, np.inf),)
+        if reach == 0.0 or count == 0:
+            return () if growth(np.zeros(1))[0] > 0.0 else ((0.0, np.inf),)
         size = float(np.abs(stiffness).max(initial=0.0))
         powers = np.arange(-_DOUBLINGS // 2, _DOUBLINGS // 2, dtype=float)
         factors = np.append(0.0, size / reach * np.exp2(powers))
-        grows = growing(factors)
+        grows = growth(factors) > 0.0
         ends = [0.0]
-        for step in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
-            low, high = factors[step], factors[step + 1]
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                same = growing(np.array([middle]))[0] == grows[step]
-                low, high = (middle, high) if same else (low, middle)
-            ends.append(float(low if grows[step + 1] else high))
+        for index in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
+            low, high = factors[index : index + 2].tolist()
+            near = brentq(lambda k: float(growth(np.array([k]))[0]), low, high, rtol=_NEAR)
+            # On the side where nothing grows.
+            side = 1.0 if grows[index] else -1.0
+            ends.append(min(max(float(near) * (1.0 + 2.0 * side * _NEAR), low), high))
         ends.append(np.inf)
         inner = ends[1:] if grows[0] else ends
         return tuple(zip(inner[::2], inner[1::2], strict=False))
