@@ -78,7 +78,7 @@ def test_without_torques_there_is_nothing_to_simulate(tmp_path):
         (("--push", "1,2,nan"), "--push: needs three numbers"),
         (("--save", "out.gif"), "--save: needs a file that ends in .html or .mp4, got 'out.gif'"),
         (("--seconds", "-1"), "seconds: is -1.0"),
-        (("--controller", "-1"), "stiffness: is -1.0"),
+        (("--controller", "-1"), "--controller: is -1.0"),
         (("--friction-factor", "-1"), "friction_factor: is -1.0"),
     ],
 )

@@ -56,7 +56,8 @@ def test_less_feedback_costs_margin(ball: Scene) -> None:
     assert margins[0] < margins[1] < margins[2] == pytest.approx(best.margin, rel=1e-6)
     none = ball.with_changes(controller="torque").solve("margin", stability="strong")
     assert none.status is Status.STRONG_NOT_FOUND
-    assert "without it the object rolls" in none.explanation
+    assert "with constant torques the object rolls" in none.explanation
+    assert none.explanation.endswith("- try the feedback that it names, or another grip")
 
 
 def test_the_controller_that_is_not_stated_asks_for_the_first_instant_alone(ball: Scene) -> None:

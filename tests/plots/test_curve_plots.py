@@ -120,6 +120,7 @@ def test_a_window_of_squeeze_shows_its_ends_and_samples():
         margins=np.array([np.nan, 0.1, 0.3, 0.5]),
         growth=np.array([np.nan, np.nan, 0.0, 0.0]),
         controller="",
+        message="holds: ...",
     )
     axes = squeeze_plot(window)
     line, holds, others = axes.lines[:3]

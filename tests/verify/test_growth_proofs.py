@@ -110,6 +110,10 @@ def _fewer_joints(proof: dict[str, Any]) -> None:
         proof[key] = proof[key][1:]
 
 
+def _scaled_proof(key: str, factor: float) -> Any:
+    return lambda holding: _scaled(key, factor)(holding["proofs"]["facets"])
+
+
 @pytest.mark.parametrize(
     "forge",
     [
@@ -133,7 +137,25 @@ def _fewer_joints(proof: dict[str, Any]) -> None:
 def test_what_is_no_proof_is_refused(held_ball, forge) -> None:
     forged = copy.deepcopy(held_ball)
     forge(forged["holding"]["proofs"]["facets"])
-    assert failing(forged) == ["no small motion grows (facets)"]
+    *others, last = failing(forged)
+    assert last == "no small motion grows (facets)"
+    assert set(others) <= {"the controller is that of the proof (facets)"}
+
+
+@pytest.mark.parametrize(
+    "forge",
+    [
+        lambda holding: holding.update(controller="joint feedback of 0.01 N m/rad"),
+        lambda holding: holding.update(controller="constant torques"),
+        lambda holding: holding.update(stable_stiffness=[[5.0, None]]),
+        lambda holding: holding.update(stable_stiffness=[[0.0, 1.0], [3.0, 4.0]]),
+        _scaled_proof("gains", 1.5),
+    ],
+)
+def test_the_gains_are_those_of_the_controller(held_ball, forge) -> None:
+    forged = copy.deepcopy(held_ball)
+    forge(forged["holding"])
+    assert "the controller is that of the proof (facets)" in failing(forged)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])

@@ -284,6 +284,15 @@ def stable_torques(
     return torques
 
 
+def _advice(verdict: StabilityVerdict) -> str:
+    """Return what to try where no torques were found."""
+    if verdict.status is Stability.STRONG:
+        return "- try the feedback that it names, or another grip"
+    if verdict.joints_held:
+        return "- try constant torques, or a stiffness, as controller: then torques count"
+    return "- try more friction, larger effort limits, or more verdict_nodes"
+
+
 def half_space(
     problem: QuasistaticProblem, motion: DynamicOutcome, share: float
 ) -> tuple[FloatArray, float]:
@@ -337,5 +346,5 @@ def _none_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
         guarantee=Guarantee(verdict, best.value, np.nan, len(tried)),
         _forces=None,
         _mode=None,
-        _explanation=f"Verdict on the best case's torques: {verdict.message}.",
+        _explanation=f"Verdict on the best case's torques: {verdict.message}.\n{_advice(verdict)}",
     )

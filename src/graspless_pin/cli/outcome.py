@@ -91,7 +91,11 @@ def under_controller(scene: Scene, stiffness: str | None) -> Scene:
         gain: float | str = float(stiffness)
     except ValueError:
         gain = stiffness
-    return scene.with_changes(controller=replace(scene.controller, stiffness=gain))
+    try:
+        held = replace(scene.controller, stiffness=gain)
+    except ArgumentError as error:
+        raise ArgumentError("--controller", str(error).partition(": ")[2]) from None
+    return scene.with_changes(controller=held)
 
 
 def exit_code(solution: TorqueSolution) -> ExitCode:

@@ -9,11 +9,13 @@ import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from graspless_pin.cli.outcome import (
+    ControllerOption,
     echo_findings,
     echo_note,
     exit_code,
     loaded_scene,
     plain_errors,
+    under_controller,
 )
 from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import proven_and_verdict
@@ -27,8 +29,8 @@ from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
 from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
 from graspless_pin.report.reading import read_document
+from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.simulation import simulate
-from graspless_pin.solution import TorqueSolution
 
 
 def report(
@@ -72,6 +74,7 @@ def report(
         bool,
         typer.Option("--simulate", help="Simulate the torques with MuJoCo, with a time-lapse."),
     ] = False,
+    controller: ControllerOption = None,
     squeeze: Annotated[
         bool,
         typer.Option("--squeeze", help="Tell how hard the hand may squeeze: some 30 verdicts."),
@@ -90,12 +93,12 @@ def report(
         graspless-pin report solution.json --scene scene.yaml
     """
     with plain_errors():
-        case = _case(source, scene, None if no_verdict else verdict_nodes)
+        case = _case(source, scene, None if no_verdict else verdict_nodes, controller)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
-        bounds, rest_bounds = _ranges(case.solution, ranges_time) if ranges else (None, None)
+        bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)
         with waiting_for("simulating"):
             lapse = _lapse(case) if simulated else None
         with waiting_for("trying how hard the hand may squeeze"):
@@ -109,12 +112,15 @@ def report(
 
 
 def _ranges(
-    solution: TorqueSolution, seconds: float
+    case: Case, seconds: float
 ) -> tuple[ContactForceBounds | None, ContactForceBounds | None]:
     """Return the force ranges under the rule, and over all outcomes of rest; None: not asked."""
+    solution = case.solution
     if not solution.found:
         return None, None
     problem, torques = solution.problem, solution.torques
+    if case.scene is not None:
+        problem = rest_problem(case.scene, problem, torques)
     with waiting_for("working out the force ranges"):
         bounds = contact_force_bounds(
             problem, torques, time_limit=seconds, **solution.rules.options()
@@ -129,12 +135,15 @@ def _ranges(
         )
 
 
-def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> Case:
+def _case(
+    source: Path, scene_file: Path | None, verdict_nodes: int | None, controller: str | None
+) -> Case:
     if source.suffix.lower() != ".json":
         if scene_file is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         scene = loaded_scene(source)
         emit(*scene.findings)
+        scene = under_controller(scene, controller)
         with waiting_for("solving"):
             solution, verdict, note = scene.solve(), None, ""
         if verdict_nodes is not None:
@@ -143,6 +152,8 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
         if note and verdict is None:
             echo_note(note)
         return case_of_scene(scene, solution, source, verdict)
+    if controller is not None:
+        raise ArgumentError("--controller", "goes with a scene alone: a document has its own")
     document = read_document(source)
     try:
         return case_of_document(document, scene_file)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ import typer
 from tabulate import tabulate
 
 from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.errors import RobotError
 from graspless_pin.findings import is_serious
 from graspless_pin.geometry.inspection.audit import AuditReport, audit_urdf
 from graspless_pin.geometry.inspection.listing import EffortRecord, RobotRecord, list_robots
@@ -37,8 +38,6 @@ def robots_text(robots: Sequence[RobotRecord]) -> str:
 
 def robot_text(robot: RobotRecord) -> str:
     """Return one robot in full: every joint with its limits and their sources."""
-    if robot.problem is not None:
-        return f"{robot.name}: {robot.problem}"
     rows = []
     for joint in robot.joints:
         state = "locked" if joint.is_locked else "held" if joint.is_held else "driven"
@@ -64,8 +63,21 @@ def robot_text(robot: RobotRecord) -> str:
     table = tabulate(rows, ["joint", "kind", "position [rad, m]", "effort [N m, N]", ""])
     return (
         f"{robot.name}, {robot.origin}\nfingers:\n{fingers}\n\n{table}\n\nwhere the limits come "
-        "from:\n" + "\n".join(sources)
+        "from:\n" + "\n".join(sources) + _controller(robot)
     )
+
+
+def _controller(robot: RobotRecord) -> str:
+    """Return the gains that a robot file states; empty: it states none."""
+    lines = []
+    gains = ("stiffness", robot.stiffness, "N m/rad"), ("damping", robot.damping, "N m s/rad")
+    for name, given, unit in gains:
+        if isinstance(given, Mapping):
+            listed = ", ".join(f"{joint} {gain:g}" for joint, gain in given.items())
+            lines.append(f"\n  {name} {listed} {unit}")
+        elif given is not None:
+            lines.append(f"\n  {name} {given:g} {unit}")
+    return f"\n\ncontroller:{''.join(lines)}" if lines else ""
 
 
 def audit_text(report: AuditReport) -> str:
@@ -111,7 +123,10 @@ def robots(
         if name is None:
             typer.echo(robots_text(list_robots()))
         else:
-            typer.echo(robot_text(list_robots([name])[0]))
+            (found,) = list_robots([name])
+            if found.problem is not None:
+                raise RobotError(found.problem)
+            typer.echo(robot_text(found))
 
 
 def inspect(

@@ -31,6 +31,7 @@ from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
 from graspless_pin.report.provenance import same_problem
 from graspless_pin.report.simulation import simulation_text
 from graspless_pin.scene import Scene
+from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.scene.scene_stability import hand_support_contacts
 from graspless_pin.simulation import LoadingProtocol, SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.video import write_video
@@ -123,9 +124,9 @@ def simulate_scene(
 
 
 def simulated_words(scene: Scene, found: Simulation) -> str:
-    """Return the outcome beside the forces that are proven for the same constant torques."""
+    """Return the outcome beside the forces that are proven for the same torques and controller."""
     bounds = contact_force_bounds(
-        found.problem,
+        rest_problem(scene, found.problem, found.torques),
         found.torques,
         static_friction=StaticFriction.COULOMB,
         time_limit=_RANGES_TIME,

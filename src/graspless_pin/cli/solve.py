@@ -27,6 +27,7 @@ from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.report import scene_solution_text
 from graspless_pin.scene import Scene
+from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.scene.scene_stability import solution_verdict
 from graspless_pin.solution import TorqueSolution
 
@@ -129,7 +130,7 @@ def solve_scene(
             solution, verdict, note = proven_and_verdict(loaded, solution, verdict_nodes)
         echo_findings(solution.findings)
         if solution.found and not no_verdict:
-            bounds = _forces(solution)
+            bounds = _forces(loaded, solution)
         if json_file is not None:
             from graspless_pin.report import solution_document, write_document
 
@@ -139,13 +140,13 @@ def solve_scene(
     raise typer.Exit(exit_code(solution))
 
 
-def _forces(solution: TorqueSolution) -> ContactForceBounds | None:
+def _forces(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:
     """Return the forces that the torques can end up with, where they are had quickly."""
     if solution.rules.sign is SignRule.DIRECTION:
         return None
     with waiting_for("looking for the margin at worst"):
         return contact_force_bounds(
-            solution.problem,
+            rest_problem(scene, solution.problem, solution.torques),
             solution.torques,
             node_limit=_RANGE_NODES,
             time_limit=_RANGES_TIME,

@@ -11,14 +11,13 @@ import numpy as np
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.suggestions import names_in_words
 
 DAMPING, ARMATURE = 0.02, 1e-4
 """Of each joint unless told otherwise, N m s/rad and kg m^2."""
 LEVER = 0.1
 """What is per radian at joints that turn is over the square of this, m, at those that slide."""
-DEFAULT = "default"
-"""Key of the gains of all joints that are not named."""
 
 
 class Feedback(StrEnum):
@@ -32,6 +31,8 @@ class Feedback(StrEnum):
     """Joints keep their positions, whatever torques that takes."""
 
 
+CONSTANT_TORQUES = "constant torques"
+"""What runs on the joints where no feedback does, in words."""
 _WORDS = "or one of 'torque', 'position' and 'any'"
 
 
@@ -119,7 +120,7 @@ class Controller:
         """
         for name in ("stiffness", "damping"):
             given = getattr(self, name)
-            known = [*joints, *fingers, DEFAULT]
+            known = [*joints, *fingers, DEFAULT_GAIN]
             for key in given if isinstance(given, Mapping) else ():
                 if key not in known:
                     raise ArgumentError(
@@ -142,7 +143,7 @@ class Controller:
                 return np.zeros(len(shares))
             if not isinstance(given, Mapping):
                 return float(given) * shares
-            rest = given.get(DEFAULT, otherwise)
+            rest = given.get(DEFAULT_GAIN, otherwise)
             return np.array(
                 [
                     given.get(name, share * given.get(fingers.get(name, ""), rest))

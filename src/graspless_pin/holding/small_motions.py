@@ -193,7 +193,9 @@ class LinearizedMotion:
         ends = [0.0]
         for index in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
             low, high = factors[index : index + 2].tolist()
-            near = brentq(lambda k: float(growth(np.array([k]))[0]), low, high, rtol=_NEAR)
+            near: Any = brentq(
+                lambda k: float(growth(np.array([k]))[0]), low, high, rtol=np.float64(_NEAR)
+            )
             # On the side where nothing grows.
             side = 1.0 if grows[index] else -1.0
             ends.append(min(max(float(near) * (1.0 + 2.0 * side * _NEAR), low), high))

@@ -112,6 +112,7 @@ class SqueezeWindow(Brief):
         margins: (K,) margin of these torques, N; NaN where no forces within limits balance them.
         growth: (K,) rate at which a small motion grows, 1/s; NaN where it is not known.
         controller: The joint feedback, in words; empty: the torques are constant.
+        message: What the verdict says of the given torques.
     """
 
     direction: FloatArray
@@ -124,12 +125,13 @@ class SqueezeWindow(Brief):
     margins: FloatArray
     growth: FloatArray
     controller: str
+    message: str
 
     def __str__(self) -> str:
         """Return the window, and what fails at its ends."""
         with_what = f" with {self.controller}" if self.controller else ""
         if self.lower is None or self.upper is None:
-            lines = [f"the given torques do not hold{with_what}"]
+            lines = [f"the given torques do not hold{with_what}: {self.message}"]
         else:
             lines = [
                 f"holds{with_what} from {self.lower.amount:+.3g} to {self.upper.amount:+.3g} times "
@@ -137,7 +139,8 @@ class SqueezeWindow(Brief):
                 f"with less: {self.lower.message}",
                 f"with more: {self.upper.message}",
             ]
-        lines += [f"samples hold from {a:+.3g} to {b:+.3g}, too" for a, b in self.others]
+        too = "" if self.lower is None else ", too"
+        lines += [f"samples hold from {a:+.3g} to {b:+.3g}{too}" for a, b in self.others]
         return "\n".join(lines)
 
 
@@ -196,6 +199,11 @@ def squeeze_window(
             return subject.stability(changed, node_limit=nodes)
         return stability(problem, changed, node_limit=nodes)
 
+    if isinstance(subject, Scene) and subject.controller.holds_joints:
+        raise ArgumentError(
+            "subject", "holds its joints in their positions, so that torques do not count; ask "
+            "with constant torques or a stiffness as its controller"
+        )  # fmt: skip
     first = verdict_on(given)
     way = _direction(problem, direction, first)
     held = np.zeros(len(way), dtype=bool) if direction is None else way != 0.0
@@ -223,6 +231,7 @@ def squeeze_window(
         read_only(np.array([one.margin for one in found])),
         read_only(np.array([one.verdict.growth_rate for one in found])),
         first.controller,
+        found[middle].failure[1] if not found[middle].holds else first.message,
     )
 
 

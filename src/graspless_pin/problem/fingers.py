@@ -21,6 +21,9 @@ from graspless_pin.problem.checks import (
 )
 from graspless_pin.problem.joint_units import JointUnit, checked_units
 
+DEFAULT_GAIN = "default"
+"""Key of the gains of all joints that are not named, in scenes and robot files."""
+
 
 class ControlMode(StrEnum):
     """How a finger is controlled (Sec. II-A of the paper).

@@ -9,6 +9,7 @@ from typing import Any
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
 from graspless_pin.algorithms.load_brackets import LoadBracket
 from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.controller import CONSTANT_TORQUES
 from graspless_pin.holding.verdict import (
     ContactState,
     DualBound,
@@ -68,7 +69,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
     small = verdict.small_motions
     return {
         "status": str(verdict.holding),
-        "controller": verdict.controller or "constant torques",
+        "controller": verdict.controller or CONSTANT_TORQUES,
         "stiffness_needed": verdict.stiffness_needed,
         "stable_stiffness": [] if small is None else small.stable,
         "growth_rate": verdict.growth_rate,

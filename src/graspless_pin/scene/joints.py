@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.errors import RobotError, StateError, StateFault
+from graspless_pin.errors import StateError, StateFault
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.holding.controller import DAMPING, DEFAULT, Controller
+from graspless_pin.holding.controller import DAMPING, Controller
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.suggestions import names_in_words
 
 
 class ControlledJoints(NamedTuple):
@@ -169,22 +169,17 @@ def gains_of_robots(hand: Hand) -> Controller:
     if all(robot.stiffness is None for _, robot in robots):
         return Controller()
     known = [*hand.actuation.names, *hand.fingers]
+    for prefix, robot in robots:
+        robot.check_gains([one.removeprefix(prefix) for one in known if one.startswith(prefix)])
     gains: dict[str, dict[str, float]] = {"stiffness": {}, "damping": {}}
     for kind, found in gains.items():
         for prefix, robot in robots:
             stated = getattr(robot, kind)
-            own = dict(stated) if isinstance(stated, Mapping) else {DEFAULT: stated}
-            rest = own.pop(DEFAULT, None)
+            own = dict(stated) if isinstance(stated, Mapping) else {DEFAULT_GAIN: stated}
+            rest = own.pop(DEFAULT_GAIN, None)
             if rest is not None and not prefix:
-                found[DEFAULT] = rest
+                found[DEFAULT_GAIN] = rest
             elif rest is not None:
                 found |= {name: rest for name in hand.fingers if name.startswith(prefix)}
-            for name, gain in own.items():
-                if prefix + name not in known:
-                    listed = [one.removeprefix(prefix) for one in known if one.startswith(prefix)]
-                    raise RobotError(
-                        f"{robot.file}: controller.{kind}.{name}: is no joint or finger; "
-                        f"{names_in_words(name, listed)}"
-                    )
-                found[prefix + name] = gain
+            found |= {prefix + name: gain for name, gain in own.items()}
     return Controller(gains["stiffness"], gains["damping"] or DAMPING)

@@ -300,12 +300,15 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
 
 def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Controller:
     stated = entry.controller
-    if isinstance(stated, ControllerEntry):
-        controller = Controller(stated.stiffness, stated.damping)
-    elif hand is None or "controller" in entry.model_fields_set:
+    if "controller" in entry.model_fields_set and not isinstance(stated, ControllerEntry):
         controller = Controller(stated)
     else:
-        controller = file.at(("hand",), lambda: gains_of_robots(hand), ("robot",))
+        controller = Controller()
+        if hand is not None:
+            controller = file.at(("hand",), lambda: gains_of_robots(hand), ("robot",))
+        if isinstance(stated, ControllerEntry):
+            own = {name: getattr(stated, name) for name in stated.model_fields_set}
+            controller = replace(controller, **own)
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
     file.at(("controller",), lambda: controller.check(joints, fingers))
     return controller

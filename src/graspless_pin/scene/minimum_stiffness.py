@@ -14,7 +14,13 @@ from scipy.linalg import null_space
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import capture
 from graspless_pin.holding.certificate import balance, bearing_forces
-from graspless_pin.holding.controller import ARMATURE, DAMPING, Controller, gain_shares
+from graspless_pin.holding.controller import (
+    ARMATURE,
+    CONSTANT_TORQUES,
+    DAMPING,
+    Controller,
+    gain_shares,
+)
 from graspless_pin.holding.dynamics import (
     LEAST_LOAD,
     NEGLIGIBLE,
@@ -212,15 +218,19 @@ def _proofs(
 
 
 def controller_words(scene: SceneFields) -> str:
-    """Return the feedback at the joints that carry touching links; empty: constant torques."""
+    """Return the feedback at the joints that carry touching links; empty: none is stated."""
     if scene.controller.holds_joints:
         return "joints held in their positions"
     problem = problem_of(scene)
     gains, _ = _gains(scene, problem)
     gains = gains / _shares(scene, problem) * _per_all(scene, problem)
     low, high = gains.min(initial=np.inf), gains.max(initial=0.0)
-    given = f"{low:g} to {high:g}" if low < high else f"{high:g}"
-    return f"joint feedback of {given} {_unit(scene, problem)}" if high > 0.0 else ""
+    if not high > 0.0:
+        return CONSTANT_TORQUES if scene.controller.is_stated else ""
+    unit = _unit(scene, problem)
+    if low < high:
+        return f"joint feedback of {low:g} to {high:g} {unit} by joint"
+    return f"joint feedback of {high:g} {unit}"
 
 
 def _unit(scene: SceneFields, problem: QuasistaticProblem) -> str:

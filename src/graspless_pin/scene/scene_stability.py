@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.holding.verdict import MovingPart, StabilityKeywords, StabilityVerdict
+from graspless_pin.holding.verdict import MovingPart, Stability, StabilityKeywords, StabilityVerdict
 from graspless_pin.problem.checks import finite_array
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.scene.fields import SceneFields
@@ -110,6 +110,9 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
         verdict, controller=controller_words(scene), joints_held=scene.controller.holds_joints
     )
     small = verdict.small_motions
+    if verdict.joints_held and verdict.status is Stability.WEAK:
+        said = verdict.message.replace("may fail", f"may fail with {verdict.controller}", 1)
+        return replace(verdict, message=said)
     if verdict.moves is MovingPart.FINGER and scene.hand is not None:
         return replace(verdict, message=finger_words(verdict, fingers_of_motors(scene.hand)))
     if small is None or verdict.problem.is_sliding.any():

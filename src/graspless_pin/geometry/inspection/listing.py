@@ -72,6 +72,8 @@ class RobotRecord:
         fingers: Fingers by name.
         joints: Movable joints in model order.
         tendons: Effort limit by tendon.
+        stiffness: Gain of position feedback that its file states, see `RobotDescription`.
+        damping: The same of the damping.
         problem: Why it cannot be loaded, if it cannot; then the rest is empty.
     """
 
@@ -82,6 +84,8 @@ class RobotRecord:
     fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
     joints: tuple[JointRecord, ...] = ()
     tendons: Mapping[str, EffortRecord] = field(default_factory=dict)
+    stiffness: float | Mapping[str, float] | None = None
+    damping: float | Mapping[str, float] | None = None
     problem: str | None = None
 
 
@@ -151,6 +155,7 @@ def _record(name: str) -> RobotRecord:
             joined = join_mounts([Mount(robot)], with_shapes=False)
             if not joined.palms:  # shapes tell whether it ends in a jaw
                 joined = join_mounts([Mount(robot)])
+            robot.check_gains([*joined.tree.joint_names, *joined.tendons, *joined.fingers])
     except (RobotError, MeshError) as error:
         return RobotRecord(robot.name, origin, robot.urdf_path, problem=str(error))
     efforts = describe_efforts(robot, joined)
@@ -162,6 +167,8 @@ def _record(name: str) -> RobotRecord:
         fingers=joined.fingers,
         joints=tuple(_joint(joined, index, efforts) for index in range(len(joined.tree.lower))),
         tendons={tendon: efforts[tendon] for tendon in joined.tendons},
+        stiffness=robot.stiffness,
+        damping=robot.damping,
     )
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT, Cut
+from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.records import Brief
+from graspless_pin.suggestions import names_in_words
 
 
 @dataclass(frozen=True)
@@ -152,3 +154,21 @@ class RobotDescription(Brief):
     damping: float | Mapping[str, float] | None = None
     file: Path | None = None
     model: str | None = None
+
+    def check_gains(self, known: Sequence[str]) -> None:
+        """Refuse gains of what is no joint or finger.
+
+        Args:
+            known: Names of joints and fingers, without a prefix.
+
+        Raises:
+            RobotError: Naming file and key.
+        """
+        for kind in ("stiffness", "damping"):
+            stated = getattr(self, kind)
+            for name in stated if isinstance(stated, Mapping) else ():
+                if name not in (*known, DEFAULT_GAIN):
+                    raise RobotError(
+                        f"{self.file}: controller.{kind}.{name}: is no joint or finger; "
+                        f"{names_in_words(name, known)}"
+                    )

@@ -209,12 +209,18 @@ def _robot_file(file: Path, text: str) -> RobotFile:
     try:
         return RobotFile.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
+        # A value that may be of several kinds has errors of each: the deepest is of the one meant.
+        errors = error.errors()
+        about = [one for one in errors if one["loc"][:1] == errors[0]["loc"][:1]]
+        first = max(about, key=lambda one: len(one["loc"]))
         found = reprlib.repr(first["input"])
         # Of a key that may be of several kinds the kind is named in brackets.
         key = ".".join(str(part) for part in first["loc"] if "[" not in str(part)) or "file"
         if first["type"] == "extra_forbidden":
-            words = names_in_words(str(first["loc"][-1]), RobotFile.model_fields)
+            parts = {"controller": GainsEntry, "fingers": FingerEntry, "couplings": CouplingEntry,
+                     "tendons": TendonEntry, "effort_limits": EffortEntry}  # fmt: skip
+            kind = parts.get(str(first["loc"][0]), RobotFile) if first["loc"][1:] else RobotFile
+            words = names_in_words(str(first["loc"][-1]), kind.model_fields)
             raise RobotError(f"{file}: {key}: unknown key (found {found}); {words}") from error
         raise RobotError(
             f"{file}: {key}: {first['msg']} (found {reprlib.repr(first['input'])})"

@@ -26,6 +26,9 @@ _OF_INSTANT = {
     "undecided": ("strong", "undecided"),
 }
 """What the first instant may be for what is said of the object under the controller."""
+_CONSTANT = "constant torques"
+_PER_LEVER = 100.0
+"""1/m^2."""
 _MOST_MOTIONS = 200
 
 
@@ -62,28 +65,78 @@ def holding_checks(stated: object, instant: str, bodies: RestLoad) -> list[Check
         given("what small motions do under the controller", told),
     ]
     if status == "holds" and not bodies.problem.slides.any():
-        checks += _proof_checks(entry(stated, "proofs", "holding"), bodies)
+        checks += _proof_checks(entry(stated, "proofs", "holding"), bodies, stated)
     return checks
 
 
-def _proof_checks(stated: Any, bodies: RestLoad) -> list[Check]:
-    """Return the checks of the proofs that no small motion grows, of each model of the surfaces."""
+def _proof_checks(stated: Any, bodies: RestLoad, holding: Any) -> list[Check]:
+    """Return the checks of the proofs that no small motion grows, of each model of the surfaces.
+
+    Args:
+        stated: The proofs.
+        bodies: Contacts, joints and inertias.
+        holding: What is said of the controller, in words, and of the stiffness that is needed.
+    """
     if not isinstance(stated, dict) or not stated:
         return [holds("no small motion grows", passed=False, detail="no proof in the document")]
     checks = []
     for name, one in stated.items():
         what = "no small motion grows" if name == "any" else f"no small motion grows ({name[:20]})"
         proof = _Proof(one, bodies)
+        low, high, unit = _gains(proof)
+        said = _gain_words(low, high, unit) or _CONSTANT
+        if bodies.joints_held:
+            said = "joints held in their positions"
+        if name != "any":
+            agrees = holding["controller"] == said
+            agrees = agrees and (low < high or bodies.joints_held or _is_stable(high, holding))
+            about = f"the controller is that of the proof ({name[:20]})"
+            checks.append(holds(about, agrees, said))
         try:
             why = proof.failure()
         except np.linalg.LinAlgError as error:
             why = f"the matrices are of no motion ({error})"
         count = proof.N.shape[1]
-        good = f"faster than {proof.rate:g} /s; geometric stiffness of {count} motions as stated"
+        good = (
+            f"faster than {proof.rate:g} /s with {said}; geometric stiffness of "
+            f"{count} motions as stated"
+        )
         if not count:
             good = "every motion slips or opens a contact"
         checks.append(holds(what, not why, why or good))
     return checks
+
+
+def _gains(proof: _Proof) -> tuple[float, float, str]:
+    """Return the least and the largest gain of a proof as a verdict tells them, and their unit.
+
+    Gains of joints that slide count over (0.1 m)^2, unless all do.
+    """
+    units = proof.bodies.problem.units
+    slides = np.array([units[joint] == "N" for joint in proof.joints], dtype=bool)
+    linear = bool(len(slides) and slides.all())
+    gains = proof.gains / np.where(slides, _PER_LEVER, 1.0) * (_PER_LEVER if linear else 1.0)
+    high = float(gains.max(initial=0.0))
+    return float(gains.min(initial=high)), high, "N/m" if linear else "N m/rad"
+
+
+def _gain_words(low: float, high: float, unit: str) -> str:
+    """Return gains in the words of a verdict; empty: there are none."""
+    if not high > 0.0:
+        return ""
+    if low < high:
+        return f"joint feedback of {low:g} to {high:g} {unit} by joint"
+    return f"joint feedback of {high:g} {unit}"
+
+
+def _is_stable(gain: float, holding: Any) -> bool:
+    """Return whether a gain of all joints is among those that are said to be stable."""
+    for one in items(entry(holding, "stable_stiffness", "holding"), "stable_stiffness", 0, 1000):
+        least, most = items(one, "stable_stiffness", 2, 2)
+        above = gain >= number(least, "stable_stiffness") * (1.0 - tolerances.GAIN)
+        if above and (most is None or gain <= number(most, "a gain") * (1.0 + tolerances.GAIN)):
+            return True
+    return False
 
 
 class _Proof:

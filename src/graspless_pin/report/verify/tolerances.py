@@ -38,6 +38,8 @@ RANK = 1e-8
 """Of the largest way in which all velocities may change: smaller ones are none."""
 GROWTH = 0.1
 """Motions that grow no faster than this do not count as growing, 1/s."""
+GAIN = 1e-3
+"""Relative: how near gains are to the ends of those that are stable."""
 WITHOUT_SLIP = 1e-5
 """Of the velocities of object and joints: what contacts may have that neither slip nor open."""
 BEARING = 5e-5
