@@ -193,15 +193,22 @@ class LinearizedMotion:
         ends = [0.0]
         for index in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
             low, high = factors[index : index + 2].tolist()
-            near: Any = brentq(
-                lambda k: float(growth(np.array([k]))[0]), low, high, rtol=np.float64(_NEAR)
-            )
+            near = _root(lambda k: float(growth(np.array([k]))[0]), low, high)
             # On the side where nothing grows.
             side = 1.0 if grows[index] else -1.0
-            ends.append(min(max(float(near) * (1.0 + 2.0 * side * _NEAR), low), high))
+            ends.append(min(max(near * (1.0 + 2.0 * side * _NEAR), low), high))
         ends.append(np.inf)
         inner = ends[1:] if grows[0] else ends
         return tuple(zip(inner[::2], inner[1::2], strict=False))
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a function changes its sign between two points, by Brent's method."""
+    first, last = function(low), function(high)
+    if first * last >= 0.0:  # by rounding: a root is at an end
+        return low if abs(first) < abs(last) else high
+    found: Any = brentq(function, low, high, rtol=np.float64(_NEAR))
+    return float(found)
 
 
 def scaled_system(

@@ -125,13 +125,14 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
 def rest_model_of(scene: SceneFields) -> RestModel:
     """Return what a scene tells of rest beside its problem, for torques to be guaranteed.
 
-    Where its controller is stated, rest has to last under it.
+    Where its controller is stated, rest has to last under it; of a declared motion that is not
+    asked, as nobody knows it.
     """
     from graspless_pin.holding.small_motions import RestModel
     from graspless_pin.holding.stability import stability
     from graspless_pin.scene.minimum_stiffness import linearized_motions
 
-    if not scene.controller.is_stated:
+    if not scene.controller.is_stated or problem_of(scene).is_sliding.any():
         return RestModel(unknown_of(scene))
     return RestModel(
         unknown_of(scene),
