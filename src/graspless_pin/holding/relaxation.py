@@ -112,11 +112,12 @@ class Relaxed:
     load_left: float
 
 
-@dataclass
 class _Tally:
     """How many linear programs relaxations of the same dynamics have solved."""
 
-    count: int = 0
+    def __init__(self) -> None:
+        """Begin at none."""
+        self.count = 0
 
 
 class Relaxation:
