@@ -111,6 +111,13 @@ class _Node:
     is_closed: bool = False
     """Whether kinematics force no more than is known already."""
 
+    def taken(self) -> Relaxation:
+        """Return the relaxation, which is not kept any longer: trees have thousands of nodes."""
+        relaxation, self.relaxation = self.relaxation, None
+        if relaxation is None:
+            raise RuntimeError("a set of outcomes is looked at once")
+        return relaxation
+
     def finished(self) -> OutcomeSet:
         """Return the node of the proof."""
         slip = slip_range(self.states, self.contact)
@@ -156,7 +163,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             node, is_covered = _closed(dynamics, node)
             if is_covered:
                 continue
-        relaxation, node.relaxation = node.relaxation or relaxation, None
+        relaxation = node.taken()
         node.dual = relaxation.bounds.proving(node.states, goal[0], threshold)
         if node.dual is not None:
             continue
@@ -204,7 +211,7 @@ def _closed(dynamics: Dynamics, node: _Node) -> tuple[_Node, bool]:
         contact, state = forced.contact, forced.state
         known = node.states.state[contact]
         states = node.states.changed(contact, state, depends=forced.depends)
-        child = _Node(contact, state, states, node.relaxation, forced.duals)
+        child = _Node(contact, state, states, node.taken(), forced.duals)
         node.children = [child]
         node = child
         if known in (ContactState.OPEN, ContactState.SLIPPING):

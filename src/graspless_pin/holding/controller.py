@@ -94,8 +94,8 @@ class Controller:
             return given
         if isinstance(given, int | float) and not isinstance(given, bool):
             return cls(given)
-        if given in Feedback.__members__.values():
-            return cls(str(given))
+        if isinstance(given, str) and given in Feedback.__members__.values():
+            return cls(given)
         raise ArgumentError(
             name,
             f"found {reprlib.repr(given)}; needs a Controller, e.g. Controller(stiffness=2.0), a "

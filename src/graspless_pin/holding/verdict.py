@@ -255,8 +255,8 @@ class StabilityVerdict:
         seconds: Processor time that looking at `nodes` took.
         next_nodes: Of an undecided verdict: a limit worth asking for; 0: more would not help.
         message: One sentence.
-        controller: The joint feedback beside the torques, in words; empty: the torques are
-            constant.
+        controller: What runs on the joints beside the torques, in words; empty: it is not stated,
+            and the torques are constant.
         joints_held: Whether joints keep their positions under it: then torques do not count, and
             the joints of the problem have no part in its contacts.
     """

@@ -111,7 +111,8 @@ class SqueezeWindow(Brief):
         holding: K answers under the controller.
         margins: (K,) margin of these torques, N; NaN where no forces within limits balance them.
         growth: (K,) rate at which a small motion grows, 1/s; NaN where it is not known.
-        controller: The joint feedback, in words; empty: the torques are constant.
+        controller: What runs on the joints, in words; empty: it is not stated, and the torques are
+            constant.
         message: What the verdict says of the given torques.
     """
 
