@@ -8,8 +8,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 from tabulate import tabulate
@@ -24,7 +23,7 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.errors import ArgumentError
-from graspless_pin.planning.squeeze_window import SqueezeWindow, WindowEnd
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective, Torque
 from graspless_pin.scene.minimum_stiffness import linearized_motions
 from graspless_pin.solvers import Outcome, solve
@@ -105,11 +104,11 @@ class EndCase:
     reason: str
     amounts: tuple[float, float]
     side: str
-    holding: str
-    growth: float
-    outcome: str
-    stays: bool
-    measured: float | None
+    holding: str = ""
+    growth: float = 0.0
+    outcome: str = ""
+    stays: bool = False
+    measured: float | None = None
 
     @property
     def counts(self) -> bool:
@@ -221,42 +220,37 @@ def end_cases(scene: Scene, grip: str) -> Iterator[EndCase]:
     lower, upper = window.lower, window.upper
     if lower is None or upper is None:
         return
-    case = partial(_end_case, held, grip, stiffness, window, best)
+    amounts = lower.amount, upper.amount
     for name, end in (("lower", lower), ("upper", upper)):
         for side in ("inside", "outside"):
-            found = case(name, end, side)
+            asked = EndCase(grip, stiffness, name, str(end.reason), amounts, side)
+            found = _end_case(held, asked, best.torques)
             if found is not None:
                 yield found
 
 
-def _end_case(
-    scene: Scene,
-    grip: str,
-    stiffness: float,
-    window: SqueezeWindow,
-    best: TorqueSolution,
-    name: str,
-    end: WindowEnd,
-    side: str,
-) -> EndCase | None:
-    """Return one case; None where no limit leaves such torques."""
-    lower, upper = window.lower, window.upper
-    assert lower is not None and upper is not None  # noqa: S101 - the caller has looked
-    sign = 1.0 if name == "upper" else -1.0
-    way = sign * (-INSIDE if side == "inside" else OUTSIDE) * (upper.amount - lower.amount)
+def _end_case(scene: Scene, asked: EndCase, torques: FloatArray) -> EndCase | None:
+    """Return what becomes of torques on one side of an end; None where no limit leaves such ones.
+
+    Args:
+        scene: The grip with its gains.
+        asked: Which end, and which side.
+        torques: (L,) of the grip, around which the window is, N m (N).
+    """
+    low, high = asked.amounts
+    end, sign = (high, 1.0) if asked.end == "upper" else (low, -1.0)
+    way = sign * (-INSIDE if asked.side == "inside" else OUTSIDE) * (high - low)
     try:
-        near = squeeze_window(
-            scene, best.torques, samples=[end.amount + way], precision=1.0, node_limit=0
-        )
+        near = squeeze_window(scene, torques, samples=[end + way], precision=1.0, node_limit=0)
     except ArgumentError:
         return None
-    (torques,) = near.torques[near.amounts != 0.0]
-    said = scene.stability(torques, node_limit=NODES)
+    (tried,) = near.torques[near.amounts != 0.0]
+    said = scene.stability(tried, node_limit=NODES)
     small = said.small_motions
-    run = run_of(scene, torques, None if small is None else small.motion, said.growth_rate)
-    return EndCase(
-        grip, stiffness, name, str(end.reason), (lower.amount, upper.amount), side,
-        str(said.holding), said.growth_rate, run.outcome, run.stays, run.measured,
+    run = run_of(scene, tried, None if small is None else small.motion, said.growth_rate)
+    return replace(
+        asked, holding=str(said.holding), growth=said.growth_rate, outcome=run.outcome,
+        stays=run.stays, measured=run.measured,
     )  # fmt: skip
 
 

@@ -31,11 +31,6 @@ _NEAR = 1e-9
 """Cuts end where forces are no farther outside their cones, in scaled units."""
 
 
-def by_clarabel(program: Program) -> Multipliers | None:
-    """Clarabel's own interface: equalities, sides and bounds as cones of its, then second-order."""
-    return _by_clarabel(program)
-
-
 def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> FloatArray | None:
     """Return (n,) where a semidefinite program has its least value, by Clarabel; None: nowhere.
 
@@ -46,7 +41,7 @@ def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> 
         program: The program.
         inequalities: Of its first columns.
     """
-    found = _by_clarabel(without_far_limits(program), inequalities)
+    found = by_clarabel(without_far_limits(program), inequalities)
     if found is None or not np.isfinite(found[0]).all():
         return None
     x = found[0]
@@ -59,9 +54,15 @@ def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> 
     return x
 
 
-def _by_clarabel(
+def by_clarabel(
     program: Program, inequalities: Sequence[MatrixInequality] = ()
 ) -> Multipliers | None:
+    """Clarabel's own interface: equalities, sides and bounds as cones of its, then second-order.
+
+    Args:
+        program: The program.
+        inequalities: Further ones, of its first columns; nothing tells their multipliers.
+    """
     low, high = program.sides
     m, n = len(program.b), len(program.c)
     ends = np.concatenate([high, -low, program.ub, -program.lb])
