@@ -52,7 +52,6 @@ from graspless_pin.scene.geometric_stiffness import (
 from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.problem_data import problem_of, rest_problem
 
-_BALANCED = 1e-3
 _ROUNDING = 1e-10
 _PART = 1e-3
 """Of the motion: a smaller part of it is none."""
@@ -310,7 +309,6 @@ def _by_surface(
     _refuse_unknown(scene)
     found = balance(problem, torque)
     if found is None or not found.is_rest:
-        _check_balance(problem, torque, _motions(scene, problem, armature)[0])
         raise ArgumentError(
             "torques", "do not hold the object in balance: no contact forces within friction do"
         )
@@ -428,24 +426,6 @@ def _motions(
         moving_joints(problem.with_changes(joint_inertia=own + rotors))
         inertia[6:, 6:] = (own + rotors)[np.ix_(carriers, carriers)]
     return velocities, velocities[kept].T @ inertia @ velocities[kept]
-
-
-def _check_balance(
-    problem: QuasistaticProblem, torques: FloatArray, velocities: FloatArray
-) -> None:
-    """Refuse torques that leave a motion without slip out of balance.
-
-    Raises:
-        ArgumentError: If they do.
-    """
-    load = np.concatenate([problem.external_wrench, torques - problem.gravity_torques])
-    scale = problem.scales.force * motion_length(problem)
-    off = float(np.abs(velocities.T @ load).max(initial=0.0)) / scale
-    if off > _BALANCED:
-        raise ArgumentError(
-            "torques",
-            f"do not hold the object in balance: {off:.3g} of the load's moment is left over",
-        )
 
 
 def _carriers(scene: SceneFields, problem: QuasistaticProblem) -> NDArray[np.intp]:
