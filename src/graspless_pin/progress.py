@@ -57,11 +57,14 @@ def _show(_: str, done: threading.Event) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    with Console(stderr=True).status("") as status:
-        while not done.is_set():
-            words = ": ".join(word for one in _DOING for word in one)
-            status.update(Text(f"{words} (Ctrl-C ends it)"))
-            done.wait(_OFTEN)
+    def words() -> Text:
+        return Text(f"{': '.join(word for one in _DOING for word in one)} (Ctrl-C ends it)")
+
+    if done.is_set():  # while rich was being imported
+        return
+    with Console(stderr=True).status(words()) as status:
+        while not done.wait(_OFTEN):
+            status.update(words())
 
 
 def _write(what: str, done: threading.Event) -> None:

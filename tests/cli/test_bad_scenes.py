@@ -132,7 +132,7 @@ OF_THE_POSE = {
 }
 """The same of its pose."""
 ADDED = {
-    "frction: 0.4": ":3: frction: unknown key; did you mean 'friction'? known: cone,",
+    "frction: 0.4": ":3: frction: unknown key; did you mean 'friction'? known: acceleration,",
     "cone_edges: true": ":3: cone_edges: found True; needs a whole number >= 3",
     "contacts:\n  - {body: wall, position: [0, 0, 0], normal: [0, 0, 1]}": (
         ":4: contacts[0].body: 'wall' is no hand link or support; known: floor, base, lever, tip"

@@ -12,6 +12,7 @@ from graspless_pin import progress
 
 SCRIPT = """
 import time
+import rich.console, rich.text  # which may take longer than the work on a busy machine
 from graspless_pin import progress
 progress._PATIENCE = {patience}
 with progress.waiting_for("doing the work"), progress.waiting_for("its [half]"):

@@ -10,6 +10,7 @@ from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.planning import Evaluator, configuration_gradient
 from graspless_pin.planning.configuration_gradient import JointColumns
+from graspless_pin.scene import Acceleration, Load
 
 STEP = 1e-5
 SCENES = (
@@ -27,9 +28,9 @@ def optimum(solution, algorithm):
 
 
 @cache
-def state(name, algorithm, seed):
+def state(name, algorithm, seed, changes=()):
     """An evaluator, a configuration where it finds torques, and what it found."""
-    evaluator = Evaluator(example(name), algorithm=algorithm)
+    evaluator = Evaluator(example(name).with_changes(**dict(changes)), algorithm=algorithm)
     rng = np.random.default_rng(seed)
     for _ in range(20):
         q = nearby(evaluator, rng, 0.004)
@@ -83,6 +84,25 @@ def test_gradient_is_the_difference_of_scenes(name, algorithm):
         joints += len(q)
     if name != "paper/cuboid_at_rest":
         assert checked == joints
+
+
+def test_loads_and_accelerations_as_one_count():
+    """The links feel the acceleration; what hangs on the object stays where it is."""
+    changes = (
+        ("loads", (Load("cable", force=[0.1, 0.0, 0.3], at=[0.0, 0.0, 0.02]),)),
+        ("acceleration", Acceleration(linear=[1.0, 0.0, 2.0])),
+    )
+    evaluator, q, answer = state("allegro_box_on_slope", "torque", 0, changes)
+    gradient = configuration_gradient(answer)
+    expected, _ = differences(evaluator, q, answer, "torque", found_anew(evaluator))
+    unique, size = gradient.unique, np.abs(expected).max()
+    assert unique.any()
+    np.testing.assert_allclose(
+        gradient.values[unique], expected[unique], atol=2e-4 * size, rtol=1e-4
+    )
+    turning = evaluator.scene.with_changes(acceleration=Acceleration(angular=[0.0, 0.0, 1.0]))
+    with pytest.raises(ArgumentError, match="turns or moves joints"):
+        configuration_gradient(Evaluator(turning, algorithm="torque").evaluate(q))
 
 
 @pytest.mark.parametrize("name", ["allegro_sphere_on_slope", "trihand_pivot_box"])

@@ -16,6 +16,7 @@ from test_minimum_stiffness import G, ball, standing
 from graspless_pin import MinimumStiffness, Scene, load_scene, minimum_stiffness
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.posing.displaced_hands import bent_hand
+from graspless_pin.scene import Acceleration, Load
 
 STEP = 1e-5
 
@@ -99,6 +100,25 @@ CURVED: dict[str, Callable[[Path], Scene]] = {
                 "pose": {"position": [0, 0, 0.035], "rpy": [0, np.pi / 2, 0]}},
     ),
 }  # fmt: skip
+
+
+def test_loads_off_the_centre_of_mass_count_in_small_motions() -> None:
+    """What hangs on the ball, or turns with it, while all accelerates."""
+    still = load_scene(EXAMPLES / "allegro_sphere_on_slope.yaml")
+    at = [0.0, 0.0, 0.04]
+    for loads in (
+        [Load("weight", mass=0.1, at=at)],
+        [Load("cable", force=[0.2, 0.0, 0.5], at=at)],
+        [Load("tool", force=[0.0, 0.3, -0.5], moment=[0.0, 1e-3, 0.0], at=at, axes="object")],
+    ):
+        scene = still.with_changes(loads=loads, acceleration=Acceleration(linear=[0.0, 0.0, 1.0]))
+        torques = scene.solve("margin").torques
+        found = minimum_stiffness(scene, torques)
+        expected = growth_of_moved_scenes(scene, torques, found)
+        assert found.growth == pytest.approx(expected, rel=1e-3)
+        # The same forces on the same hand, but for the loads' levers.
+        plain = growth_of_moved_scenes(still, still.solve("margin").torques, found)
+        assert abs(plain / expected - 1.0) > 0.01
 
 
 @pytest.mark.sampled(4)

@@ -33,6 +33,7 @@ from graspless_pin.planning.evaluation import Evaluation
 from graspless_pin.problem.checks import FloatArray, choice, read_only
 from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.scene import Scene
+from graspless_pin.scene.loads import Accelerated
 
 _TURN = 1e-6
 _RADIUS_ERROR = 1e-3
@@ -205,8 +206,9 @@ def configuration_gradient(
 
     Raises:
         NoSolutionError: If the state has no torques.
-        ArgumentError: If the scene has no hand, the evaluator a regularisation, contacts slide by
-            another law than Coulomb's, or ``follows`` is not known.
+        ArgumentError: If the scene has no hand or accelerates otherwise than as one, the evaluator
+            has a regularisation, contacts slide by another law than Coulomb's, or ``follows`` is
+            not known.
 
     Examples:
         >>> from graspless_pin import Evaluator, load_scene
@@ -222,6 +224,12 @@ def configuration_gradient(
         raise NoSolutionError(f"This state has no torques ({evaluation.reason}); nothing changes.")
     if scene.hand is None:
         raise ArgumentError("evaluation", "is of a scene without a hand: no joint can move")
+    if scene.acceleration is not None and not scene.acceleration.is_translation:
+        raise ArgumentError(
+            "evaluation",
+            "is of a scene whose acceleration turns or moves joints: inertial forces change with "
+            "the joints in ways that are not known; leave it out, or let it be 'linear' alone",
+        )
     problem = evaluation.solution.problem
     if problem.is_sliding.any() and not problem.cone_model.is_coulomb:
         raise ArgumentError(
@@ -279,12 +287,16 @@ def _by_joints(
             total += turned @ by.jacobian[block, hybrid]
             hybrid += 1
     if scene.count_own_weight and actuators:
+        told = scene.acceleration
+        pulling = scene.gravity
+        if told is not None and told.of is Accelerated.BASE:
+            pulling = pulling - told.linear
         weights = by.gravity_torques[:actuators] @ hand.actuation.from_joints.T
         masses, centers = hand.tree.masses
         for link in range(1, len(masses)):
             T = columns.T_world_joint[link]
             center = T[:3, :3] @ centers[link] + T[:3, 3]
             move = columns.velocity(link, center)
-            pull = -masses[link] * np.outer(scene.gravity, weights)
+            pull = -masses[link] * np.outer(pulling, weights)
             total += columns.by_lever_arms(link, center, move, pull)
     return total

@@ -9,6 +9,7 @@ import json
 import math
 import re
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,7 +62,8 @@ def solution_document(
         (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit,
         ``wrench_matrix`` and ``passive_units`` (where one was given), ``scales``,
         ``findings`` (see `graspless_pin.Finding`),
-        ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
+        ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``loads``, ``acceleration``,
+        ``hand``, ``joints``,
         ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
         (best case, gap to it, sets of torques tried), ``stability`` (see `verdict_data`),
         ``holding`` (see `holding_data`), ``disturbances`` (see `disturbance_data`) and
@@ -202,6 +204,10 @@ def _scene_part(scene: Scene) -> dict[str, Any]:
             "pose": scene.object.T_world_object,
         },
     }
+    if scene.loads:
+        part["loads"] = [vars(load) for load in scene.loads]
+    if scene.acceleration is not None:
+        part["acceleration"] = vars(scene.acceleration)
     if scene.hand is not None:
         part["hand"] = {"base_pose": scene.hand.T_world_base, "q": dict(scene.hand.q)}
         if len(scene.hand.base_poses) > 1:
@@ -279,7 +285,7 @@ def _state_what_is_proven(certificate: dict[str, Any], document: dict[str, Any])
 
 def _plain(value: Any) -> Any:
     """Return plain Python data: arrays as lists, numbers that are not finite as None."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
         return _plain(value.tolist())

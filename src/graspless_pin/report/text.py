@@ -41,6 +41,10 @@ def scene_solution_text(
         f"{scene.object.name}, {scene.object.mass:g} kg, {_count(problem.contact_count, 'contact')}"
         f", {_count(problem.joint_count, 'joint')}"
     )
+    if scene.loads:
+        facts += f", {_count(len(scene.loads), 'load')}"
+    if scene.acceleration is not None:
+        facts += ", accelerating"
     title = headed(scene.name, facts)
     title = f"{_serious(solution)}{title}"
     if verdict:

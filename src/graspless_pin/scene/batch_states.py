@@ -149,6 +149,7 @@ class PlainProblems:
             or scene.given_contacts is not None
             or not _slides_alike(scene)
             or any(support.is_moving for support in scene.supports)
+            or scene.acceleration is not None
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies

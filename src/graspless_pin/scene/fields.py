@@ -24,6 +24,7 @@ from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.records import changed
+from graspless_pin.scene.loads import Acceleration, Load
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.validation_errors import checked_key
@@ -105,6 +106,13 @@ def _force(name: str, value: Any) -> float | None:
     return None if value is None else real_number(name, value, 0.0)
 
 
+def _loads(name: str, value: Any) -> tuple[Load, ...]:
+    loads = _several(Load, "Load('cable', force=[0, 0, 2])")(name, value)
+    if len({one.name for one in loads}) < len(loads):
+        raise ArgumentError(name, f"has names {[one.name for one in loads]}; they must differ")
+    return loads
+
+
 _CHECKS: dict[str, _Check] = {
     "name": _one(str),
     "object": _one(ManipulatedObject, _OBJECT),
@@ -117,6 +125,8 @@ _CHECKS: dict[str, _Check] = {
     "hand_material": _one(str, optional=True),
     "given_contacts": _several(GivenContact, optional=True),
     "motion": _one(Motion, "Motion([0.1, 0, 0, 0, 0, 0])", optional=True),
+    "loads": _loads,
+    "acceleration": _one(Acceleration, "Acceleration(linear=[2, 0, 0])", optional=True),
     "max_normal_force": _as_in_a_file,
     "cone_edges": _as_in_a_file,
     "cone": _as_in_a_file,
@@ -177,6 +187,8 @@ class SceneFields(PickledByFields):
     hand_material: str | None = None
     given_contacts: tuple[GivenContact, ...] | None = None
     motion: Motion | None = None
+    loads: tuple[Load, ...] = ()
+    acceleration: Acceleration | None = None
     max_normal_force: float = 50.0
     cone_edges: int = 32
     cone: str = "edges"

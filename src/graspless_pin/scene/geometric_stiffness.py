@@ -27,6 +27,7 @@ from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.load_wrenches import hand_motion, load_stiffness
 
 
 def surfaces_of(scene: SceneFields, problem: QuasistaticProblem) -> Mapping[str, Rolling]:
@@ -136,7 +137,7 @@ def geometric_stiffness(
     velocities: FloatArray,
     bodies: MovingBodies,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (M, 3, d, d) of unit contact forces and (d, d) of the links' weight.
+    """Return (M, 3, d, d) of unit contact forces and (d, d) of the loads and the links' weight.
 
     A row is the motion that does work, a column the one along which forces change.
     """
@@ -166,16 +167,22 @@ def geometric_stiffness(
             own += columns.change_of_velocities(
                 bodies.links[contact], found.positions[contact], point, bodies.rates
             )
+    constant -= load_stiffness(scene, velocities)
     if scene.hand is not None and columns is not None and scene.count_own_weight:
-        constant -= _of_weight(scene.hand, columns, bodies.rates, scene.gravity)
+        constant -= _of_weight(scene, scene.hand, columns, bodies.rates)
     return force_stiffness, constant
 
 
 def _of_weight(
-    hand: Hand, columns: JointColumns, rates: FloatArray, gravity: FloatArray
+    scene: SceneFields, hand: Hand, columns: JointColumns, rates: FloatArray
 ) -> FloatArray:
-    """Return (d, d) how the work of the links' weight along motions changes along motions."""
+    """Return (d, d) how the work of the links' weight along motions changes along motions.
+
+    Inertial forces of links that accelerate count as they are now.
+    """
     masses, centers = hand.tree.masses
+    motions = hand_motion(scene)
+    inertial = None if motions is None else motions.inertial_wrenches(hand)
     total = np.zeros((rates.shape[1],) * 2)
     moved = (hand.tree.supports[:, rates.any(axis=1)]).any(axis=1)
     for link in np.flatnonzero(moved & (masses > 0.0)).tolist():
@@ -183,5 +190,10 @@ def _of_weight(
         center = T[:3, :3] @ centers[link] + T[:3, 3]
         move = columns.velocity(link, center) @ rates
         changes = columns.change_of_velocities(link, center, move, rates)
-        total += masses[link] * np.einsum("i,iab->ab", gravity, changes)
+        force = masses[link] * scene.gravity
+        if inertial is not None:
+            force = force + inertial[link, :3]
+            turning = columns.change_of_rotations(link, rates)
+            total += np.einsum("i,iab->ab", inertial[link, 3:], turning)
+        total += np.einsum("i,iab->ab", force, changes)
     return total

@@ -21,7 +21,7 @@ from graspless_pin.findings import Finding, Severity, capture, emit
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.assembly import AssembledMounts, assembled_mounts, fields_of
-from graspless_pin.geometry.hand.configuration import joint_positions
+from graspless_pin.geometry.hand.configuration import independent_rates, joint_positions
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
@@ -35,9 +35,16 @@ from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.joints import gains_of_robots
+from graspless_pin.scene.loads import Acceleration, Load
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene_findings import findings_of
-from graspless_pin.scene.scene_schema import ControllerEntry, MotionEntry, SceneEntry
+from graspless_pin.scene.scene_schema import (
+    AccelerationEntry,
+    ControllerEntry,
+    LoadEntry,
+    MotionEntry,
+    SceneEntry,
+)
 from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.suggestions import names_in_words
 
@@ -210,7 +217,7 @@ class _Built(NamedTuple):
 
 def _scene(kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Scene:
     entries = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-    sources = (*entries, entry.controller, *entry.supports)
+    sources = (*entries, entry.controller, entry.acceleration, *entry.supports)
     built = parts.stage("built", sources, lambda: _built(file, parts, entry))
     _check_weight(file, entry, built.object)
     last, known = parts.last, {}
@@ -246,6 +253,7 @@ _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any
     "name": ("name", lambda file, value, _: value or file.path.stem[:LONGEST_NAME]),
     "gravity": ("gravity", lambda _file, value, _: np.array(value)),
     "friction": ("friction", _friction),
+    "loads": ("loads", lambda file, value, _: _loads(file, value)),
     "tangent_axes": ("tangent_axes", lambda _file, value, _: tuple(map(np.array, value))),
     "solve": ("solve_options", lambda _file, value, _: value.model_dump()),
     **{name: (name, lambda _file, value, _: value) for name in _AS_IT_IS},
@@ -253,7 +261,7 @@ _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any
 """Of keys that no body depends on: the field of a scene, and what makes it of the file, what the
 key holds, and the names of supports and links."""
 _plain = attrgetter(*_PLAIN)
-_BESIDE_OTHERS = ("gravity", "max_normal_force", "tangent_axes")
+_BESIDE_OTHERS = ("gravity", "loads", "max_normal_force", "tangent_axes")
 """Those that are checked beside the object's mass, or turn with bodies."""
 FIELDS_BY_KEY = {key: field for key, (field, _) in _PLAIN.items() if key not in _BESIDE_OTHERS}
 """Keys of which one field of a scene is made that nothing else in the file counts for."""
@@ -287,6 +295,11 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
         ),
         "motion": parts.latest.of(
             "motion", (entry.motion, tree), lambda: _motion(file, entry.motion, hand)
+        ),
+        "acceleration": parts.latest.of(
+            "acceleration",
+            (entry.acceleration, tree),
+            lambda: _acceleration(file, entry.acceleration, hand),
         ),
         "controller": parts.latest.of(
             "controller", (entry.controller, tree), lambda: _controller(file, entry, hand)
@@ -391,3 +404,32 @@ def _motion(file: YamlSource, entry: MotionEntry | None, hand: Hand | None) -> M
             ),
         )
     return Motion(twist_of(entry.object_twist), own)
+
+
+def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
+    names = [entry.name for entry in entries]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise file.error(
+                ("loads", index, "name"), f"{name!r} names another load too; names must differ"
+            )
+    return tuple(Load(**dict(entry)) for entry in entries)
+
+
+def _acceleration(
+    file: YamlSource, entry: AccelerationEntry | None, hand: Hand | None
+) -> Acceleration | None:
+    if entry is None:
+        return None
+    for argument in ("joint_velocities", "joint_accelerations"):
+        named = getattr(entry, argument)
+        if named and hand is None:
+            raise file.error(("acceleration", argument), "the scene has no hand that could move")
+        if hand is not None:
+            file.at(
+                ("acceleration",),
+                lambda named=named, argument=argument: independent_rates(
+                    hand.tree, named, argument
+                ),
+            )
+    return file.at(("acceleration",), lambda: Acceleration(**dict(entry)))

@@ -27,6 +27,7 @@ from graspless_pin.scene.joints import (
     torque_limits,
     weight_torques,
 )
+from graspless_pin.scene.load_wrenches import inertial_torques, object_inertia, object_wrench
 from graspless_pin.scene.motion_and_contacts import SceneContacts
 
 
@@ -50,10 +51,10 @@ class Loads(NamedTuple):
     """What bears on the contacts of a scene, and what they and its joints take.
 
     Attributes:
-        wrench: (6,) of the object's weight about its centre of mass, world axes.
+        wrench: (6,) of weight and loads about the object's centre of mass, world axes.
         friction: (M,) coefficients.
         limits: (lower, upper), each (L,), N m or N.
-        gravity_torques: (L,) g(q).
+        gravity_torques: (L,) g(q), and what accelerates the links.
         max_normal_force: Of each contact, N.
     """
 
@@ -112,7 +113,7 @@ def problem_of(scene: SceneFields) -> QuasistaticProblem:
         gravity_torques=loads.gravity_torques,
     )
     joint_inertia = partial(inertia_of_columns, scene.hand, len(joints.names))
-    sources = {"object_inertia": scene.object.spatial_inertia, "joint_inertia": joint_inertia}
+    sources = {"object_inertia": partial(object_inertia, scene), "joint_inertia": joint_inertia}
     return with_derived_inertias(problem, sources)
 
 
@@ -151,7 +152,7 @@ def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
         SceneError: If a body that touches has no coefficient of friction.
     """
     return Loads(
-        _weight(scene),
+        _wrench(scene),
         _coefficients(scene, state),
         _limits(scene, state),
         _carried(scene, state),
@@ -185,8 +186,8 @@ def renewed_row(
     row = row.copy()
     if not renewed.isdisjoint(_OF_FRICTION):
         row[:count] = _coefficients(scene, state)
-    if "gravity" in renewed:
-        row[count:limits] = _weight(scene)
+    if not renewed.isdisjoint(_OF_LOADS):
+        row[count:limits] = _wrench(scene)
         row[limits + 2 * joints : limits + 3 * joints] = _carried(scene, state)
     if not renewed.isdisjoint(_OF_LIMITS):
         row[limits : limits + 2 * joints] = np.concatenate(_limits(scene, state))
@@ -197,14 +198,17 @@ def renewed_row(
 _TABLES = 1024
 _OF_FRICTION = frozenset({"friction", "materials", "hand_material"})
 _OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
-_BEARING = _OF_FRICTION | _OF_LIMITS | {"gravity"}
+_OF_LOADS = frozenset({"gravity", "loads", "acceleration"})
+_BEARING = _OF_FRICTION | _OF_LIMITS | _OF_LOADS
 """Fields of a scene on which neither its contacts nor its joints depend."""
 _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated"})
 """What a scene says of itself, and what is worked out of its fields."""
 
 
-def _weight(scene: SceneFields) -> FloatArray:
-    """Return (6,) the wrench of the object's weight."""
+def _wrench(scene: SceneFields) -> FloatArray:
+    """Return (6,) the wrench of weight and loads."""
+    if scene.loads or scene.acceleration is not None:
+        return object_wrench(scene)
     mass, gravity = scene.object.mass, scene.gravity
     made = scene._kept.of
     return made("weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)]))
@@ -230,8 +234,11 @@ def _limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, Flo
 
 
 def _carried(scene: SceneFields, state: JointedContacts) -> FloatArray:
-    """Return (L,) torques that carry the links' weight."""
+    """Return (L,) torques that carry the links' weight, and accelerate them."""
     hand, hybrid = scene.hand, state.joints.hybrid_count
     gravity = scene.gravity if scene.count_own_weight else None
     made = scene._kept.of
-    return made("carried", (state, gravity), lambda: weight_torques(hand, hybrid, gravity))
+    carried = made("carried", (state, gravity), lambda: weight_torques(hand, hybrid, gravity))
+    if gravity is None or scene.acceleration is None:
+        return carried
+    return carried + np.concatenate([inertial_torques(scene), np.zeros(hybrid)])

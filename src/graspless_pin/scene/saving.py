@@ -30,7 +30,7 @@ from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_tex
 _SAME = 1e-11
 _POSE = {"position", "matrix"}
 _WHOLE = ("materials", "inertia")
-_MAY_BE_EMPTY = ("materials", "supports", "tangent_axes")
+_MAY_BE_EMPTY = ("materials", "supports", "tangent_axes", "loads")
 _WITH_PATHS = ("hand", "object", "supports")
 _Scene = TypeVar("_Scene", bound=SceneFields)
 PathText = Callable[[Path], str]

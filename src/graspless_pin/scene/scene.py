@@ -59,6 +59,8 @@ class Scene(SceneFields):
         hand_material: Material of all hand links; None: `friction` tells.
         given_contacts: Contacts to be used as they are; None: found from the shapes.
         motion: The declared motion; None: at rest.
+        loads: What bears on the object beside gravity; names differ.
+        acceleration: How object and hand accelerate; None: not at all.
         max_normal_force: f_n,max of every contact, N.
         cone_edges: Edges of each friction cone.
         cone: Name of the friction cone model: see `QuasistaticProblem`.
@@ -242,6 +244,11 @@ def scene_screen(scene: Scene) -> str:
         lines.append(f"support   {support.name}: {_shape(support.shape)}{moves}")
     if len(scene.supports) > _MOST:
         lines.append(f"          and {len(scene.supports) - _MOST} more")
+    lines += [f"load      {load}" for load in scene.loads[:_MOST]]
+    if len(scene.loads) > _MOST:
+        lines.append(f"          and {len(scene.loads) - _MOST} more")
+    if scene.acceleration is not None:
+        lines.append(f"moves     {scene.acceleration}")
     lines.append(f"contacts  {_contacts(scene)}")
     if scene.motion is None:
         lines.append("motion    none: at rest")

@@ -69,6 +69,51 @@ class MotionEntry(Entry):
     )
 
 
+class LoadEntry(Entry):
+    """Something that bears on the object: a force and moment, a payload, a field."""
+
+    name: Name = Field(description="unique among the loads")
+    force: Vector = Field(default=(0.0, 0.0, 0.0), description="[N] on the point")
+    moment: Vector = Field(default=(0.0, 0.0, 0.0), description="[N m] on the object")
+    mass: NotNegative = Field(
+        default=0.0, description="[kg] of a payload at the point, in weight and inertia"
+    )
+    field: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="[m/s^2] on the mass of object and payloads, beside gravity, world axes",
+    )
+    at: Vector | None = Field(
+        default=None,
+        description="[m] the point, in the object's frame; default: its centre of mass",
+    )
+    axes: Literal["world", "object"] = Field(
+        default="world", description="of force and moment; object: they turn with it"
+    )
+
+
+class AccelerationEntry(Entry):
+    """How object and hand accelerate: the moment at which an arm starts, turns or stops."""
+
+    linear: Vector = Field(default=(0.0, 0.0, 0.0), description="[m/s^2] of the point, world axes")
+    angular: Vector = Field(default=(0.0, 0.0, 0.0), description="[rad/s^2] world axes")
+    angular_velocity: Vector = Field(default=(0.0, 0.0, 0.0), description="[rad/s] world axes")
+    at: Vector | None = Field(
+        default=None,
+        description="[m] the point, in the world; default: the object's centre of mass",
+    )
+    joint_velocities: ByName[Finite] = Field(
+        default={}, description="[rad/s, m/s] by joint name; the object goes with the links"
+    )
+    joint_accelerations: ByName[Finite] = Field(
+        default={}, description="[rad/s^2, m/s^2] by joint name"
+    )
+    of: Literal["base", "object"] = Field(
+        default="base",
+        description="base: of the hand's base, with hand, object and supports as one; object: of "
+        "the object alone",
+    )
+
+
 _Entry = TypeVar("_Entry", bound=Entry)
 
 
@@ -173,6 +218,10 @@ class SceneEntry(Entry):
     )
     motion: MotionEntry | None = Field(
         default=None, description="the declared slow motion; default: everything is at rest"
+    )
+    loads: Few[LoadEntry] = Field(default=[], description="what bears on the object beside gravity")
+    acceleration: AccelerationEntry | None = Field(
+        default=None, description="of object and hand, for inertial forces; default: none"
     )
     max_normal_force: Positive = Field(
         default=50.0, description="[N] largest normal force that a contact bears"

@@ -60,6 +60,8 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         "materials": _materials(scene),
         "contacts": None,
         "motion": None if motion is None else _motion(motion),
+        "loads": [vars(load) for load in scene.loads],
+        "acceleration": None if scene.acceleration is None else vars(scene.acceleration),
         **{name: getattr(scene, name) for name in _AS_THEY_ARE},
         "tangent_axes": list(scene.tangent_axes),
         "controller": _controller(scene.controller),

@@ -57,6 +57,7 @@ UNITS = {
         Unit("rad/s", "angular velocity", 1.0),
         Unit("deg/s", "angular velocity", float(np.pi / 180.0)),
         Unit("m/s^2", "acceleration", 1.0),
+        Unit("rad/s^2", "angular acceleration", 1.0),
     )
 }
 
@@ -78,12 +79,21 @@ _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths
     "q": ("angle", "length"),
     "effort_limits": ("torque", "force"),
     "joint_velocities": ("angular velocity", "velocity"),
+    "force": ("force",),
+    "moment": ("torque",),
+    "field": ("acceleration",),
+    "at": ("length",),
+    "angular_velocity": ("angular velocity",),
+    "joint_accelerations": ("angular acceleration", "acceleration"),
 }
+_OF_ACCELERATIONS = {"linear": ("acceleration",), "angular": ("angular acceleration",)}
 
 
 def kinds_of(location: Location) -> tuple[str, ...]:
     """Return what a scene key may be measured in: several kinds where the joint's type decides."""
     for part in reversed(location):
+        if location[0] == "acceleration" and part in _OF_ACCELERATIONS:
+            return _OF_ACCELERATIONS[str(part)]
         if part in _KINDS:
             return _KINDS[str(part)]
         if part in ("friction", "materials"):

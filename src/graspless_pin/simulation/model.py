@@ -27,6 +27,7 @@ from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import fingers_of_motors
+from graspless_pin.scene.load_wrenches import ActingForce, acting_forces, hand_motion
 from graspless_pin.simulation.mjcf import Mjcf, Surface, add, add_mass
 
 
@@ -181,6 +182,9 @@ class SimulationModel(Record):
         closing: (k,) rad or m by which joints are off from the scene's, so that contacts have no
             gaps.
         object: The object, off from where the scene has it for the same reason.
+        loads: What acts on it beside gravity.
+        link_wrenches: (6,) inertial [force; moment] about the centre of mass of each body of the
+            hand that accelerates, world axes, N and N m, by its name in the document.
     """
 
     xml: str
@@ -193,6 +197,8 @@ class SimulationModel(Record):
     joint_rates: FloatArray
     closing: FloatArray
     object: ManipulatedObject
+    loads: tuple[ActingForce, ...]
+    link_wrenches: Mapping[str, FloatArray]
 
 
 def simulation_model(
@@ -246,7 +252,7 @@ def simulation_model(
     friction = _FrictionOf(scene, friction_factor)
     links = dict(_write_supports(document, scene, friction))
     left_out: tuple[tuple[str, str], ...] = ()
-    joints = NOTHING_DRIVEN
+    joints, wrenches = NOTHING_DRIVEN, dict[str, FloatArray]()
     hand = scene.hand
     if hand is not None:
         bodies = jointed_bodies(hand)
@@ -255,10 +261,11 @@ def simulation_model(
         links |= _write_links(document, hand, elements, friction)
         _write_couplings(document, hand, joints)
         left_out = _write_exclusions(document, scene, hand)
+        wrenches = _link_wrenches(scene, hand, joints)
     rates = _joint_rates(hand, joints, problem.joint_count)
     closing = _closing(scene.contacts, problem, np.any(rates != 0.0, axis=0))
     manipulated = _moved(scene.object, closing[:6])
-    _write_object(document, manipulated)
+    _write_object(document, scene, manipulated)
     add(document.section("equality"), "weld", name=FIXTURE, body1=OBJECT)
     _write_motors(document, joints)
     return SimulationModel(
@@ -272,7 +279,18 @@ def simulation_model(
         rates,
         rates @ closing[6:],
         manipulated,
+        tuple(one for one in acting_forces(scene) if not one.of_gravity),
+        wrenches,
     )
+
+
+def _link_wrenches(scene: Scene, hand: Hand, joints: DrivenJoints) -> dict[str, FloatArray]:
+    """Return the inertial wrench about its centre of mass of each body whose weight counts."""
+    motions = hand_motion(scene)
+    if motions is None or not scene.count_own_weight:
+        return {}
+    bodies = zip(hand.joint_names, joints.carried, motions.inertial_wrenches(hand)[1:], strict=True)
+    return {f"hand/{joint}": wrench for joint, carried, wrench in bodies if not carried}
 
 
 def _joint_rates(hand: Hand | None, joints: DrivenJoints, count: int) -> FloatArray:
@@ -371,10 +389,16 @@ def _write_supports(
             yield f"{name}/{number}", support.name
 
 
-def _write_object(document: Mjcf, manipulated: ManipulatedObject) -> None:
+def _write_object(document: Mjcf, scene: Scene, manipulated: ManipulatedObject) -> None:
     body = document.body(document.section("worldbody"), OBJECT, manipulated.T_world_object)
     add(body, "freejoint", name=OBJECT)
     add_mass(body, manipulated.mass, manipulated.center_of_mass, manipulated.own_inertia)
+    for load in scene.loads:
+        if load.mass:
+            T = np.eye(4)
+            T[:3, 3] = manipulated.center_of_mass if load.at is None else load.at
+            payload = document.body(body, f"load/{load.name}", T)
+            add_mass(payload, load.mass, np.zeros(3), np.zeros((3, 3)))
     surface = Surface(1.0, 0, 1, 0)  # the other body's friction counts
     for number, piece in enumerate(manipulated.geometries):
         document.shape(body, f"{OBJECT}/{number}", piece, np.eye(4), surface)

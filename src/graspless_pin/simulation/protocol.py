@@ -85,6 +85,10 @@ class World:
         self._joints = np.array([self.model.joint(name).id for name in model.joints], dtype=int)
         self._rates, self._gains = model.joint_rates, self.model.jnt_stiffness.copy()
         self.data.qpos[self._joints] = self.model.qpos_spring[self._joints] = model.closing
+        self._loads, self._R0 = model.loads, model.object.T_world_object[:3, :3]
+        self._push, self._share = np.zeros(3), 0.0
+        for body, wrench in model.link_wrenches.items():
+            self.data.xfrc_applied[self.model.body(body).id] = wrench
 
     def load_and_release(self, push: FloatArray) -> None:
         """Hold the object while torques and a push (3,) (N, world axes) grow; then let it go.
@@ -97,7 +101,7 @@ class World:
         for step in range(1, steps + 1):
             share = min(1.0, 1.5 * step / steps)
             self.data.ctrl = self._idle + share * (self._commands - self._idle)
-            self.data.xfrc_applied[self._object, :3] = share * push
+            self._push, self._share = push, share
             self.step(1)
         self.data.eq_active[self.model.equality(FIXTURE).id] = False
         self._release()
@@ -108,7 +112,7 @@ class World:
         self._parts = _PARTS_OF_STEP
         self.model.opt.timestep = TIME_STEP / _PARTS_OF_STEP
         self.data.ctrl = self._commands
-        self.data.xfrc_applied[self._object, :3] = push
+        self._push, self._share = push, 1.0
 
     def _release(self) -> None:
         """Let go without an impact: contacts that just touch close while all motion is slow."""
@@ -144,11 +148,28 @@ class World:
         Raises:
             GrasplessPinError: If the state is no longer finite.
         """
-        self._mujoco.mj_step(self.model, self.data, count * self._parts)
+        # Levers turn with the object: where loads have some, each step has its own wrench.
+        at_once = 1 if self._loads else count * self._parts
+        for _ in range(count * self._parts // at_once):
+            self.data.xfrc_applied[self._object] = self._share * self._load()
+            self._mujoco.mj_step(self.model, self.data, at_once)
         if not np.isfinite(self.data.qpos).all():
             raise GrasplessPinError(
                 f"MuJoCo's simulation has no finite state any more at {self.data.time:.3f} s"
             )
+
+    def _load(self) -> FloatArray:
+        """(6,) what acts on the object about its centre of mass as it is turned now."""
+        wrench = np.concatenate([self._push, np.zeros(3)])
+        if self._loads:
+            R = self.data.xmat[self._object].reshape(3, 3) @ self._R0.T
+            for one in self._loads:
+                turned = R if one.turns else np.eye(3)
+                acting = one._replace(
+                    force=turned @ one.force, moment=turned @ one.moment, lever=R @ one.lever
+                )
+                wrench = wrench + acting.wrench
+        return wrench
 
     def joint_moves(self) -> FloatArray:
         """(k,) how far each joint has gone, rad or m."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import GrasplessPinError, StudyError
-from graspless_pin.geometry.poses import invert, pose_matrix
+from graspless_pin.geometry.poses import invert, pose_matrix, transformed
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.units import ANY, IN_DEGREES, UNITS, Unit, kinds_of, si_unit
@@ -24,10 +24,20 @@ Tree = dict[str, Any]
 
 _BY_NAME = ("q", "effort_limits", "joint_velocities", "friction", "control")
 """Mappings whose keys are names, which may hold dots."""
-_ZERO = ("position", "rpy", "linear", "angular")
+_ZERO = (
+    "position",
+    "rpy",
+    "linear",
+    "angular",
+    "angular_velocity",
+    "force",
+    "moment",
+    "field",
+    "at",
+)
 _HOLDERS = ("object", "supports", "hand", "mounts")
 """What holds names and places beside other things."""
-VECTORS = ("gravity", "tangent_axes", "motion")
+VECTORS = ("gravity", "tangent_axes", "motion", "loads", "acceleration")
 MOVABLE = ("object", "supports", "hand", *VECTORS)
 
 
@@ -195,6 +205,9 @@ def turn(
         _transform(pose, T)
     for vectors, index in _vectors(tree, what):
         vectors[index] = (T[:3, :3] @ np.asarray(vectors[index], dtype=float)).tolist()
+    accelerated = tree.get("acceleration") or {}
+    if "acceleration" in what and accelerated.get("at"):
+        accelerated["at"] = transformed(T, np.asarray(accelerated["at"], dtype=float)).tolist()
 
 
 def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: bool) -> None:
@@ -256,6 +269,14 @@ def _vectors(tree: Tree, what: Sequence[str]) -> Iterator[tuple[Any, Any]]:
     if everything or "tangent_axes" in what:
         axes = tree.get("tangent_axes") or []
         yield from ((axes, index) for index in range(len(axes)))
+    if "loads" in what:
+        for load in tree.get("loads") or []:
+            own = ("field",) if load.get("axes") == "object" else ("force", "moment", "field")
+            yield from ((load, name) for name in own if name in load)
+    if "acceleration" in what:
+        told = tree.get("acceleration") or {}
+        own = ("linear", "angular", "angular_velocity")
+        yield from ((told, name) for name in own if name in told)
     motion = tree.get("motion") or {}
     twists = []
     if everything or "motion" in what:

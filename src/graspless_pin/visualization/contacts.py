@@ -15,6 +15,7 @@ from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.scene.load_wrenches import ActingForce
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.active_limits import ContactLimit, contact_rooms, limiting_contacts
 from graspless_pin.solution.tables import contact_state, force_rounding, friction_use, shown
@@ -87,6 +88,7 @@ def contact_words(
 _LONGEST_FORCE = 0.9
 _SLIDING_ARROW = 0.45
 _CONE_HEIGHT = 0.3
+_MOMENT_ARROW = 0.6
 _BALL = 0.035
 _SHAFT = 0.02
 # The tangential forces of frictionless contacts are rounding.
@@ -188,6 +190,45 @@ def with_contacts(
         if chosen > 0.0 and (load @ load) > _NO_FORCE**2 * (forces * forces).sum():
             arrow = arrow_surface(origin, chosen * load, _SHAFT * size)
             meshes.append(Mesh(str(Role.EXTERNAL_FORCE), Role.EXTERNAL_FORCE, *arrow))
+    return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
+
+
+def with_loads(
+    picture: Picture, loads: Sequence[ActingForce], origin: FloatArray, size: float
+) -> Picture:
+    """Return a picture with what bears on the object beside its weight.
+
+    Forces are arrows from the points that they act on; moments are arrows with two heads along
+    their axes, all of one length.
+
+    Args:
+        picture: The picture; where it has no scale of forces, one that fits the loads.
+        loads: What acts on the object.
+        origin: (3,) the object's centre of mass in the picture, m.
+        size: Radius of the object, m.
+    """
+    if not loads:
+        return picture
+    if picture.force_scale is None:
+        scale = _fitting_scale(np.array([one.force for one in loads]), size)
+        picture = with_force_scale(picture, scale, size)
+    scale = 0.0 if picture.force_scale is None else picture.force_scale.metres_per_newton
+    meshes, marks = [], []
+    for number, one in enumerate(loads):
+        point, ends = origin + one.lever, []
+        if one.force.any():
+            ends.append(scale * one.force)
+        if one.moment.any():
+            axis = one.moment / np.linalg.norm(one.moment)
+            ends += [_MOMENT_ARROW * size * axis, 0.8 * _MOMENT_ARROW * size * axis]
+        for part, end in enumerate(ends):
+            arrow = arrow_surface(point, end, _SHAFT * size)
+            meshes.append(Mesh(f"{Role.LOAD}/{number}/{part}", Role.LOAD, *arrow))
+        force, moment = (float(np.linalg.norm(part)) for part in (one.force, one.moment))
+        words = [f"force {force:.3g} N"] if force else []
+        words += [f"moment {moment:.3g} N m"] if moment else []
+        tip = read_only(point + 1.08 * ends[0])
+        marks.append(Mark(one.name, Role.LOAD, tip, words=(one.name, ", ".join(words))))
     return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
 
 

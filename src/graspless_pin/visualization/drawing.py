@@ -20,8 +20,9 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene
+from graspless_pin.scene.load_wrenches import acting_forces
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.visualization.contacts import with_contacts
+from graspless_pin.visualization.contacts import with_contacts, with_loads
 from graspless_pin.visualization.picture import (
     Mesh,
     Picture,
@@ -80,9 +81,9 @@ def draw_scene(
         raise ArgumentError("solution", "is of a problem whose contacts are not the scene's")
     bodies = draw_bodies(scene, max_faces=max_faces)
     names = scene.contacts.bodies
-    return with_contacts(
-        bodies, problem, solution, origin, object_radius(bodies), force_scale, names
-    )
+    size = object_radius(bodies)
+    picture = with_contacts(bodies, problem, solution, origin, size, force_scale, names)
+    return with_loads(picture, acting_forces(scene), origin, size)
 
 
 def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:

@@ -28,6 +28,7 @@ class Role(StrEnum):
     FRICTION_AT_LIMIT = "friction_at_limit"
     TOTAL_FORCE = "total_force"
     EXTERNAL_FORCE = "external_force"
+    LOAD = "load"
     VIRTUAL_SLIDING = "virtual_sliding"
     SLIDING = "sliding"
     STICKING_CONTACT = "sticking_contact"
@@ -53,7 +54,8 @@ _LABELS = {
     Role.FRICTION_FORCE: "friction",
     Role.FRICTION_AT_LIMIT: "friction at its limit",
     Role.TOTAL_FORCE: "total force",
-    Role.EXTERNAL_FORCE: "weight and other loads",
+    Role.EXTERNAL_FORCE: "weight and all loads",
+    Role.LOAD: "loads",
     Role.VIRTUAL_SLIDING: "virtual sliding",
     Role.SLIDING: "actual sliding",
     Role.STICKING_CONTACT: "sticking contact",
@@ -343,6 +345,7 @@ LIGHT = Palette(
             Role.SLIPPING_CONTACT: "#f08c00",
             Role.OPEN_CONTACT: "#d6336c",
             Role.EXTERNAL_FORCE: "#b0284f",
+            Role.LOAD: "#6b3fa0",
             Role.AXES: "#5a6068",
             Role.GRAVITY: "#8a1538",
             Role.FORCE_SCALE: "#0b5394",
@@ -372,6 +375,7 @@ DARK = Palette(
             Role.SLIPPING_CONTACT: "#ffa94d",
             Role.OPEN_CONTACT: "#ff7aa8",
             Role.EXTERNAL_FORCE: "#ff5c74",
+            Role.LOAD: "#c8a2ff",
             Role.AXES: "#c3c8ce",
             Role.GRAVITY: "#ff8a9a",
             Role.FORCE_SCALE: "#8fc4f2",

@@ -85,12 +85,15 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
     return _within_limits(tree, positions)
 
 
-def independent_rates(tree: KinematicTree, rates: Mapping[str, float]) -> NDArray[np.float64]:
+def independent_rates(
+    tree: KinematicTree, rates: Mapping[str, float], argument: str = "joint_velocities"
+) -> NDArray[np.float64]:
     """Return the (a,) rates of a tree's independent joints; those not named stand still.
 
     Args:
         tree: The kinematic tree.
-        rates: rad/s or m/s by independent joint.
+        rates: rad/s or m/s by independent joint, or rates of these.
+        argument: What errors call them.
 
     Raises:
         ArgumentError: If a name is unknown or a coupled joint's, or a rate is not finite.
@@ -99,10 +102,10 @@ def independent_rates(tree: KinematicTree, rates: Mapping[str, float]) -> NDArra
     values = np.zeros(len(leaders))
     for name, rate in rates.items():
         if name not in leaders:
-            raise unknown_name("joint_velocities", "independent joint", name, leaders)
+            raise unknown_name(argument, "independent joint", name, leaders)
         values[leaders.index(name)] = rate
     if not np.isfinite(values).all():
-        raise ArgumentError("joint_velocities", f"needs finite numbers, got {dict(rates)}")
+        raise ArgumentError(argument, f"needs finite numbers, got {dict(rates)}")
     return values
 
 

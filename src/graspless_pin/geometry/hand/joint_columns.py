@@ -77,3 +77,13 @@ class JointColumns:
         return np.einsum("kji,ja,kb->iab", carried, own, rates) + np.cross(
             turning[:, None], move.T[None]
         ).transpose(2, 0, 1)
+
+    def change_of_rotations(self, link: int, rates: FloatArray) -> FloatArray:
+        """Return how a link's angular velocities change along motions: (3, d, d).
+
+        Args:
+            link: Pinocchio joint that carries it.
+            rates: (n, d) joint rates of each motion.
+        """
+        own = rates * self.supports[link][:, None]
+        return np.einsum("kji,ja,kb->iab", self._turned, own, rates)

@@ -16,7 +16,7 @@ from graspless_pin.report.verify.rest_bounds import (
     force_motion,
     rest_dynamics,
 )
-from graspless_pin.report.verify.values import array, entry, number
+from graspless_pin.report.verify.values import array, entry, items, number
 
 LARGEST_FORCE = 1e6
 """Proofs have to hold for normal forces up to so many loads."""
@@ -185,6 +185,9 @@ def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
     return RestLoad(problem, load, inertia, hybrid)
 
 
+_MOST_LOADS = 100
+
+
 def _check_mass(document: dict[str, Any], inertia: np.ndarray) -> None:
     """Refuse an inertia of one object that has no one mass: accelerations count in load over mass.
 
@@ -198,5 +201,10 @@ def _check_mass(document: dict[str, Any], inertia: np.ndarray) -> None:
     ):
         raise ValueError("object_inertia is of no rigid body: its mass differs with the direction")
     stated = document["object"].get("mass") if isinstance(document.get("object"), dict) else None
-    if stated is not None and abs(number(stated, "mass") - mass) > tolerances.SAME * mass:
-        raise ValueError(f"object_inertia is of {mass:.6g} kg, but the object of {stated:.6g} kg")
+    if stated is None:
+        return
+    total = number(stated, "mass")
+    for load in items(document.get("loads", []), "loads", 0, _MOST_LOADS):
+        total += number(entry(load, "mass", "a load"), "mass")
+    if abs(total - mass) > tolerances.SAME * mass:
+        raise ValueError(f"object_inertia is of {mass:.6g} kg, but the object of {total:.6g} kg")

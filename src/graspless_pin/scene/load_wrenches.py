@@ -1,0 +1,236 @@
+"""What loads and accelerations do to a scene's object and joints.
+
+Inertial forces follow d'Alembert's principle: what accelerates is at rest under its weight and the
+forces -m a, in the frame that moves along.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.hand.inertial_forces import (
+    STILL,
+    HandMotions,
+    RigidMotion,
+    hand_motions,
+)
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.matrices import wrench_map
+from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.fields import SceneFields, place_of
+from graspless_pin.scene.loads import Accelerated, LoadAxes
+
+_AS_ONE = 1e-9
+"""Of the largest velocity or acceleration, and of one SI unit: links that differ by less move as
+one."""
+
+
+class ActingForce(NamedTuple):
+    """A force and moment on the object beside its own weight.
+
+    Attributes:
+        name: What it is of.
+        force: (3,) N, world axes.
+        moment: (3,) N m, world axes.
+        lever: (3,) from the object's centre of mass to the point that it acts on, world axes, m.
+        turns: Whether force and moment turn with the object.
+        of_gravity: Whether it is a payload's weight.
+    """
+
+    name: str
+    force: FloatArray
+    moment: FloatArray
+    lever: FloatArray
+    turns: bool = False
+    of_gravity: bool = False
+
+    @property
+    def wrench(self) -> FloatArray:
+        """(6,) about the object's centre of mass."""
+        return np.concatenate([self.force, self.moment + np.cross(self.lever, self.force)])
+
+
+def acting_forces(scene: SceneFields) -> tuple[ActingForce, ...]:
+    """Return what acts on a scene's object beside its own weight.
+
+    Raises:
+        SceneError: See `object_motion`.
+    """
+    made, motion, acting = scene.object, object_motion(scene), list[ActingForce]()
+    R, center, none = made.T_world_object[:3, :3], made.center_of_mass_world, np.zeros(3)
+    masses = [("", made.mass, none)]
+    for load in scene.loads:
+        lever = none if load.at is None else R @ (load.at - made.center_of_mass)
+        if load.force.any() or load.moment.any():
+            turns = load.axes == LoadAxes.OBJECT
+            turned = R if turns else np.eye(3)
+            own = turned @ load.force, turned @ load.moment
+            acting.append(ActingForce(load.name, *own, lever, turns))
+        if load.mass:
+            masses.append((f" of {load.name}", load.mass, lever))
+            weight = load.mass * scene.gravity
+            acting.append(ActingForce(load.name, weight, none, lever, of_gravity=True))
+    for load in scene.loads:
+        if load.field.any():
+            acting += [
+                ActingForce(load.name + of, mass * load.field, none, lever)
+                for of, mass, lever in masses
+            ]
+    if motion is not STILL:
+        acting += [
+            ActingForce(f"inertia{of}", -mass * motion.acceleration_of(center + lever), none, lever)
+            for of, mass, lever in masses
+        ]
+        omega, alpha = motion.velocity[3:], motion.acceleration[3:]
+        if omega.any() or alpha.any():
+            inertia = made.spatial_inertia()[3:, 3:]
+            moment = -(inertia @ alpha + np.cross(omega, inertia @ omega))
+            acting.append(ActingForce("inertia", none, moment, none))
+    return tuple(acting)
+
+
+def object_wrench(scene: SceneFields) -> FloatArray:
+    """Return (6,) weight and loads of a scene's object about its centre of mass, N and N m.
+
+    Raises:
+        SceneError: See `object_motion`.
+    """
+    wrench = np.concatenate([scene.object.mass * scene.gravity, np.zeros(3)])
+    return wrench + sum(one.wrench for one in acting_forces(scene))
+
+
+def object_inertia(scene: SceneFields) -> FloatArray:
+    """Return the (6, 6) inertia of a scene's object with its payloads about its centre of mass.
+
+    Raises:
+        MeshError: See `ManipulatedObject.own_inertia`.
+    """
+    made, inertia = scene.object, scene.object.spatial_inertia()
+    for load in scene.loads:
+        if load.mass:
+            at = made.center_of_mass if load.at is None else load.at
+            lever = made.T_world_object[:3, :3] @ (at - made.center_of_mass)
+            W = wrench_map(lever[None])
+            inertia = inertia + load.mass * W @ W.T
+    return inertia
+
+
+def load_stiffness(scene: SceneFields, velocities: FloatArray) -> FloatArray:
+    """Return (d, d) how the work of loads on the object along motions changes along motions.
+
+    A force on a point of the object does other work about the centre of mass as the object turns.
+    Inertial forces count as they are now.
+
+    Args:
+        scene: The scene.
+        velocities: (6 + L, d) motions of the object's centre of mass, about it, and of joints.
+    """
+    linear, angular = velocities[:3], velocities[3:6]
+    total = np.zeros((velocities.shape[1],) * 2)
+    for one in acting_forces(scene):
+        force, moment = np.zeros_like(angular), np.cross(angular, one.lever, axis=0)
+        moment = np.cross(moment, one.force, axis=0)
+        if one.turns:
+            force = np.cross(angular, one.force, axis=0)
+            moment = np.cross(angular, one.wrench[3:], axis=0)
+        total += linear.T @ force + angular.T @ moment
+    return total
+
+
+def hand_motion(scene: SceneFields) -> HandMotions | None:
+    """Return how a scene's hand accelerates; None where it does not.
+
+    Raises:
+        SceneError: If the acceleration names what is no joint of the hand.
+    """
+    told, hand = scene.acceleration, scene.hand
+    if told is None or hand is None or told.of == Accelerated.OBJECT:
+        return None
+
+    def made() -> HandMotions:
+        try:
+            return hand_motions(
+                hand, _frame_motion(scene), told.joint_velocities, told.joint_accelerations
+            )
+        except ArgumentError as error:
+            raise SceneError(f"{place_of(scene, 'acceleration')}: {error}") from error
+
+    center = scene.object.center_of_mass_world
+    sources = told, hand.positions, hand.tree, center.tobytes() if told.at is None else b""
+    return scene._kept.of("hand motion", sources, made)
+
+
+def inertial_torques(scene: SceneFields) -> FloatArray:
+    """Return (L,) what the hand's actuators need beside what carries the links' weight.
+
+    Raises:
+        SceneError: See `hand_motion`.
+    """
+    motions, hand = hand_motion(scene), scene.hand
+    if hand is None or motions is None:
+        return np.zeros(0 if hand is None else len(hand.actuated_joint_names))
+    return motions.torques(hand)
+
+
+def object_motion(scene: SceneFields) -> RigidMotion:
+    """Return how a scene's object moves: as the frame that is told, or as links that touch it.
+
+    Raises:
+        SceneError: If the acceleration names what is no joint, no link touches the object or they
+            do not move as one, or the object slides on a support and no motion says so.
+    """
+    told = scene.acceleration
+    if told is None:
+        return STILL
+    if not (told.joint_velocities or told.joint_accelerations):
+        return _frame_motion(scene)
+    place, motions = place_of(scene, "acceleration"), hand_motion(scene)
+    if motions is None or scene.hand is None:
+        raise SceneError(f"{place}: tells of joints, and the scene has no hand; leave these out")
+    touching = contacts_of(scene).arrays
+    links = dict.fromkeys(touching.bodies[: touching.hand_count])
+    if not links:
+        raise SceneError(
+            f"{place}: joints move, but no link touches the object, which moves with them; close "
+            "the fingers, or give 'of: object'"
+        )
+    first, *others = links
+    carried = [motions.joints[scene.hand.tree.link_joints[link]] for link in links]
+    for link, motion in zip(others, carried[1:], strict=True):
+        if not _same(motion, carried[0]):
+            raise SceneError(
+                f"{place}: links {first!r} and {link!r} touch the object and do not move as one; "
+                "name joints that carry both, such as an arm's"
+            )
+    slides = touching.hand_count < len(touching) and scene.motion is None
+    if slides and not np.allclose(carried[0].velocity, motions.joints[0].velocity, atol=_AS_ONE):
+        raise SceneError(
+            f"{place}: the joints' velocities move the object, which touches "
+            f"{touching.bodies[touching.hand_count]!r}; declare how it slides with 'motion', or "
+            "give accelerations alone"
+        )
+    return carried[0]
+
+
+def _frame_motion(scene: SceneFields) -> RigidMotion:
+    """Return the motion of the base, or of the object, that a scene's acceleration tells.
+
+    The point that the acceleration is of is at rest at this moment: a constant velocity of all
+    changes no force.
+    """
+    told = scene.acceleration
+    assert told is not None  # noqa: S101 - asked by its callers
+    point = scene.object.center_of_mass_world if told.at is None else told.at
+    velocity = np.concatenate([np.cross(point, told.angular_velocity), told.angular_velocity])
+    linear = told.linear + np.cross(point, told.angular)
+    return RigidMotion(velocity, np.concatenate([linear, told.angular]))
+
+
+def _same(one: RigidMotion, other: RigidMotion) -> bool:
+    return all(
+        np.allclose(first, second, rtol=0.0, atol=_AS_ONE * max(1.0, float(np.abs(first).max())))
+        for first, second in zip(one, other, strict=True)
+    )

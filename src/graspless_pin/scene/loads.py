@@ -1,0 +1,203 @@
+"""What a scene is told of loads beside the world's gravity, and of accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+from numpy.typing import ArrayLike
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.pickling import PickledByFields
+from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
+from graspless_pin.records import Brief
+
+
+class LoadAxes(StrEnum):
+    """What a load's directions are fixed to. See the example of `Load`."""
+
+    WORLD = "world"
+    """They stay as the object turns: a cable to something far away, a field."""
+    OBJECT = "object"
+    """They turn with the object: the reaction of a tool that it carries."""
+
+
+_ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Load(Brief, PickledByFields):
+    """Something that bears on the object: a force and moment, a payload, a field.
+
+    Attributes:
+        name: What messages and pictures call it.
+        force: (3,) N, on the point ``at``.
+        moment: (3,) N m.
+        mass: kg of a payload at the point ``at``, which counts in weight and inertia.
+        field: (3,) m/s^2, on the mass of the object and of all payloads, beside gravity.
+        at: (3,) point of the object, in its frame, m; None: its centre of mass.
+        axes: Those of force and moment; a field has the world's.
+
+    Raises:
+        ArgumentError: If a number is not finite, a shape wrong or the mass negative.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.scene import Load
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> pulled = scene.with_changes(loads=[Load("cable", force=(0.0, 0.0, 2.0))])  # N
+        >>> print(f"{scene.solve().margin:.3f} N, with the cable {pulled.solve().margin:.3f} N")
+        1.650 N, with the cable 1.600 N
+    """
+
+    name: str
+    force: FloatArray
+    moment: FloatArray
+    mass: float
+    field: FloatArray
+    at: FloatArray | None
+    axes: LoadAxes
+
+    def __init__(
+        self,
+        name: str,
+        force: ArrayLike = _ZERO,
+        moment: ArrayLike = _ZERO,
+        mass: float = 0.0,
+        field: ArrayLike = _ZERO,
+        at: ArrayLike | None = None,
+        axes: str = LoadAxes.WORLD,
+    ) -> None:
+        """Check the numbers and copy them: see the attributes."""
+        vars(self).update(
+            name=name,
+            force=finite_array("force", force, (3,)),
+            moment=finite_array("moment", moment, (3,)),
+            mass=real_number("mass", mass, 0.0),
+            field=finite_array("field", field, (3,)),
+            at=None if at is None else finite_array("at", at, (3,)),
+            axes=choice(LoadAxes, "axes", axes),
+        )
+
+    def __str__(self) -> str:
+        """Return its name and what of it is not zero."""
+        of_object = " of the object" if self.axes is LoadAxes.OBJECT else ""
+        told = [
+            f"{name} {_numbers(value)} {unit}{axes}"
+            for name, value, unit, axes in (
+                ("force", self.force, "N", of_object),
+                ("moment", self.moment, "N m", of_object),
+                ("field", self.field, "m/s^2", ""),
+            )
+            if value.any()
+        ]
+        told += [f"{self.mass:g} kg"] if self.mass else []
+        told += [] if self.at is None else [f"at {_numbers(self.at)} m"]
+        return f"{self.name}: {', '.join(told) or 'nothing'}"
+
+
+class Accelerated(StrEnum):
+    """What an acceleration is of. See the example of `Acceleration`."""
+
+    BASE = "base"
+    """The hand's base: hand, object and supports move as one, but for the hand's own joints."""
+    OBJECT = "object"
+    """The object alone: nothing is asked of the hand's links."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Acceleration(Brief, PickledByFields):
+    """How object and hand accelerate: the moment at which an arm starts, turns or stops.
+
+    The problem is that of rest in a frame that moves along: inertial forces bear on the object and
+    its payloads, and where the base or joints accelerate, on the hand's links, too.
+
+    Attributes:
+        linear: (3,) of the point ``at``, world axes, m/s^2.
+        angular: (3,) world axes, rad/s^2.
+        angular_velocity: (3,) world axes, rad/s.
+        at: (3,) world, m; None: the object's centre of mass.
+        joint_velocities: Of independent joints by name, against the base, rad/s or m/s; the others
+            stand still. The object moves as the links that touch it, which have to move as one.
+        joint_accelerations: Likewise, rad/s^2 or m/s^2.
+        of: What it is of.
+
+    Raises:
+        ArgumentError: If a number is not finite or a shape wrong, or joints are told beside an
+            object that accelerates alone.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.scene import Acceleration
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> lifted = scene.with_changes(acceleration=Acceleration(linear=(0.0, 0.0, 2.0)))
+        >>> print(f"{scene.solve().margin:.3f} N, lifted {lifted.solve().margin:.3f} N")
+        1.650 N, lifted 1.700 N
+    """
+
+    linear: FloatArray
+    angular: FloatArray
+    angular_velocity: FloatArray
+    at: FloatArray | None
+    joint_velocities: Mapping[str, float]
+    joint_accelerations: Mapping[str, float]
+    of: Accelerated
+
+    def __init__(
+        self,
+        linear: ArrayLike = _ZERO,
+        angular: ArrayLike = _ZERO,
+        angular_velocity: ArrayLike = _ZERO,
+        at: ArrayLike | None = None,
+        joint_velocities: Mapping[str, float] = MappingProxyType({}),
+        joint_accelerations: Mapping[str, float] = MappingProxyType({}),
+        of: str = Accelerated.BASE,
+    ) -> None:
+        """Check the numbers and copy them: see the attributes."""
+        vars(self).update(
+            linear=finite_array("linear", linear, (3,)),
+            angular=finite_array("angular", angular, (3,)),
+            angular_velocity=finite_array("angular_velocity", angular_velocity, (3,)),
+            at=None if at is None else finite_array("at", at, (3,)),
+            joint_velocities=MappingProxyType(dict(joint_velocities)),
+            joint_accelerations=MappingProxyType(dict(joint_accelerations)),
+            of=choice(Accelerated, "of", of),
+        )
+        if self.of is Accelerated.OBJECT and (joint_velocities or joint_accelerations):
+            raise ArgumentError(
+                "of", "is 'object', and joints are told; leave them out or say 'base'"
+            )
+
+    def __str__(self) -> str:
+        """Return what of it is not zero."""
+        told = [
+            f"{_numbers(value)} {unit}"
+            for value, unit in (
+                (self.linear, "m/s^2"),
+                (self.angular, "rad/s^2"),
+                (self.angular_velocity, "rad/s"),
+            )
+            if value.any()
+        ]
+        told += [
+            f"joints {kind}"
+            for kind, value in (
+                ("move", self.joint_velocities),
+                ("accelerate", self.joint_accelerations),
+            )
+            if value
+        ]
+        return f"{self.of}: {', '.join(told) or 'nothing'}"
+
+    @property
+    def is_translation(self) -> bool:
+        """Whether everything that it is of has the same acceleration."""
+        turns = self.angular.any() or self.angular_velocity.any()
+        joints = any([*self.joint_velocities.values(), *self.joint_accelerations.values()])
+        return not (turns or joints)
+
+
+def _numbers(values: FloatArray) -> str:
+    return f"[{', '.join(f'{value:.4g}' for value in values.tolist())}]"
