@@ -39,14 +39,14 @@ def scene_problem() -> str:
         T = np.array(scene.object.T_world_object)
         T[:3, 3] -= rng.uniform(0.0, _STEP) * uphill
 
-        positions = hand.with_positions(q).positions
+        positions = hand.with_configuration(q).positions
 
         def hand_moved(q: Any = q) -> Scene:
-            return scene.with_changes(hand=hand.with_positions(q))
+            return scene.with_changes(hand=hand.with_configuration(q))
 
         def both_moved(q: Any = q, T: Any = T, **more: Any) -> Scene:
             box = other.object.with_pose(T)
-            return other.with_changes(hand=hand.with_positions(q), object=box, **more)
+            return other.with_changes(hand=hand.with_configuration(q), object=box, **more)
 
         posed = [hand_moved, both_moved, partial(both_moved, motion=sliding)]
         timers = [timer(partial(run, positions)), timer(both_moved), *map(_problem_timer, posed)]

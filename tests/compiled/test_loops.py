@@ -81,7 +81,7 @@ def moved(scene: Scene, rng: np.random.Generator) -> Scene:
         leaders = list(scene.hand.tree.coupling.leaders)
         lower, upper = scene.hand.tree.lower[leaders], scene.hand.tree.upper[leaders]
         q = scene.hand.positions[leaders] + rng.uniform(-2e-4, 2e-4, len(leaders))
-        changes["hand"] = scene.hand.with_positions(np.clip(q, lower, upper))
+        changes["hand"] = scene.hand.with_configuration(np.clip(q, lower, upper))
     return scene.with_changes(**changes)
 
 

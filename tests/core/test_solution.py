@@ -10,7 +10,16 @@ import pytest
 from random_scenes import general_scene
 from scenes import assert_holds, cuboid_arguments, rescaled, scene
 
-from graspless_pin import QuasistaticProblem, SlidingMode, Status, maximize_margin, minimize_torque
+from graspless_pin import (
+    Evaluator,
+    QuasistaticProblem,
+    SlidingMode,
+    Status,
+    load_scene,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.errors import NoSolutionError
 
 
 def test_names_are_broken_where_a_table_would_be():
@@ -238,3 +247,14 @@ def test_figures_of_any_size_are_printed_with_their_digits(size):
     # What rounding left of zero is still zero; the proven gap is a figure of its own.
     tables = scaled.partition("certificate:")[0]
     assert "e-17" not in tables and "e-25" not in tables
+
+
+def test_torques_are_told_by_joint():
+    loaded = load_scene("examples/paper/cuboid_at_rest.yaml")
+    solution, state = loaded.solve(), Evaluator(loaded).evaluate()
+    for found in (solution, state):
+        assert [*found.torques_by_joint] == ["finger_1/hinge", "finger_6/hinge"]
+        np.testing.assert_array_equal([*found.torques_by_joint.values()], found.torques)
+    missing = loaded.solve("torque", margin=1e3)
+    with pytest.raises(NoSolutionError, match="no solution to read"):
+        _ = missing.torques_by_joint

@@ -29,16 +29,16 @@ def random_q(hand: Hand, rng):
 
 
 def difference_jacobian(hand: Hand, joints, links, points, step=1e-6):
-    """Central differences of link-fixed points by the joints' positions, through link_pose."""
+    """Central differences of link-fixed points by the joints' positions, through pose_of."""
     local = [
-        (invert(hand.link_pose(link)) @ [*point, 1.0])
+        (invert(hand.pose_of(link)) @ [*point, 1.0])
         for link, point in zip(links, points, strict=True)
     ]
 
     def moved(joint, change):
         at = hand.with_configuration({joint: hand.q[joint] + change})
         return np.concatenate(
-            [(at.link_pose(link) @ p)[:3] for link, p in zip(links, local, strict=True)]
+            [(at.pose_of(link) @ p)[:3] for link, p in zip(links, local, strict=True)]
         )
 
     return np.column_stack([(moved(j, step) - moved(j, -step)) / (2 * step) for j in joints])
@@ -47,7 +47,7 @@ def difference_jacobian(hand: Hand, joints, links, points, step=1e-6):
 def sample_contacts(hand: Hand, rng, count=9):
     """Points near the origins of random links."""
     links = list(rng.choice(hand.link_names, count))
-    points = np.array([hand.link_pose(name)[:3, 3] for name in links])
+    points = np.array([hand.pose_of(name)[:3, 3] for name in links])
     return links, points + rng.uniform(-0.03, 0.03, (count, 3))
 
 

@@ -169,7 +169,7 @@ def opened(name: str) -> Hand:
 
 
 def placed(hand: Hand, grip: Grip, shape: str) -> ManipulatedObject:
-    T = hand.link_pose(grip.link)
+    T = hand.pose_of(grip.link)
     center = T[:3, :3] @ grip.center + T[:3, 3]
     turn = T[:3, :3] @ Rotation.from_rotvec(grip.turn).as_matrix()
     return body(Sphere(grip.radius) if shape == "sphere" else Box(grip.box), center, turn)

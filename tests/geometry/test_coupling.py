@@ -38,7 +38,7 @@ def check_torques(hand, joint_map):
     """J and g(q) of the actuators are the map's transpose applied to all joints' torques."""
     rng = np.random.default_rng(0)
     links = ["b", "c", "d", "d"]
-    points = np.array([hand.link_pose(name)[:3, 3] for name in links]) + 0.03
+    points = np.array([hand.pose_of(name)[:3, 3] for name in links]) + 0.03
     forces = rng.uniform(-5, 5, (4, 3))
     tau = rnea(hand, links, points, forces, GRAVITY)
     J = hand.contact_jacobian(links, points)

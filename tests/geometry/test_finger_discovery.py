@@ -151,7 +151,7 @@ def test_a_floating_base_is_fixed_where_the_robot_is_mounted(tmp_path, kind):
     hand = Hand.from_urdf(write_urdf(tmp_path, body + two_fingers("palm", "")), T_world_base=T)
     assert "root" not in hand.joint_names
     assert hand.palms == ("palm",)
-    np.testing.assert_allclose(hand.link_pose("palm")[:3, 3], [1.1, 2.02, 3.0], atol=1e-12)
+    np.testing.assert_allclose(hand.pose_of("palm")[:3, 3], [1.1, 2.02, 3.0], atol=1e-12)
 
 
 def test_modes_and_limits_of_fingers_on_one_motor():

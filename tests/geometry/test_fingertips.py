@@ -103,8 +103,8 @@ def three_link_finger(folder: Path, **q: float) -> Hand:
 def test_a_joint_to_spare_keeps_the_others_off_their_limits(tmp_path, qc):
     # The tip is at its goal already, with a joint at or near its limit.
     hand = three_link_finger(tmp_path, qa=0.5, qb=0.6, qc=qc)
-    point = hand.link_pose("c") @ [0.04, RADIUS, 0.0, 1.0]
-    normal = hand.link_pose("c")[:3, 1]
+    point = hand.pose_of("c") @ [0.04, RADIUS, 0.0, 1.0]
+    normal = hand.pose_of("c")[:3, 1]
     target = ball(0.01, point[:3] + 0.01 * normal)
     placed = place_fingertips(hand, target, {"finger": (point[:3], normal)})
     assert placed.reached
@@ -113,8 +113,8 @@ def test_a_joint_to_spare_keeps_the_others_off_their_limits(tmp_path, qc):
         assert -0.5 + 0.09 * 2.0 < position < 1.5 - 0.09 * 2.0
     # Where no joint is near its limit, the finger stays as it is.
     easy = three_link_finger(tmp_path, qa=0.5, qb=0.6, qc=0.4)
-    point = easy.link_pose("c") @ [0.04, RADIUS, 0.0, 1.0]
-    normal = easy.link_pose("c")[:3, 1]
+    point = easy.pose_of("c") @ [0.04, RADIUS, 0.0, 1.0]
+    normal = easy.pose_of("c")[:3, 1]
     target = ball(0.01, point[:3] + 0.01 * normal)
     still = place_fingertips(easy, target, {"finger": (point[:3], normal)})
     assert still.hand.q == pytest.approx(dict(easy.q), abs=1e-5)
@@ -124,8 +124,8 @@ def test_a_joint_to_spare_keeps_the_others_off_their_limits(tmp_path, qc):
 def test_a_limit_is_kept_only_where_the_point_asks_for_it(tmp_path, second, expected):
     # The elbow that is bent backwards stands at its limit; of the other one it is the only posture.
     hand = two_link_finger(tmp_path, first=1.5, second=second)
-    center = hand.link_pose("lower")[:3] @ [LOWER, 0.0, 0.0, 1.0]
-    normal = hand.link_pose("lower")[:3, 0]
+    center = hand.pose_of("lower")[:3] @ [LOWER, 0.0, 0.0, 1.0]
+    normal = hand.pose_of("lower")[:3, 0]
     point = center + RADIUS * normal
     target = ball(0.003, point + 0.003 * normal)
     placed = place_fingertips(hand, target, {"finger": (point, normal)})
@@ -141,14 +141,14 @@ def test_a_limit_is_kept_only_where_the_point_asks_for_it(tmp_path, second, expe
 def test_an_allegro_finger_finds_its_way_back_to_where_it_was(seed, finger):
     rng = np.random.default_rng(seed)
     there = allegro().with_configuration(random_q(allegro(), rng))
-    center = there.link_pose(TIPS[finger])[:3, 3]
+    center = there.pose_of(TIPS[finger])[:3, 3]
     normal = rng.normal(size=3)
     normal /= np.linalg.norm(normal)
     point = center + TIP_RADIUS * normal
     target = ball(0.004, point + 0.004 * normal)
     placed = place_fingertips(allegro(), target, {finger: (point, 3.0 * normal)})
     assert placed.fingertips[0].residual <= placed.tolerance
-    reached = placed.hand.link_pose(TIPS[finger])[:3, 3]
+    reached = placed.hand.pose_of(TIPS[finger])[:3, 3]
     np.testing.assert_allclose(reached, center, atol=placed.tolerance)
 
 

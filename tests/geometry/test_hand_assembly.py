@@ -29,7 +29,7 @@ def test_two_levers_together_equal_two_alone():
             J[rows, [row]], alone.contact_jacobian([name], points[[row]]), atol=1e-12
         )
         assert not J[rows, 1 - row].any()
-        np.testing.assert_allclose(both.link_pose(prefix + name), alone.link_pose(name), atol=1e-12)
+        np.testing.assert_allclose(both.pose_of(prefix + name), alone.pose_of(name), atol=1e-12)
         np.testing.assert_array_equal(both.base_poses[prefix], poses[row])
     np.testing.assert_allclose(
         J, difference_jacobian(both, both.joint_names, ["l_tip", "r_lever"], points), atol=1e-8

@@ -115,7 +115,7 @@ MISTAKES = [
     (lambda h: h.contact_jacobian(["palm_link"], [0, 0, 0]), r"points: needs shape \(1, 3\)"),
     (lambda h: h.contact_jacobian(["palm_link"], [[0, 0, np.inf]]), "points: needs finite"),
     (lambda h: h.gravity_torques(-9.8), "gravity: needs 3 finite numbers"),
-    (lambda h: h.link_pose("nail"), "unknown link 'nail'"),
+    (lambda h: h.pose_of("nail"), "unknown link 'nail'"),
     (lambda h: h.finger_of("nail"), "unknown link 'nail'"),
     (lambda h: h.point_velocities(["palm_link"], ORIGIN, {"joint_1.0": np.nan}),
      "joint_velocities: needs finite"),

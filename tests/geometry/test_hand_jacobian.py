@@ -58,7 +58,7 @@ def test_collision_bodies_are_primitives_where_the_urdf_puts_them(allegro):
     )
     tip = by_name["link_3.0_tip"]
     assert tip.geometry.radius == 0.012
-    offset = (invert(allegro.link_pose("link_3.0")) @ tip.T_world_geometry)[:3, 3]
+    offset = (invert(allegro.pose_of("link_3.0")) @ tip.T_world_geometry)[:3, 3]
     np.testing.assert_allclose(offset, [0, 0, 0.0267], atol=1e-12)
 
 
@@ -89,7 +89,7 @@ def test_mimic_chains_in_any_order_with_every_joint_type(tmp_path):
     assert hand.actuated_joint_names == ("a", "b")
     assert hand.q == pytest.approx({"a": 0.1, "b": 5.0, "c": 0.1, "d": 0.15})
     links = ["a", "b", "c", "d"]
-    points = np.array([hand.link_pose(name)[:3, 3] for name in links]) + 0.02
+    points = np.array([hand.pose_of(name)[:3, 3] for name in links]) + 0.02
     J = hand.contact_jacobian(links, points)
     np.testing.assert_allclose(J, difference_jacobian(hand, ["a", "b"], links, points), atol=1e-8)
     forces = rng.uniform(-5, 5, (4, 3))

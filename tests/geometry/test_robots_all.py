@@ -123,7 +123,7 @@ def test_link_poses_and_mimic_joints_agree_with_yourdfpy(model):
     )
     for link in hand.link_names:
         np.testing.assert_allclose(
-            hand.link_pose(link), other.get_transform(link, other.base_link), atol=1e-9
+            hand.pose_of(link), other.get_transform(link, other.base_link), atol=1e-9
         )
 
 
@@ -141,10 +141,10 @@ def test_a_hand_alone_is_the_hand_of_the_whole_robot(part, whole):
     hand, robot = unposed(part), posed(whole, 12)
     hand = hand.with_configuration({name: robot.q[name] for name in hand.joint_names})
     root = hand.link_names[0]
-    T = robot.link_pose(root) @ invert(hand.link_pose(root))
+    T = robot.pose_of(root) @ invert(hand.pose_of(root))
     assert set(hand.joint_names) < set(robot.joint_names)
     for link in hand.link_names:
-        np.testing.assert_allclose(T @ hand.link_pose(link), robot.link_pose(link), atol=1e-9)
+        np.testing.assert_allclose(T @ hand.pose_of(link), robot.pose_of(link), atol=1e-9)
     kept = [joint in hand.actuated_joint_names for joint in robot.actuated_joint_names]
     np.testing.assert_array_equal(hand.effort_limits[1], robot.effort_limits[1][kept])
 
@@ -158,8 +158,8 @@ def test_the_three_finger_hand_is_symmetric_and_flexes_inwards():
     )
     radii = []
     for number in (1, 2, 3):
-        straight = hand.link_pose(f"finger_{number}_tip")[:3, 3]
-        tip = bent.link_pose(f"finger_{number}_tip")[:3, 3]
+        straight = hand.pose_of(f"finger_{number}_tip")[:3, 3]
+        tip = bent.pose_of(f"finger_{number}_tip")[:3, 3]
         angle = 2 * np.pi * (number - 1) / 3
         np.testing.assert_allclose(
             straight, [0.038 * np.cos(angle), 0.038 * np.sin(angle), 0.128], atol=1e-8

@@ -21,7 +21,7 @@ def test_allegro_fingers_cover_all_joints_and_links_but_the_palm():
     assert [name for name in hand.link_names if hand.finger_of(name) is None] == ["palm_link"]
     for finger, spec in hand.fingers.items():
         assert spec.tip is not None
-        points = np.array([hand.link_pose(spec.tip)[:3, 3]]) + 0.02  # off the spread axis
+        points = np.array([hand.pose_of(spec.tip)[:3, 3]]) + 0.02  # off the spread axis
         moved = np.abs(hand.contact_jacobian([spec.tip], points)).max(axis=0) > 1e-9
         felt = {n for n, m in zip(hand.actuated_joint_names, moved, strict=True) if m}
         assert felt == set(spec.joints), finger

@@ -133,7 +133,7 @@ def _against_mujoco(hand: Hand, path: Path) -> tuple[float, float]:
     (root,) = (link for link, above in hand.tree.parent_links.items() if above is None)
     T_root_world = invert(pose(root))
     poses = [
-        np.abs(hand.link_pose(link) - T_root_world @ pose(link)).max()
+        np.abs(hand.pose_of(link) - T_root_world @ pose(link)).max()
         for link in hand.link_names
         if link in known
     ]
@@ -150,7 +150,7 @@ def _against_yourdfpy(hand: Hand, path: Path) -> float:
     other.update_cfg({name: hand.q[name] for name in other.actuated_joint_names})
     return float(
         max(
-            np.abs(hand.link_pose(link) - other.get_transform(link, other.base_link)).max()
+            np.abs(hand.pose_of(link) - other.get_transform(link, other.base_link)).max()
             for link in hand.link_names
         )
     )

@@ -133,7 +133,7 @@ def carried(answer, q):
     for k, point in enumerate(answer.contacts.points):
         if point.body not in hand.link_names:
             continue
-        T = hand.link_pose(point.body) @ np.linalg.inv(scene.hand.link_pose(point.body))
+        T = hand.pose_of(point.body) @ np.linalg.inv(scene.hand.pose_of(point.body))
         place = T[:3, :3] @ point.position + T[:3, 3]
         arrays["positions"][k] = place - scene.object.center_of_mass_world
         for name in ("normals", "tangents"):
@@ -176,7 +176,7 @@ def test_lever_arms_are_differentiated(name):
         joint = hand.tree.link_joints[link]
         weights = rng.normal(size=(3, len(hand.actuated_joint_names)))
         by_joint = weights @ hand.actuation.from_joints.T
-        T = hand.link_pose(link)
+        T = hand.pose_of(link)
         local = rng.normal(size=3) * 0.05
         point = T[:3, :3] @ local + T[:3, 3]
         change = columns.by_lever_arms(joint, point, columns.velocity(joint, point), by_joint)
@@ -185,7 +185,7 @@ def test_lever_arms_are_differentiated(name):
             ends = []
             for sign in (1.0, -1.0):
                 moved = hand.with_configuration({name: hand.q[name] + sign * STEP})
-                T = moved.link_pose(link)
+                T = moved.pose_of(link)
                 place = T[:3, :3] @ local + T[:3, 3]
                 ends.append(np.sum(weights * moved.contact_jacobian([link], place[None])))
             expected.append((ends[0] - ends[1]) / (2.0 * STEP))

@@ -17,10 +17,10 @@ from graspless_pin import Hand, QuasistaticProblem, Scene, place_hand
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphere
+from graspless_pin.geometry.hand.model import displaced_hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert, pose_matrix
 from graspless_pin.geometry.posing.closing import back_until_free, centering_shift, shortfall
-from graspless_pin.geometry.posing.displaced_hands import displaced_hand
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.geometry.robots.files import describe_urdf
 from graspless_pin.planning import (

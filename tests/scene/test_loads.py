@@ -163,8 +163,8 @@ def test_an_object_in_a_gripper_moves_with_the_arm() -> None:
 
     def place(t: float) -> np.ndarray:
         q = {name: hand.q[name] + rates[name] * t + 0.5 * ARM[name] * t**2 for name in ARM}
-        T = hand.with_configuration(q).link_pose("panda_hand")
-        return (T @ np.linalg.inv(hand.link_pose("panda_hand")) @ np.r_[center, 1.0])[:3]
+        T = hand.with_configuration(q).pose_of("panda_hand")
+        return (T @ np.linalg.inv(hand.pose_of("panda_hand")) @ np.r_[center, 1.0])[:3]
 
     a = (place(h) - 2.0 * place(0.0) + place(-h)) / h**2
     force = told.problem().external_wrench[:3]

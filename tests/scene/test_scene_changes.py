@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_tools import EXAMPLES, assert_same, hand_of
@@ -51,7 +52,7 @@ def moved_hand(scene: Scene, seed: int):
 @pytest.mark.parametrize("seed", range(3))
 def test_a_changed_hand_gives_the_problem_of_a_new_scene(scene: Scene, seed: int) -> None:
     scene.problem()
-    changed = scene.with_changes(hand=hand_of(scene).with_positions(moved_hand(scene, seed)))
+    changed = scene.with_changes(hand=hand_of(scene).with_configuration(moved_hand(scene, seed)))
     problem = changed.problem()
     assert_same(problem, anew(changed).problem())
     assert not np.array_equal(problem.positions, scene.problem().positions)
@@ -112,7 +113,7 @@ def test_an_unknown_field_is_refused(scene: Scene) -> None:
 
 def test_positions_by_order_and_by_name_agree(scene: Scene) -> None:
     values = moved_hand(scene, 9)
-    ordered = hand_of(scene).with_positions(values)
+    ordered = hand_of(scene).with_configuration(values)
     named = hand_of(scene).with_configuration(
         dict(zip(hand_of(scene).control.joints, values.tolist(), strict=True))
     )
@@ -120,7 +121,7 @@ def test_positions_by_order_and_by_name_agree(scene: Scene) -> None:
     for ours, theirs in zip(ordered.collision_bodies(), named.collision_bodies(), strict=True):
         np.testing.assert_array_equal(ours.T_world_geometry, theirs.T_world_geometry)
     tip = hand_of(scene).link_names[-1]
-    np.testing.assert_array_equal(ordered.link_pose(tip), named.link_pose(tip))
+    np.testing.assert_array_equal(ordered.pose_of(tip), named.pose_of(tip))
 
 
 @pytest.mark.parametrize(
@@ -138,7 +139,7 @@ def test_impossible_positions_are_refused(spoil, message: str) -> None:
     hand = load_scene(EXAMPLES / FILES[0]).hand
     assert hand is not None
     with pytest.raises(ArgumentError, match=message):
-        hand.with_positions(spoil(list(hand.positions)))
+        hand.with_configuration(spoil(list(hand.positions)))
 
 
 @pytest.mark.parametrize(
@@ -219,8 +220,8 @@ def test_tangents_are_projections_by_the_textbook(x, y, z, axis) -> None:
 def test_a_scene_that_never_answered_shares_what_its_copies_find() -> None:
     scene = load_scene(EXAMPLES / FILES[0])
     hand = hand_of(scene)
-    first = scene.with_changes(hand=hand.with_positions(hand.positions)).contacts
-    second = scene.with_changes(hand=hand.with_positions(hand.positions)).contacts
+    first = scene.with_changes(hand=hand.with_configuration(hand.positions)).contacts
+    second = scene.with_changes(hand=hand.with_configuration(hand.positions)).contacts
     np.testing.assert_array_equal(first.arrays.positions, second.arrays.positions)
     box = Support("box", Box((0.1, 0.1, 0.1)), np.eye(4))
     apart = np.array(box.T_world_support)
@@ -244,3 +245,67 @@ def test_friction_is_looked_up_anew_where_what_it_says_changed(scene: Scene) -> 
     np.testing.assert_array_equal(scene.problem().friction, first)
     with pytest.raises(SceneError, match=r"friction: has no coefficient for .*; add it, 'hand' or"):
         scene.with_changes(friction={"supports": 0.3}).problem()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "read"),
+    [
+        ("object.mass", 2.5, lambda scene: scene.object.mass),
+        ("friction.hand", 0.31, lambda scene: scene.friction["hand"]),
+        ("hand.q.joint_1.0", 0.3001, lambda scene: scene.hand.q["joint_1.0"]),
+        ("hand.effort_limits.index", 0.2, lambda scene: scene.hand.effort_limits[1][0]),
+        ("supports.slope.friction", 0.21, lambda scene: scene.supports[0].friction),
+        ("solve.margin", 0.7, lambda scene: scene.solve_options["margin"]),
+        ("max_normal_force", 9.0, lambda scene: scene.max_normal_force),
+    ],
+)
+def test_a_key_of_the_file_changes_what_the_file_would(tmp_path, key, value, read) -> None:
+    """The oracle is the file itself, with the key edited and loaded."""
+    scene = load_scene(EXAMPLES / FILES[0])
+    changed = scene.with_changes({key: value})
+    assert read(changed) == value
+    assert read(scene) != value
+    text = yaml.safe_load((EXAMPLES / FILES[0]).read_text())
+    node, names = text, key.split(".", 2 if key.startswith("hand") else -1)
+    for name in names[:-1]:
+        if isinstance(node, list):
+            node = next(one for one in node if one["name"] == name)
+        else:
+            if not isinstance(node.get(name, {}), dict | list):
+                node[name] = {"default": node[name]}
+            node = node.setdefault(name, {})
+    node[names[-1]] = value
+    (tmp_path / "edited.yaml").write_text(yaml.safe_dump(text))
+    assert_same(changed.problem(), load_scene(tmp_path / "edited.yaml").problem())
+
+
+def test_keys_are_changed_beside_fields_and_after_earlier_changes() -> None:
+    scene = load_scene(EXAMPLES / FILES[0])
+    moved = scene.with_changes(hand=hand_of(scene).with_configuration({"joint_1.0": 0.3001}))
+    changed = moved.with_changes({"object.mass": 2.0}, cone_edges=8, solve={"algorithm": "torque"})
+    assert (changed.object.mass, changed.cone_edges) == (2.0, 8)
+    assert changed.solve_options["algorithm"] == "torque"
+    assert changed.hand is moved.hand
+    np.testing.assert_array_equal(changed.object.T_world_object, scene.object.T_world_object)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("object.masss", 1.0, r"object\.masss: unknown key; did you mean 'mass'"),
+        ("objct.mass", 1.0, r"objct\.mass: is no key of a scene; did you mean 'object'"),
+        ("object.mass", -1.0, r"object\.mass: found -1\.0; needs a finite number > 0"),
+        ("supports.slop.friction", 0.1, "has no item called 'slop'; did you mean 'slope'"),
+        ("warnings", "error", "warnings: is no key of a scene"),
+        ("gravity.0.1", 1.0, r"gravity\.0\.1: gravity\.0 is 0 and has no keys below it"),
+        ("object.pose.rpy_deg.1", 1.0, "name rpy instead: in rad"),
+    ],
+)
+def test_a_key_that_leads_nowhere_is_named(key: str, value: object, message: str) -> None:
+    with pytest.raises((ArgumentError, SceneError), match=message):
+        load_scene(EXAMPLES / FILES[0]).with_changes({key: value})
+
+
+def test_a_part_of_a_body_is_no_field_but_a_key(scene: Scene) -> None:
+    with pytest.raises(ArgumentError, match=r"mass: .*with_changes\(\{'object\.mass': \.\.\.\}\)"):
+        scene.with_changes(mass=2.0)

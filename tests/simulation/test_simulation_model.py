@@ -181,7 +181,7 @@ def test_a_tendons_tension_turns_into_torques_of_its_joints(tmp_path):
 
 def test_a_link_inside_a_support_does_not_meet_it():
     scene = load_scene(BALL)
-    tip = hand_of(scene).link_pose("link_3.0_tip")[:3, 3]
+    tip = hand_of(scene).pose_of("link_3.0_tip")[:3, 3]
     block = Support("block", Box((0.02, 0.02, 0.02)), pose_matrix(tip))
     crowded = scene.with_changes(supports=(*scene.supports, block))
     made, model, data = built(crowded)

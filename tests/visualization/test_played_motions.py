@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from graspless_pin import Stability, load_scene
-from graspless_pin.geometry.posing.displaced_hands import bent_hand
+from graspless_pin.geometry.posing.bent_hands import bent_hand
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.visualization import Role, draw_scene
 from graspless_pin.visualization.drawing import object_radius
@@ -55,11 +55,11 @@ def test_links_go_where_forward_kinematics_has_them():
     bent = bent_hand(scene.hand, 0.5 * moving.times[-1] ** 2 * motion.joint_accelerations)
     for link in ("right/tip", "left/tip"):
         (mesh,) = (m for m in moving.picture.of(Role.HAND) if m.name.split("/", 2)[2] == link)
-        there = moving.paths[moving.path_of[mesh.name]][-1] @ scene.hand.link_pose(link)
-        np.testing.assert_allclose(there, bent.link_pose(link), atol=1e-12)
-        assert np.abs(there - scene.hand.link_pose(link)).max() > 0.01
+        there = moving.paths[moving.path_of[mesh.name]][-1] @ scene.hand.pose_of(link)
+        np.testing.assert_allclose(there, bent.pose_of(link), atol=1e-12)
+        assert np.abs(there - scene.hand.pose_of(link)).max() > 0.01
     with pytest.raises(AssertionError):
-        np.testing.assert_allclose(there, scene.hand.link_pose(link), atol=1e-3)
+        np.testing.assert_allclose(there, scene.hand.pose_of(link), atol=1e-3)
 
 
 def test_contacts_are_drawn_by_what_they_do():
@@ -107,5 +107,5 @@ def test_a_small_motion_grows_to_its_end():
     bent = bent_hand(scene.hand, whole * small.motion[6:])
     link = scene.contacts.bodies[0]
     (mesh, *_) = (m for m in moving.picture.of(Role.HAND) if m.name.split("/", 2)[2] == link)
-    there = moving.paths[moving.path_of[mesh.name]][-1] @ scene.hand.link_pose(link)
-    np.testing.assert_allclose(there, bent.link_pose(link), atol=1e-9)
+    there = moving.paths[moving.path_of[mesh.name]][-1] @ scene.hand.pose_of(link)
+    np.testing.assert_allclose(there, bent.pose_of(link), atol=1e-9)

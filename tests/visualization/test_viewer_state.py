@@ -11,7 +11,7 @@ from tests.report.report_cases import micro_block
 
 from graspless_pin import Stability, maximize_margin
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.posing.displaced_hands import displaced_hand
+from graspless_pin.geometry.hand.model import displaced_hand
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.viewer import (
@@ -211,7 +211,7 @@ def test_the_hands_base_moves_and_its_links_with_it(allegro):
     base = allegro.hand.T_world_base[:3, 3]
     assert changed.hand.T_world_base[:3, 3] == pytest.approx(np.add(base, [0.03, 0.0, 0.0]))
     for link in allegro.hand.link_names:
-        assert changed.hand.link_pose(link) == pytest.approx(T @ allegro.hand.link_pose(link))
+        assert changed.hand.pose_of(link) == pytest.approx(T @ allegro.hand.pose_of(link))
     gravity = [0.0, 0.0, -9.81]
     bent = displaced_hand(allegro.hand, T)
     turned = T[:3, :3].T @ gravity

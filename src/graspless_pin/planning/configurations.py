@@ -56,7 +56,7 @@ class Configurations:
             named = self._named(q)
             return None if self._hand is None else self._hand.with_configuration(named)
         values = self._values(q)
-        return None if self._hand is None else self._hand.with_positions(values)
+        return None if self._hand is None else self._hand.with_configuration(values)
 
     def array(self, q: Configuration) -> FloatArray:
         """Return (a,) positions of `joint_names`; those that are not named as the hand has them.

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from types import MappingProxyType
 from typing import NamedTuple, Unpack
 
 import numpy as np
@@ -159,6 +161,16 @@ class Evaluation(Brief):
         if self._found is None or not self.found:
             raise NoSolutionError(f"This state has no torques ({self.reason}); check .found first.")
         return read_only(self._found.torques)
+
+    @property
+    def torques_by_joint(self) -> Mapping[str, float]:
+        """The same by name.
+
+        Raises:
+            NoSolutionError: If there are none; with the reason.
+        """
+        torques = self.torques.tolist()
+        return MappingProxyType(dict(zip(self.joint_names, torques, strict=True)))
 
     def stability(self, **options: Unpack[StabilityKeywords]) -> StabilityVerdict:
         """Tell whether the object stays with the torques: see `Scene.stability`.

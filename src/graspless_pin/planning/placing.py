@@ -23,7 +23,7 @@ from graspless_pin.errors import (
     internal_error,
 )
 from graspless_pin.findings import capture
-from graspless_pin.geometry.posing.displaced_hands import displaced_hand
+from graspless_pin.geometry.hand.model import displaced_hand
 from graspless_pin.geometry.posing.opposing import fingers_that_close
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Stability, StabilityVerdict
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
@@ -317,7 +317,7 @@ def _ranked(
 
 
 def _place(plan: PlacingPlan, closed: ClosedHand) -> PlacedHand:
-    hand = displaced_hand(plan.hand.with_positions(closed.positions), closed.displacements)
+    hand = displaced_hand(plan.hand.with_configuration(closed.positions), closed.displacements)
     scene = plan.scene.with_changes(hand=hand)
     return PlacedHand(scene, closed.margin, closed.carrying_margin, closed.touching, None)
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import GrasplessPinError, StateError, internal_error
 from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.collision import PlacedBodies
-from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.posing.arms import brought_palm
 from graspless_pin.geometry.posing.closing import (
@@ -24,7 +24,6 @@ from graspless_pin.geometry.posing.closing import (
     moved_bodies,
     shortfall,
 )
-from graspless_pin.geometry.posing.displaced_hands import displaced_hand
 from graspless_pin.geometry.posing.finger_joints import driving_columns, groups_of_fingers
 from graspless_pin.geometry.posing.opposing import carrier_links
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
@@ -139,7 +138,7 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
         positions[columns] = _idle_fingers_opened(part, draw, closing)[columns]
         displacements[list(part.mounts)] = T
         draws.append(draw)
-    closed = hand.with_positions(positions)
+    closed = hand.with_configuration(positions)
     hand = displaced_hand(closed, displacements)
     tolerance = plan.scene.contact_tolerance
     moved = frozenset().union(*(part.moved for part in plan.parts))
@@ -240,7 +239,7 @@ def _brought(
         (pieces, _CLEAR_OF_OBJECT),
         (_supports(scene), 2.0 * scene.contact_tolerance),
     )
-    stance = _stance(part, plan.hand.with_positions(draw.opened), draw.displacement, rng)
+    stance = _stance(part, plan.hand.with_configuration(draw.opened), draw.displacement, rng)
     for _ in range(_APPROACHES):
         if stance is None:
             return PlacingFault.OUT_OF_REACH
@@ -296,7 +295,7 @@ def _stance(
     turn = Rotation.from_matrix(wanted[:3, :3].T @ there[:3, :3]).magnitude()
     if np.linalg.norm(wanted[:3, 3] - there[:3, 3]) > _OFF or turn > _ASKEW:
         return None
-    return hand.with_positions(positions), np.eye(4)
+    return hand.with_configuration(positions), np.eye(4)
 
 
 def _shifted(T: FloatArray, way: FloatArray) -> FloatArray:

@@ -24,9 +24,11 @@ from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.records import changed
+from graspless_pin.scene.body_schema import ObjectEntry
+from graspless_pin.scene.hand_schema import HandEntry
 from graspless_pin.scene.loads import Acceleration, Load
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
-from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.scene_schema import SceneEntry, SolveEntry
 from graspless_pin.scene.validation_errors import checked_key
 from graspless_pin.scene.yaml_source import YamlSource, key_text
 from graspless_pin.suggestions import names_in_words, what_to_pass
@@ -36,6 +38,11 @@ _Check = Callable[[str, Any], Any]
 _OBJECT = "dataclasses.replace(scene.object, mass=2.0), scene.object.with_pose(T)"
 _HAND = "scene.hand.with_configuration({...})"
 _LEAST = {"object": {"shape": {"type": "sphere", "radius": 1.0}, "mass": 1.0}, "friction": 1.0}
+_PARTS = {
+    "object": ObjectEntry.model_fields,
+    "hand": HandEntry.model_fields,
+    "solve": SolveEntry.model_fields,
+}
 _SUPPORTS = "(*scene.supports, Support(name, shape, T_world_support))"
 
 
@@ -48,7 +55,10 @@ def _checked_changes(changes: Mapping[str, Any]) -> dict[str, Any]:
     checked = {}
     for name, value in changes.items():
         if name not in _CHECKS:
-            raise ArgumentError(name, f"is no field of a scene; {names_in_words(name, _CHECKS)}")
+            keys = [f"{part}.{name}" for part, named in _PARTS.items() if name in named]
+            meant = f"with_changes({{{keys[0]!r}: ...}}) sets that of a file; " if keys else ""
+            known = names_in_words(name, _CHECKS)
+            raise ArgumentError(name, f"is no field of a scene; {meant}{known}")
         checked[name] = _CHECKS[name](name, value)
     return checked
 

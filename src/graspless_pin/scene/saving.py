@@ -100,21 +100,46 @@ def scene_as_written(scene: _Scene) -> _Scene:
     return scene.with_changes(hand=again.hand, object=again.object)
 
 
-def _written(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:
-    """Return the text of a scene file, and what it loads to."""
+def scene_data(scene: SceneFields) -> dict[str, Any]:
+    """Return what a file says that a scene could come from, beside the one that it came from.
+
+    Raises:
+        SceneError: If the file that it came from is no scene any more.
+    """
+    target = scene.path or Path(scene.name)
+    return _data_for(scene, target, stated_scene(scene, paths_beside(target)))[0]
+
+
+def _data_for(
+    scene: SceneFields, target: Path, wanted: dict[str, Any]
+) -> tuple[dict[str, Any], bool]:
+    """Return what the file of a scene says, and whether that changes the file it came from.
+
+    Args:
+        scene: The scene.
+        target: The file: paths in it are relative to its folder.
+        wanted: What `stated_scene` returns.
+    """
     path_text = paths_beside(target)
-    wanted = stated_scene(scene, path_text)
     if scene.path is not None and is_file(scene.path):
         source = YamlSource.read(scene.path)
         meant = stated_scene(build_scene(SceneFields, source), path_text)
-        data = _rebased(source, path_text)
-        text = edited_yaml(read_text(scene.path, SCENE), _updated(data, meant, wanted, scene))
+        return _updated(_rebased(source, path_text), meant, wanted, scene), True
+    data = _updated({}, {"hand": None}, wanted, scene)
+    if scene.name == target.stem:
+        del data["name"]
+    entry = validated(YamlSource(target, data), SceneEntry)
+    return entry.model_dump(mode="json", exclude_defaults=True), False
+
+
+def _written(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:
+    """Return the text of a scene file, and what it loads to."""
+    path_text = paths_beside(target)
+    data, has_file = _data_for(scene, target, stated_scene(scene, path_text))
+    if has_file and scene.path is not None:
+        text = edited_yaml(read_text(scene.path, SCENE), data)
     else:
-        data = _updated({}, {"hand": None}, wanted, scene)
-        if scene.name == target.stem:
-            del data["name"]
-        entry = validated(YamlSource(target, data), SceneEntry)
-        text = yaml_of(entry.model_dump(mode="json", exclude_defaults=True))
+        text = yaml_of(data)
     return text, _checked(text, target, scene, path_text)
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,6 +102,36 @@ class Scene(SceneFields):
             SceneError: If a shape cannot be used.
         """
         return contacts_of(self)
+
+    def with_changes(self, values: Mapping[str, Any] | None = None, /, **changes: Any) -> Self:
+        """Return the same scene with something replaced; what that does not touch is not redone.
+
+        Args:
+            values: By key of a scene file, dotted as in a study (``object.mass``), as the file has
+                them: numbers in SI units, angles in rad. The file that the scene came from is read
+                again for that: fields are quicker.
+            changes: By name of a field; ``solve`` and ``contacts``, which have other names in a
+                file, as it has them. Fields are replaced first.
+
+        Raises:
+            ArgumentError: If a name is none of the fields or keys, or a value not one of its field.
+            SceneError: If a scene file could not say that.
+
+        Examples:
+            >>> from graspless_pin import load_scene
+            >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+            >>> heavy = scene.with_changes({"object.mass": 2.0, "supports.slope.friction": 0.5})
+            >>> print(f"{heavy.object.mass} kg, {heavy.solve().margin:.3f} N")
+            2.0 kg, 2.709 N
+        """
+        renamed = {"solve", "contacts"} & changes.keys()
+        keys = dict(values or {}) | {key: changes.pop(key) for key in renamed}
+        scene = super().with_changes(**changes) if changes or not keys else self
+        if not keys:
+            return scene
+        from graspless_pin.scene.keys import scene_with_keys
+
+        return scene_with_keys(scene, keys)
 
     def problem(self) -> QuasistaticProblem:
         """Return the problem: contacts, contact Jacobian, weight and limits as arrays.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from types import MappingProxyType
 from typing import Any, Never, Protocol, TypeVar
 
 import numpy as np
@@ -291,6 +292,12 @@ class TorqueSolution:
     def torques(self) -> FloatArray:
         """(L,) motor torques J^T f + g, N m (N for linear and hybrid joints)."""
         return self.contact_torques + self.problem.gravity_torques
+
+    @property
+    def torques_by_joint(self) -> Mapping[str, float]:
+        """The same by name: of joints with their mount's prefix, tendons and hybrid fingers."""
+        names = self.problem.joint_names
+        return MappingProxyType(dict(zip(names, self.torques.tolist(), strict=True)))
 
     @property
     def margin(self) -> float:

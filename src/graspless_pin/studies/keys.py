@@ -10,136 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import GrasplessPinError, StudyError
+from graspless_pin.errors import ArgumentError, GrasplessPinError, StudyError
 from graspless_pin.geometry.poses import invert, pose_matrix, transformed
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
-from graspless_pin.scene.units import ANY, IN_DEGREES, UNITS, Unit, kinds_of, si_unit
+from graspless_pin.scene.keys import Tree, place_key, put
+from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, si_unit
 from graspless_pin.scene.yaml_source import Location
 from graspless_pin.studies.study_schema import VariableEntry
 from graspless_pin.suggestions import names_in_words
 
-Tree = dict[str, Any]
-"""A scene file's content as plain data."""
-
-_BY_NAME = ("q", "effort_limits", "joint_velocities", "friction", "control")
-"""Mappings whose keys are names, which may hold dots."""
-_ZERO = (
-    "position",
-    "rpy",
-    "linear",
-    "angular",
-    "angular_velocity",
-    "force",
-    "moment",
-    "field",
-    "at",
-)
 _HOLDERS = ("object", "supports", "hand", "mounts")
 """What holds names and places beside other things."""
 VECTORS = ("gravity", "tangent_axes", "motion", "loads", "acceleration")
 MOVABLE = ("object", "supports", "hand", *VECTORS)
-
-
-def place_key(tree: Tree, defaults: Tree, key: str) -> Location:
-    """Find where a dotted key stands, and put what is left out above it into the tree.
-
-    Items of lists go by index, or by their ``name`` or ``prefix``.
-
-    Args:
-        tree: The scene; changed.
-        defaults: The scene with every default written out.
-        key: E.g. ``object.mass`` or ``supports.slope.pose.rpy.1``.
-
-    Raises:
-        StudyError: If the path does not lead through the scene.
-    """
-    parts = key.split(".")
-    for name in IN_DEGREES.keys() & parts:
-        raise StudyError(f"{key}: name {IN_DEGREES[name]} instead, with unit: deg")
-    location: Location = ()
-    node: Any = tree
-    while parts:
-        name, count = _next(node, location, parts, key)
-        location = (*location, name)
-        parts = parts[count:]
-        if parts:
-            node = _entered(node, defaults, location, key)
-    return location
-
-
-def _next(node: Any, location: Location, parts: list[str], key: str) -> tuple[str | int, int]:
-    """Return the next step of a path, and how many of its parts it takes."""
-    if isinstance(node, list):
-        return _item(node, parts[0], key), 1
-    for count in range(len(parts), 0, -1):
-        name = ".".join(parts[:count])
-        if name in node:
-            return name, count
-    if location and location[-1] in _BY_NAME:
-        return ".".join(parts), len(parts)
-    return parts[0], 1
-
-
-def _item(items: list[Any], name: str, key: str) -> int:
-    if name.lstrip("-").isdigit():
-        if 0 <= int(name) < len(items):
-            return int(name)
-        raise StudyError(f"{key}: has no item {name}; it has {len(items)}, counted from 0")
-    names = [
-        str(item.get("name", item.get("prefix", ""))) if isinstance(item, dict) else ""
-        for item in items
-    ]
-    if names.count(name) == 1:
-        return names.index(name)
-    known = [*filter(None, names)]
-    words = names_in_words(name, known) if known else "known: none, so give an index"
-    raise StudyError(f"{key}: has no item called {name!r}; {words}")
-
-
-def _entered(node: Any, defaults: Tree, location: Location, key: str) -> Any:
-    """Return the part of the tree at a location; put there from the defaults if it is left out."""
-    name: Any = location[-1]
-    inner = _inside(node, name)
-    if inner is None or (name == "friction" and not isinstance(inner, dict)):
-        inner = _default(defaults, location) if inner is None else {"default": inner}
-        node[name] = inner
-    if not isinstance(inner, dict | list):
-        above = ".".join(map(str, location))
-        raise StudyError(f"{key}: {above} is {inner!r} and has no keys below it")
-    return inner
-
-
-def _default(defaults: Any, location: Location) -> Any:
-    node = defaults
-    for part in location:
-        node = _inside(node, part)
-    if isinstance(node, list | tuple):
-        return list(node)
-    return [0.0, 0.0, 0.0] if location[-1] in _ZERO else {}
-
-
-def _inside(node: Any, part: Any) -> Any:
-    """Return what stands at a key or index, None if nothing does."""
-    try:
-        return node[part]
-    except (KeyError, IndexError, TypeError):
-        return None
-
-
-def copied(data: Any) -> Any:
-    """Return a copy in which nothing is shared, not even what YAML anchors repeat."""
-    if isinstance(data, dict):
-        return {key: copied(item) for key, item in data.items()}
-    return [copied(item) for item in data] if isinstance(data, list) else data
-
-
-def put(tree: Any, location: Location, value: Any) -> Any:
-    """Return a tree with a value at a location; the rest is shared."""
-    first, *rest = location
-    changed = tree.copy()
-    changed[first] = put(tree[first], tuple(rest), value) if rest else value
-    return changed
 
 
 def movable_part(tree: Tree) -> Tree:
@@ -434,7 +318,7 @@ def make_variable(
     for key, factor, offset in keys:
         try:
             targets.append((place_key(tree, defaults, key), factor, offset))
-        except StudyError as error:
+        except ArgumentError as error:
             raise fail("set" if sets else "key", str(error)) from None
     if any((factor, offset) != (1.0, 0.0) for _, factor, offset in keys):
         _check_numbers(entry, "set", fail)

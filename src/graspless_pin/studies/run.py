@@ -32,6 +32,7 @@ from graspless_pin.child_processes import usable_cores
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.findings import capture
 from graspless_pin.problem.checks import whole_number
+from graspless_pin.scene.keys import Tree
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -39,7 +40,6 @@ from graspless_pin.scene.validation_errors import validated
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
-from graspless_pin.studies.keys import Tree
 from graspless_pin.studies.results import (
     check_columns,
     format_of,

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from graspless_pin.scene.build_cache import SceneParts
+from graspless_pin.scene.keys import Tree, copied
 from graspless_pin.scene.load import FIELDS_BY_KEY
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.validation_errors import is_alike
-from graspless_pin.studies.keys import MOVABLE, Tree, Variable, copied, movable_part, with_part
+from graspless_pin.studies.keys import MOVABLE, Variable, movable_part, with_part
 
 Sample = tuple[Any, ...]
 """The value of every variable."""

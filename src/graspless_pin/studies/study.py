@@ -13,6 +13,7 @@ from graspless_pin.algorithms.named_objectives import useless
 from graspless_pin.errors import StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
+from graspless_pin.scene.keys import Tree, copied
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -20,7 +21,7 @@ from graspless_pin.scene.units import in_radians
 from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.studies.keys import Tree, Variable, copied, make_variable
+from graspless_pin.studies.keys import Variable, make_variable
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import StudyEntry

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
-from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.posing.displaced_hands import displaced_hand
+from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.friction import FrictionTable

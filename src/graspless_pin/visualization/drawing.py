@@ -238,7 +238,7 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
         except MeshError:
             continue  # the collision shapes will do
         drawn.add(link)
-        T = hand.link_pose(link)
+        T = hand.pose_of(link)
         yield from ((link, surface.moved(T)) for surface in surfaces)
     for body in hand.collision_bodies():
         if body.name not in drawn:

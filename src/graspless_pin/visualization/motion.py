@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import Record
-from graspless_pin.geometry.posing.displaced_hands import bent_hand
+from graspless_pin.geometry.posing.bent_hands import bent_hand
 from graspless_pin.holding.verdict import DynamicOutcome
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -211,8 +211,8 @@ def _link_paths(hand: Hand, bends: FloatArray) -> dict[str, FloatArray]:
         hands.append(bent)
     paths = {}
     for link in hand.tree.link_frames:
-        back = np.linalg.inv(hand.link_pose(link))
-        path = np.array([there.link_pose(link) @ back for there in hands])
+        back = np.linalg.inv(hand.pose_of(link))
+        path = np.array([there.pose_of(link) @ back for there in hands])
         if not np.allclose(path, np.eye(4), atol=1e-9):
             paths[link] = path
     return paths

@@ -74,10 +74,10 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
     try:
         positions = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ArgumentError("positions", f"needs numbers, got {values!r:.200}") from error
+        raise ArgumentError("q", f"needs numbers, got {values!r:.200}") from error
     if positions.shape != (count,):
         raise ArgumentError(
-            "positions",
+            "q",
             f"needs shape ({count},), one number per independent joint, got {positions.shape}",
         )
     if count < len(tree.joint_names):

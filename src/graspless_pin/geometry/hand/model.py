@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -16,7 +16,12 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation
-from graspless_pin.geometry.hand.assembly import ControlModes, assembled_mounts, hand_fields
+from graspless_pin.geometry.hand.assembly import (
+    ControlModes,
+    assembled_mounts,
+    displaced_tree,
+    hand_fields,
+)
 from graspless_pin.geometry.hand.configuration import (
     independent_positions,
     independent_rates,
@@ -28,7 +33,7 @@ from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.pickling import Record
-from graspless_pin.geometry.poses import finite_numbers, turning_velocities
+from graspless_pin.geometry.poses import as_pose, finite_numbers, invert, turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem.checks import FloatArray, all_finite
@@ -155,28 +160,52 @@ class Hand(Record):
         """
         return cls(**hand_fields(assembled_mounts(mounts, control, armature), q, effort_limits))
 
-    def with_configuration(self, q: Mapping[str, float]) -> Hand:
-        """Return this hand at another configuration; joints that ``q`` does not name stay.
+    def with_configuration(self, q: Mapping[str, float] | ArrayLike) -> Hand:
+        """Return this hand at another configuration.
 
         Args:
-            q: Position by joint name in radians or metres.
+            q: Position by joint name, radians or metres; joints that it does not name stay. Or (a,)
+                positions of the independent joints, in the order of ``control.joints``: the quick
+                way.
 
         Raises:
-            ArgumentError: As for ``assemble``.
+            ArgumentError: If a joint is unknown, the shape is wrong, or a value is not a finite
+                number, against the coupling or takes a joint outside its limits.
         """
-        return self._at(joint_positions(self.tree, q, self.positions))
+        if isinstance(q, Mapping):
+            return self._at(joint_positions(self.tree, q, self.positions))
+        return self._at(independent_positions(self.tree, q))
 
-    def with_positions(self, positions: ArrayLike) -> Hand:
-        """Return this hand at the positions of its independent joints: the quick way to move it.
+    def with_base_at(self, T_world_base: ArrayLike | Mapping[str, ArrayLike]) -> Hand:
+        """Return this hand mounted elsewhere; the joints stay.
 
         Args:
-            positions: (a,) radians or metres, in the order of ``control.joints``.
+            T_world_base: (4, 4) pose, m, of what `T_world_base` is the pose of: other mounts go
+                along as if all were one body. Or poses by mount prefix: mounts that are not named
+                stay.
 
         Raises:
-            ArgumentError: If the shape is wrong, or a value is not a finite number or takes a joint
-                outside its limits.
+            ArgumentError: If a pose is not rigid, or no mount has the prefix.
+
+        Examples:
+            >>> from graspless_pin import load_scene
+            >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+            >>> T = scene.hand.T_world_base.copy()
+            >>> T[2, 3] += 0.001  # m
+            >>> raised = scene.with_changes(hand=scene.hand.with_base_at(T))
+            >>> print(f"{raised.hand.T_world_base[2, 3] - scene.hand.T_world_base[2, 3]:.3f} m")
+            0.001 m
         """
-        return self._at(independent_positions(self.tree, positions))
+        if not isinstance(T_world_base, Mapping):
+            T = as_pose("T_world_base", T_world_base)
+            return displaced_hand(self, T @ invert(self.T_world_base))
+        ways = dict.fromkeys(self.base_poses, np.eye(4))
+        for prefix, pose in T_world_base.items():
+            if prefix not in ways:
+                raise unknown_name("T_world_base", "mount", prefix, tuple(ways))
+            T = as_pose(f"T_world_base[{prefix!r}]", pose)
+            ways[prefix] = T @ invert(self.base_poses[prefix])
+        return displaced_hand(self, np.array([*ways.values()]))
 
     @property
     def T_world_base(self) -> NDArray[np.float64]:
@@ -238,13 +267,29 @@ class Hand(Record):
         """
         return self.finger_of(link) in self.control.hybrid_fingers
 
-    def link_pose(self, link: str) -> NDArray[np.float64]:
-        """Return the (4, 4) pose ``T_world_link`` of a link's frame.
+    def pose_of(
+        self, link: str, q: Mapping[str, float] | ArrayLike | None = None
+    ) -> NDArray[np.float64]:
+        """Return the pose of a link: forward kinematics.
+
+        Args:
+            link: Name of the link, with its mount's prefix.
+            q: Configuration, as `with_configuration` takes it; None: the hand's own.
+
+        Returns:
+            (4, 4) ``T_world_link`` of the link's frame, m.
 
         Raises:
-            ArgumentError: If there is no such link.
+            ArgumentError: If there is no such link; or as of `with_configuration`.
+
+        Examples:
+            >>> from graspless_pin import load_scene
+            >>> hand = load_scene("examples/trihand_pivot_box.yaml").hand
+            >>> T = hand.pose_of("finger_1_tip", {"finger_1_distal": 0.5})  # rad
+            >>> T.shape
+            (4, 4)
         """
-        return self._links.pose(link)
+        return (self if q is None else self.with_configuration(q))._links.pose(link)
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the collision shapes at the hand's configuration, in model order.
@@ -354,6 +399,24 @@ class Hand(Record):
         return changed(self, positions=positions)
 
 
+def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
+    """Return a hand with the bases of its mounts moved; the joints stay.
+
+    Args:
+        hand: The hand.
+        T: (4, 4) pose, world axes, or one by mount, (N, 4, 4): each ``T_world_base`` becomes
+            ``T @ T_world_base``.
+    """
+    ways = np.broadcast_to(T, (len(hand.mounts), 4, 4))
+    poses = {
+        prefix: way @ pose
+        for way, (prefix, pose) in zip(ways, hand.base_poses.items(), strict=True)
+    }
+    mounts = tuple(replace(one, T_world_base=poses[one.prefix]) for one in hand.mounts)
+    tree = displaced_tree(hand.tree, list(ways))
+    return replace(hand, tree=tree, base_poses=poses, mounts=mounts)
+
+
 _LINKS: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))
 
 
@@ -376,7 +439,9 @@ class PosedLinks(NamedTuple):
         Raises:
             ArgumentError: If there is no such link.
         """
-        joint = joints_of(self.tree, [link])[0]
+        if link not in self.tree.link_joints:
+            raise unknown_name("link", "link", link, tuple(self.tree.link_frames))
+        joint = self.tree.link_joints[link]
         frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
         return self.kinematics.T_world_joint[joint] @ frame.placement.homogeneous
 

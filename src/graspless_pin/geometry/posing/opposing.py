@@ -246,7 +246,7 @@ def _posture(
         opened[columns] = straight[columns]
         if not set(group) & set(members):
             closed[columns] = bent[columns]
-    ajar = hand.with_positions(closed + _AJAR * (opened - closed))
+    ajar = hand.with_configuration(closed + _AJAR * (opened - closed))
     ways = tips.at(closed) - tips.at(closed + _NEARLY_CLOSED * (opened - closed))
     ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), _SAME_PLACE)
     overlap = max((one.depth for one in unwanted_overlaps(ajar)), default=0.0)
@@ -268,7 +268,7 @@ def _on_fixed_jaw(
 
     def far_end(there: FloatArray) -> tuple[FloatArray, Separation]:
         """Return the point of the tip that is farthest from its first joint, and its gap."""
-        bodies = hand.with_positions(there).placed_bodies
+        bodies = hand.with_configuration(there).placed_bodies
         corners = np.vstack([_corners(one) for one in bodies if one.name in shapes])
         tip = corners[np.argmax(np.linalg.norm(corners - palm_of(there), axis=1))]
         dot = CollisionBody("tip", coal.Sphere(_POINT), pose_matrix(tip))
@@ -278,7 +278,9 @@ def _on_fixed_jaw(
     half = closed + _AJAR * (opened - closed)
     tip, between = far_end(half)
     way = _unit(far_end(closed)[0] - tip)
-    overlap = max((one.depth for one in unwanted_overlaps(hand.with_positions(half))), default=0.0)
+    overlap = max(
+        (one.depth for one in unwanted_overlaps(hand.with_configuration(half))), default=0.0
+    )
     return OpposingPosture(
         closed=closed,
         opened=opened,
@@ -348,7 +350,7 @@ def _ends_of_flexion(
     """
     flexion: dict[int, float] = {}
     for finger in group:
-        flexion = flexion_rates(hand.with_positions(closed), finger) | flexion
+        flexion = flexion_rates(hand.with_configuration(closed), finger) | flexion
     tips, way = _Tips(hand, group), _unit(line[1] - line[0])
     choices = []
     for sense in (1.0, -1.0):

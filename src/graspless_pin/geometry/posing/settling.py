@@ -159,7 +159,7 @@ def clear_base(hand: Hand, target: ManipulatedObject, normal: FloatArray) -> Flo
         normal: (3,) unit vector from the object to the hand.
     """
     base, center = hand.T_world_base[:3, 3], target.center_of_mass_world
-    frames = [hand.link_pose(link)[:3, 3] for link in hand.link_names]
+    frames = [hand.pose_of(link)[:3, 3] for link in hand.link_names]
     links = max(float(np.linalg.norm(origin - base)) for origin in frames)
     reach = max(links, _reach(hand.placed_bodies, base)) + _reach(target.placed_bodies, center)
     return center + (reach + _CLEARANCE) * normal
