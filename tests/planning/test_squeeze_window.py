@@ -49,6 +49,14 @@ def test_a_pressed_block_slips_below_and_meets_the_limit_above() -> None:
     assert lower.reason in ("slips", "undecided")
     assert upper.torques[0] == pytest.approx(LIMIT, rel=1e-9)
     assert upper.reason == "limit" and window.others == ()
+    # One lever carries the finger's force.
+    forces = [end.normal_force for end in (lower, upper)]
+    assert forces == pytest.approx([lower.torques[0] / LEVER, LIMIT / LEVER], rel=1e-6)
+    pressed = (
+        f"the hand presses with {forces[0]:.3g} to 5 N (sum of normal forces); "
+        f"joint '{problem.joint_names[0]}' has {lower.torques[0]:+.3g} to +0.5 N m"
+    )
+    assert pressed in str(window).splitlines()
     holds = np.array([one is Holding.HOLDS for one in window.holding])
     torques = 2.0 * least + window.amounts
     np.testing.assert_array_equal(holds, torques > least)
@@ -57,6 +65,8 @@ def test_a_pressed_block_slips_below_and_meets_the_limit_above() -> None:
     # The margin of the slope's contacts grows with the finger's force.
     assert (np.diff(window.margins[holds]) > 0.0).all()
     assert np.isnan(window.margins[~holds]).all()
+    assert np.isnan(window.normal_forces[~holds]).all()
+    np.testing.assert_allclose(window.normal_forces[holds], torques[holds] / LEVER, rtol=1e-6)
 
 
 def test_the_internal_forces_are_the_direction_unless_there_is_another() -> None:
@@ -89,6 +99,12 @@ def test_more_feedback_lets_the_hand_squeeze_more(pressed_ball) -> None:
         assert beyond.amounts == pytest.approx([amounts[0], 0.0, amounts[1]])
         tops.append(window.upper.amount)
         assert f"with joint feedback of {stiffness:g} N m/rad from " in str(window)
+        most = int(np.argmax(np.abs(window.direction)))
+        told = [f"{end.torques[most]:+.3g}" for end in (window.lower, window.upper)]
+        name = scene.problem().joint_names[most]
+        words = f"joint {name!r}, which changes most, has {told[0]} to {told[1]} N m"
+        assert words in str(window)
+        assert 0.0 < window.lower.normal_force < window.upper.normal_force
     assert tops[1] > 1.5 * tops[0]
 
 

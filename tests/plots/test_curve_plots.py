@@ -13,6 +13,7 @@ from graspless_pin.plots import (
     plane_directions,
     squeeze_plot,
 )
+from graspless_pin.problem.joint_units import JointUnit
 
 
 @pytest.fixture(scope="module")
@@ -111,16 +112,19 @@ def test_the_trade_off_is_in_the_joints_units(sliding: TorqueSolution, units, sc
 def test_a_window_of_squeeze_shows_its_ends_and_samples():
     window = SqueezeWindow(
         direction=np.ones(1),
-        lower=WindowEnd(-0.4, np.ones(1), EndReason.MAY_SLIP, "may fail: ..."),
-        upper=WindowEnd(0.7, np.ones(1), EndReason.LIMIT, "joint 'a' is at its effort limit"),
+        lower=WindowEnd(-0.4, np.ones(1), 2.0, EndReason.MAY_SLIP, "may fail: ..."),
+        upper=WindowEnd(0.7, np.ones(1), 7.0, EndReason.LIMIT, "joint 'a' is at its effort limit"),
         others=(),
         amounts=np.array([-1.0, -0.5, 0.0, 0.7]),
         torques=np.ones((4, 1)),
+        normal_forces=np.array([np.nan, 1.0, 3.0, 7.0]),
         holding=(Holding.FAILS, Holding.MAY_FAIL, Holding.HOLDS, Holding.HOLDS),
         margins=np.array([np.nan, 0.1, 0.3, 0.5]),
         growth=np.array([np.nan, np.nan, 0.0, 0.0]),
         controller="",
         message="holds: ...",
+        joint_names=("a",),
+        joint_units=(JointUnit.TORQUE,),
     )
     axes = squeeze_plot(window)
     line, holds, others = axes.lines[:3]
@@ -130,6 +134,9 @@ def test_a_window_of_squeeze_shows_its_ends_and_samples():
     assert [text.get_text() for text in axes.texts] == ["may slip", "limit"]
     ends = [np.asarray(end.get_xdata()).item(0) for end in axes.lines[3:]]
     assert ends == [-0.4, 0.7]
-    assert squeeze_plot(window, value="growth").get_ylabel() == "growth of small motions [1/s]"
+    assert squeeze_plot(window, value="growth").get_ylabel() == "growth of small\nmotions [1/s]"
+    pressed = squeeze_plot(window, value="normal_force")
+    np.testing.assert_array_equal(pressed.lines[0].get_ydata(), window.normal_forces)
+    assert pressed.get_ylabel() == "sum of the hand's\nnormal forces [N]"
     with pytest.raises(ArgumentError, match="value: is 'force'"):
         squeeze_plot(window, value="force")

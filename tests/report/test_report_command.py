@@ -1,6 +1,7 @@
 """``graspless-pin report``: files, exit codes and messages."""
 
 import json
+import re
 
 import pytest
 from report_cases import SLIDING, SPHERE, WALLS, pinched_block, read_html, solved, through_json
@@ -53,6 +54,15 @@ def test_without_force_ranges(tmp_path):
     page = read_html((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert page.section("ranges").text == "Force ranges No ranges: they were not asked for."
     assert len(page.section("friction").all("svg")) == 3
+
+
+def test_how_hard_the_hand_may_squeeze(tmp_path):
+    target = tmp_path / "report.html"
+    assert run(SPHERE, "-o", target, "--no-ranges", "--squeeze").exit_code == 0
+    section = read_html(target.read_text(encoding="utf-8")).section("squeeze")
+    words = r"In between the hand presses with [\d.]+ to [\d.]+ N \(sum of normal forces\); joint '"
+    assert re.search(words, section.text)
+    assert len(section.all("svg")) == 3
 
 
 def test_infeasible_is_an_answer(tmp_path):

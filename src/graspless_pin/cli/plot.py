@@ -93,7 +93,7 @@ def plot(
 
 
 def _draw_squeeze(scene: Scene, figure: Figure) -> None:
-    """Draw margin and growth over the squeeze, and print the window."""
+    """Draw margin, growth and normal forces over the squeeze, and print the window."""
     with waiting_for("solving"):
         solution = scene.solve()
     if not solution.found:
@@ -101,11 +101,14 @@ def _draw_squeeze(scene: Scene, figure: Figure) -> None:
         raise typer.Exit(ExitCode.INFEASIBLE)
     with waiting_for("trying how hard the hand may squeeze"):
         window = squeeze_window(scene, solution.torques)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    squeeze_plot(window, upper)
-    squeeze_plot(window, lower, value="growth")
-    upper.set_xlabel("")
-    lower.get_legend().remove()
+    figure.set_figheight(6.6)
+    panels = figure.subplots(3, 1, sharex=True)
+    for axes, value in zip(panels, ("margin", "growth", "normal_force"), strict=True):
+        squeeze_plot(window, axes, value=value)
+    for axes in panels[:-1]:
+        axes.set_xlabel("")
+    for axes in panels[1:]:
+        axes.get_legend().remove()
     typer.echo(str(window))
 
 

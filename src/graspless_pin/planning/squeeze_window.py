@@ -16,6 +16,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Holding, StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.planning.least_change import torques_that_follow
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,
@@ -25,9 +26,9 @@ from graspless_pin.problem.checks import (
     real_number,
     whole_number,
 )
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import checked_problem
-from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
 
@@ -36,9 +37,7 @@ _NO_SQUEEZE = 1e-6
 """Of the contact forces: less than this inside them is no squeeze."""
 _WITHIN = 1e-6
 """Of a limit, or of the load: what torques may exceed it by, or margins be below zero."""
-_FRICTION_USED = 0.9
-"""Of the coefficients: what joints that follow let contacts use, where balance leaves them that."""
-_HALVINGS = 8
+_MOST_NAMED = 3
 _WIDEST = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
 
@@ -87,12 +86,14 @@ class WindowEnd:
     Attributes:
         amount: Multiple of the direction up to which the object holds.
         torques: (L,) the motors' torques there, N m (N).
+        normal_force: With how much the joints press there, N: see `SqueezeWindow.normal_forces`.
         reason: What ends it.
         message: The same in words: what the verdict says just beyond.
     """
 
     amount: float
     torques: FloatArray
+    normal_force: float
     reason: EndReason
     message: str
 
@@ -108,12 +109,17 @@ class SqueezeWindow(Brief):
         others: Further stretches of amounts in which samples hold, (low, high) each.
         amounts: (K,) multiples of the direction that were looked at, ascending.
         torques: (K, L) the motors' torques there, N m (N).
+        normal_forces: (K,) sum of the normal forces of the contacts that joints act on, N; NaN
+            where no forces within limits balance the torques. Where torques leave forces open,
+            those of the largest margin count.
         holding: K answers under the controller.
         margins: (K,) margin of these torques, N; NaN where no forces within limits balance them.
         growth: (K,) rate at which a small motion grows, 1/s; NaN where it is not known.
         controller: What runs on the joints, in words; empty: it is not stated, and the torques are
             constant.
         message: What the verdict says of the given torques.
+        joint_names: L names of the joints.
+        joint_units: L units of their torques.
     """
 
     direction: FloatArray
@@ -122,11 +128,35 @@ class SqueezeWindow(Brief):
     others: tuple[tuple[float, float], ...]
     amounts: FloatArray
     torques: FloatArray
+    normal_forces: FloatArray
     holding: tuple[Holding, ...]
     margins: FloatArray
     growth: FloatArray
     controller: str
     message: str
+    joint_names: tuple[str, ...]
+    joint_units: tuple[JointUnit, ...]
+
+    @property
+    def squeezed(self) -> tuple[int, ...]:
+        """Joints of the direction, or of many the one that changes most."""
+        moved = np.flatnonzero(self.direction).tolist()
+        most = int(np.argmax(np.abs(self.direction)))
+        return (*moved,) if len(moved) <= _MOST_NAMED else (most,)
+
+    @property
+    def ends_words(self) -> str:
+        """The hand's normal forces and the squeezed joints' torques at both ends; empty: none."""
+        if self.lower is None or self.upper is None:
+            return ""
+        pressed = f"{self.lower.normal_force:.3g} to {self.upper.normal_force:.3g} N"
+        most = ", which changes most," if np.count_nonzero(self.direction) > _MOST_NAMED else ""
+        has = [
+            f"joint {self.joint_names[joint]!r}{most} has {self.lower.torques[joint]:+.3g} to "
+            f"{self.upper.torques[joint]:+.3g} {self.joint_units[joint]}"
+            for joint in self.squeezed
+        ]
+        return "; ".join([f"the hand presses with {pressed} (sum of normal forces)", *has])
 
     def __str__(self) -> str:
         """Return the window, and what fails at its ends."""
@@ -137,6 +167,7 @@ class SqueezeWindow(Brief):
             lines = [
                 f"holds{with_what} from {self.lower.amount:+.3g} to {self.upper.amount:+.3g} times "
                 "the direction",
+                self.ends_words,
                 f"with less: {self.lower.message}",
                 f"with more: {self.upper.message}",
             ]
@@ -228,11 +259,14 @@ def squeeze_window(
         tuple(_others(found, middle)),
         read_only(amounts),
         read_only(np.array([one.torques for one in found])),
+        read_only(np.array([one.normal_force for one in found])),
         tuple(one.verdict.holding for one in found),
         read_only(np.array([one.margin for one in found])),
         read_only(np.array([one.verdict.growth_rate for one in found])),
         first.controller,
         found[middle].failure[1] if not found[middle].holds else first.message,
+        problem.joint_names,
+        problem.joint_units,
     )
 
 
@@ -259,6 +293,7 @@ class _Point:
     torques: FloatArray
     verdict: StabilityVerdict
     margin: float
+    normal_force: float
 
     @property
     def holds(self) -> bool:
@@ -300,13 +335,18 @@ class _Line:
         """Return what becomes of an amount."""
         torques = self._torques + amount * self._direction
         if not self._held.all() and amount != 0.0:
-            torques = _followed(self._problem, torques, self._held, self._direction)
+            torques = torques_that_follow(self._problem, torques, self._held, self._direction)
         fixed = self._problem.with_changes(torque_limits=(torques, torques))
-        margin = solve_problem(fixed, Margin(), _REST).margin
+        best = solve_problem(fixed, Margin(), _REST)
+        margin, pressed = best.margin, np.nan
+        if best.found:
+            by_joints = self._problem.jacobian.reshape(-1, 3, len(torques)).any(axis=(1, 2))
+            normal = (self._problem.normals * best.contact_forces).sum(axis=1)
+            pressed = float(normal[by_joints].sum())
         # Torques that follow lie at the edge of what balances: rounding makes nothing less of it.
         if -_WITHIN * self._problem.scales.force < margin < 0.0:
             margin = 0.0
-        return _Point(amount, torques, self._verdict_on(torques), margin)
+        return _Point(amount, torques, self._verdict_on(torques), margin, pressed)
 
     def limiting(self, amount: float) -> str:
         """Return the joint that is at its limit at an amount; empty: none is."""
@@ -350,82 +390,6 @@ def _direction(
     return way
 
 
-@dataclass(frozen=True)
-class _LeastChange(Objective):
-    """The torques of balance that are nearest to given ones, in shares of limits."""
-
-    name = "least change"
-    torques: tuple[float, ...]
-    direction: tuple[float, ...]
-
-    def build(self, program: ProgramBuilder) -> None:
-        """Add t, above every change of a torque, and the rows of Algorithm 2."""
-        forces = program.forces
-        scale = forces.coordinates.joint_scale
-        limits = np.minimum(
-            np.maximum(np.abs(forces.problem.lower_torque), np.abs(forces.problem.upper_torque)),
-            1e3 * scale,
-        )
-        share = scale / np.where(limits > 0.0, limits, scale)
-        rest = forces.gravity - np.array(self.torques) / scale
-        most = [
-            1.0 + float((share * (np.abs(forces.torque) @ box[1] + np.abs(rest))).max(initial=0.0))
-            for box in forces.boxes
-        ]
-        t = program.columns(
-            "change", low=0.0, box=(0.0, most[0]), whole_box=(0.0, most[-1]), cost=1.0
-        )
-        for name, sign in (("change_upper", 1.0), ("change_lower", -1.0)):
-            program.rows(
-                name,
-                sign * share[:, None] * forces.torque,
-                -sign * share * rest,
-                {t: np.full(len(share), -1.0)},
-            )
-        # No change along the direction: the squeeze is as it is asked for.
-        along = share**2 * np.array(self.direction) / scale
-        along = along / np.linalg.norm(along)
-        program.equal("squeeze", (along @ forces.torque)[None], np.array([-along @ rest]))
-        program.balance()
-        program.cones(0.0)
-        program.normal_limits(0.0)
-        program.torque_limits()
-
-
-def _followed(
-    problem: QuasistaticProblem,
-    torques: FloatArray,
-    held: NDArray[np.bool_],
-    direction: FloatArray,
-) -> FloatArray:
-    """Return torques of balance with those of some joints held; as they are where none balance.
-
-    The least change alone would use up the friction of some contact: a reserve is kept if it can.
-    """
-    lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
-    lower[held] = upper[held] = torques[held]
-    least = _LeastChange((*torques.tolist(),), (*direction.tolist(),))
-
-    def within(share: float) -> FloatArray | None:
-        friction = share * problem.friction
-        changed = problem.with_changes(torque_limits=(lower, upper), friction=friction)
-        solution = solve_problem(changed, least, _REST)
-        return np.where(held, torques, solution.torques) if solution.found else None
-
-    found = within(_FRICTION_USED)
-    if found is not None:
-        return found
-    found, (low, high) = within(1.0), (_FRICTION_USED, 1.0)
-    if found is None:
-        return torques
-    for _ in range(_HALVINGS):  # the least share, so that torques do not jump
-        middle = 0.5 * (low + high)
-        nearer = within(middle)
-        low, high = (middle, high) if nearer is None else (low, middle)
-        found = found if nearer is None else nearer
-    return found
-
-
 def _end(line: _Line, points: list[_Point], tolerance: float) -> WindowEnd:
     """Return where a row of points, of which the first holds, stops holding."""
     last = points[0]
@@ -444,7 +408,7 @@ def _end(line: _Line, points: list[_Point], tolerance: float) -> WindowEnd:
 
 
 def _ended(point: _Point, reason: EndReason, message: str) -> WindowEnd:
-    return WindowEnd(point.amount, read_only(point.torques), reason, message)
+    return WindowEnd(point.amount, read_only(point.torques), point.normal_force, reason, message)
 
 
 def _others(points: list[_Point], middle: int) -> list[tuple[float, float]]:

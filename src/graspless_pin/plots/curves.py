@@ -164,12 +164,12 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
 
 
 def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = "margin") -> Axes:
-    """Draw the margin, or the growth of small motions, against how hard a hand squeezes.
+    """Draw the margin, growth of small motions or normal forces over how hard a hand squeezes.
 
     Args:
         window: Of `squeeze_window`.
         ax: Axes to draw on; None: a new figure.
-        value: ``margin`` or ``growth``.
+        value: ``margin``, ``growth``, or ``normal_force``: the sum of the hand's normal forces.
 
     Returns:
         The axes: multiples of the direction to the right; up N or 1/s. The window is shaded, its
@@ -188,11 +188,14 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
         >>> squeeze_plot(window).get_xlabel()
         'change of torques, in multiples of the direction'
     """
-    figures = {"margin": window.margins, "growth": window.growth}
-    labels = {"margin": "margin [N]", "growth": "growth of small motions [1/s]"}
+    figures = {
+        "margin": (window.margins, "margin [N]"),
+        "growth": (window.growth, "growth of small\nmotions [1/s]"),
+        "normal_force": (window.normal_forces, "sum of the hand's\nnormal forces [N]"),
+    }
     if value not in figures:
-        raise ArgumentError("value", f"is {value!r}; it must be 'margin' or 'growth'")
-    axes, values = axes_for(ax), figures[value]
+        raise ArgumentError("value", f"is {value!r}; it must be one of {', '.join(figures)}")
+    axes, (values, label) = axes_for(ax), figures[value]
     blue, holds = LIGHT.roles[Role.NORMAL_FORCE], [one is Holding.HOLDS for one in window.holding]
     axes.plot(window.amounts, values, "-", color=blue, linewidth=1.8)
     for filled, face in ((True, blue), (False, "white")):
@@ -202,7 +205,7 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
             label="holds" if filled else "does not hold",
         )  # fmt: skip
     axes.set_xlabel("change of torques, in multiples of the direction")
-    axes.set_ylabel(labels[value])
+    axes.set_ylabel(label)
     from_zero(axes, values)
     room = _SIDE * (window.amounts[-1] - window.amounts[0])
     axes.set_xlim(window.amounts[0] - room, window.amounts[-1] + room)

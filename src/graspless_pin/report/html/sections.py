@@ -142,10 +142,15 @@ def torque_figure(solution: TorqueSolution) -> str:
 
 
 def window_figures(window: SqueezeWindow) -> list[str]:
-    """Return the margin and the growth of small motions over the squeeze, as SVGs."""
+    """Return margin, growth of small motions and normal forces over the squeeze, as SVGs."""
     held = int(np.count_nonzero(np.equal(window.holding, Holding.HOLDS)))
     figures = []
-    for value, name in (("margin", "The margin"), ("growth", "The growth of small motions")):
+    drawn = {
+        "margin": "The margin",
+        "growth": "The growth of small motions",
+        "normal_force": "The sum of the hand's normal forces",
+    }
+    for value, name in drawn.items():
         alt = (
             f"{name} over the squeeze, at {len(window.amounts)} amounts, of which {held} hold; the "
             "window is shaded, and its ends say what fails there."
