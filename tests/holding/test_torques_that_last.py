@@ -11,13 +11,21 @@ import pytest
 import yaml
 from tests.scene.scene_tools import EXAMPLES, content, loaded
 
-from graspless_pin import Controller, Scene, Status, load_scene, minimum_stiffness
+from graspless_pin import (
+    Controller,
+    Scene,
+    Status,
+    contact_force_bounds,
+    load_scene,
+    minimum_stiffness,
+)
 from graspless_pin.errors import SceneError
 from graspless_pin.holding.controller import Feedback
 from graspless_pin.holding.small_motions import LinearizedMotion
 from graspless_pin.holding.verdict import strong_words
 from graspless_pin.programs.program import MatrixInequality, Program
-from graspless_pin.report import solution_document, write_document
+from graspless_pin.report import scene_solution_text, solution_document, write_document
+from graspless_pin.report.html import case_of_scene, report_html
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solvers import least_within
 
@@ -173,6 +181,53 @@ def test_a_proof_for_joints_that_stand_still_is_none_for_constant_torques(
     forged = copy.deepcopy(free)
     forged["stability"]["joints_held"] = True
     assert "no small motion grows (facets)" in failing(forged)
+
+
+def test_an_answer_says_that_held_joints_need_not_have_its_torques(ball: Scene) -> None:
+    solution = ball.solve()
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    said = {
+        stiffness: " ".join(
+            scene_solution_text(
+                ball.with_changes(controller=stiffness), solution, "", bounds
+            ).split()
+        )
+        for stiffness in ("torque", "position")
+    }
+    remark = "Joints hold their positions, with whatever torques that takes: those below balance "
+    assert remark in said["position"] and remark not in said["torque"]
+    assert "At worst, held joints leave a margin of " in said["position"]
+    assert "At worst, these torques leave a margin of " in said["torque"]
+    held = ball.with_changes(controller="position")
+    for case in (case_of_scene(held, solution), case_of_scene(ball, solution)):
+        assert (remark in report_html(case)) is (case.scene is held)
+
+
+@pytest.mark.parametrize(
+    ("gains", "words"),
+    [
+        ({"index": 1.0, "ring": 2.0}, "1 N m/rad at 'index', 2 N m/rad at 'ring'"),
+        ({"ring": 2.0}, "2 N m/rad at 'ring', none at 'index'"),
+        ({"default": 2.0, "joint_0.0": 1.0},
+         "1 N m/rad at 'joint_0.0', 2 N m/rad at 'ring', 'joint_1.0', 'joint_2.0', ..."),
+        ({f"joint_{k}.0": 1.0 + 0.1 * k for k in range(12)},
+         "1 N m/rad at 'joint_0.0' to 2.1 N m/rad at 'joint_11.0'"),
+        ({"default": 2.0, "thumb": 1.0}, "2 N m/rad"),  # it touches nothing
+    ],
+)  # fmt: skip
+def test_gains_that_differ_are_told_with_their_joints(
+    ball: Scene, gains: dict[str, float], words: str, tmp_path: Path
+) -> None:
+    held = ball.with_changes(controller=Controller(gains))
+    verdict = held.stability(held.solve().torques)
+    assert verdict.controller == f"joint feedback of {words}"
+    assert f"with joint feedback of {words}" in str(verdict)
+    document = document_of(held, tmp_path)
+    if verdict.holding == "holds":
+        assert failing(document) == []
+        for forged in ("1 N m/rad", "joint feedback of 9 N m/rad at 'index', none at 'ring'"):
+            document["holding"]["controller"] = forged
+            assert "the controller is that of the proof (facets)" in failing(document)
 
 
 @pytest.mark.parametrize(

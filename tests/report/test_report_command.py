@@ -65,6 +65,17 @@ def test_how_hard_the_hand_may_squeeze(tmp_path):
     assert len(section.all("svg")) == 3
 
 
+def test_what_needs_torques_says_that_there_are_none(tmp_path):
+    """The slope is too steep and the hand too weak: nothing to squeeze with, nor to simulate."""
+    target = tmp_path / "report.html"
+    text = SPHERE.read_text(encoding="utf-8").replace("force: 50", "force: 0.1")
+    (tmp_path / "weak.yaml").write_text(text, encoding="utf-8")
+    result = run(tmp_path / "weak.yaml", "-o", target, "--squeeze", "--simulate")
+    assert result.exit_code == 1
+    assert "note: --squeeze is left out: there are no torques" in result.stderr
+    assert "note: --simulate is left out: there are no torques" in result.stderr
+
+
 def test_infeasible_is_an_answer(tmp_path):
     scene, solution = solved(SLIDING, sliding_rule="constrained")
     file, target = tmp_path / "solution.json", tmp_path / "report.html"

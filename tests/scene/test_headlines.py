@@ -94,7 +94,11 @@ def test_the_controller_decides_whether_it_holds() -> None:
     for controller, holding, start in (
         (Controller(1.1 * needed), "holds", "holds with joint feedback of 0."),
         (0.5 * needed, "needs_feedback", least),
-        (Controller({"default": 2.0, "index": 1}), "holds", "holds with joint feedback of 1 to 2 "),
+        (
+            Controller({"default": 2.0, "index": 1}),
+            "holds",
+            "holds with joint feedback of 1 N m/rad at 'index', 2 N m/rad at 'mid",
+        ),
         (Controller({"index": 0.1 * needed}), "needs_feedback", least),
         (Controller({"thumb": 5.0}), "needs_feedback", least),
     ):

@@ -162,7 +162,7 @@ def _case(
 
 
 def _lapse(case: Case) -> TimeLapse | None:
-    if not case.solution.found:
+    if _has_no_torques(case, "--simulate"):
         return None
     if case.scene is None:
         raise ArgumentError("--simulate", f"needs the scene. {case.missing}")
@@ -170,8 +170,15 @@ def _lapse(case: Case) -> TimeLapse | None:
     return time_lapse(case.scene, found, simulated_words(case.scene, found))
 
 
-def _window(case: Case) -> SqueezeWindow | None:
+def _has_no_torques(case: Case, option: str) -> bool:
+    """Return whether what an option asks for is left out, and say so."""
     if not case.solution.found:
+        echo_note(f"{option} is left out: there are no torques")
+    return not case.solution.found
+
+
+def _window(case: Case) -> SqueezeWindow | None:
+    if _has_no_torques(case, "--squeeze"):
         return None
     if case.scene is None:
         raise ArgumentError("--squeeze", f"needs the scene. {case.missing}")

@@ -33,6 +33,15 @@ class Feedback(StrEnum):
 
 CONSTANT_TORQUES = "constant torques"
 """What runs on the joints where no feedback does, in words."""
+JOINTS_HELD = "joints held in their positions"
+"""What runs on them where they keep their positions."""
+TORQUES_OF_HELD_JOINTS = (
+    "Joints hold their positions, with whatever torques that takes: those below balance the load, "
+    "and others may; no verdict counts on them."
+)
+"""What is to be said beside torques that are worked out for joints that keep their positions."""
+_MOST_NAMED = 3
+_MOST_GAINS = 3
 _WORDS = "or one of 'torque', 'position' and 'any'"
 
 
@@ -157,3 +166,41 @@ class Controller:
 def gain_shares(slides: Sequence[bool]) -> FloatArray:
     """Return (c,) what a figure per radian is to be multiplied by: at joints that slide by 100."""
     return np.where(np.array(slides, dtype=bool), 1.0 / LEVER**2, 1.0)
+
+
+def gain_words(
+    gains: Sequence[float], unit: str, joints: Sequence[str], fingers: Mapping[str, str]
+) -> str:
+    """Return the gains of some joints in words; empty: there are none.
+
+    Fingers are named where all of their joints have the same gain, else joints.
+
+    Args:
+        gains: Their gains in one unit.
+        unit: The unit.
+        joints: Their names.
+        fingers: The finger of each joint that belongs to one.
+    """
+    by_gain: dict[str, list[str]] = {}
+    for name, gain in sorted(zip(joints, gains, strict=True), key=lambda one: one[1]):
+        by_gain.setdefault(f"{gain:g}", []).append(name)
+    by_gain |= {"0": by_gain.pop("0")} if "0" in by_gain else {}
+    if [*by_gain] in ([], ["0"]):
+        return ""
+    if len(by_gain) == 1:
+        return f"joint feedback of {next(iter(by_gain))} {unit}"
+    parts = [
+        f"{f'{gain} {unit}' if gain != '0' else 'none'} at {_named(names, joints, fingers)}"
+        for gain, names in by_gain.items()
+    ]
+    if len(parts) > _MOST_GAINS:
+        parts = [f"{parts[0]} to {parts[-1 - ('0' in by_gain)]}", *parts[-1:][: "0" in by_gain]]
+    return f"joint feedback of {', '.join(parts)}"
+
+
+def _named(names: Sequence[str], joints: Sequence[str], fingers: Mapping[str, str]) -> str:
+    """Return names of some of the joints, of whole fingers first."""
+    others = {fingers.get(name, "") for name in joints if name not in names} | {""}
+    whole = {fingers[name]: None for name in names if fingers.get(name, "") not in others}
+    told = [*whole, *(name for name in names if fingers.get(name) not in whole)]
+    return ", ".join(map(repr, told[:_MOST_NAMED])) + (", ..." if len(told) > _MOST_NAMED else "")

@@ -9,6 +9,7 @@ from textwrap import fill
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.findings import Severity
 from graspless_pin.geometry.contact.contact_points import BodyKind
+from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.scene import Scene
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
@@ -67,28 +68,29 @@ def _remarks(
     scene: Scene, solution: TorqueSolution, bounds: ContactForceBounds | None
 ) -> list[str]:
     """Return the margin at worst, and what limits margin and torques."""
+    held = scene.controller.holds_joints
     words = [
-        "" if bounds is None else _worst_margin(bounds, solution),
+        TORQUES_OF_HELD_JOINTS if held and solution.problem.joint_count else "",
+        "" if bounds is None else _worst_margin(bounds, solution, held=held),
         margin_limit_words(solution, scene.contacts.bodies),
         joint_limit_words(solution),
     ]
     return [fill(sentence, COLUMNS, break_on_hyphens=False) for sentence in words if sentence]
 
 
-def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
+def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held: bool) -> str:
+    who = "held joints" if held else "these torques"
     if not bounds.found:
-        return "The margin that these torques leave at worst was not found in time."
+        return f"The margin that {who} leave at worst was not found in time."
     if bounds.smallest_margin == -inf:
         why = "contact forces are unbounded (jamming is possible)"
-        return f"At worst, these torques leave no margin: {why}."
+        return f"At worst, {who} leave no margin: {why}."
     least = figure(bounds.smallest_margin, solution.problem.scales.force)
     proven = bounds.status is Status.OPTIMAL
     unproven = "" if proven else " or less (not proven)"
     beyond = ": a contact may be pressed so far beyond max_normal_force"
     pressed = beyond if least.startswith("-") else ""
-    return (
-        f"At worst, these torques leave a margin of {least} N{unproven}, {bounds.covers}{pressed}."
-    )
+    return f"At worst, {who} leave a margin of {least} N{unproven}, {bounds.covers}{pressed}."
 
 
 def _count(number: int, noun: str) -> str:

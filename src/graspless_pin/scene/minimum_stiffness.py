@@ -18,8 +18,10 @@ from graspless_pin.holding.controller import (
     ARMATURE,
     CONSTANT_TORQUES,
     DAMPING,
+    JOINTS_HELD,
     Controller,
     gain_shares,
+    gain_words,
 )
 from graspless_pin.holding.dynamics import (
     LEAST_LOAD,
@@ -219,17 +221,14 @@ def _proofs(
 def controller_words(scene: SceneFields) -> str:
     """Return the feedback at the joints that carry touching links; empty: none is stated."""
     if scene.controller.holds_joints:
-        return "joints held in their positions"
+        return JOINTS_HELD
     problem = problem_of(scene)
     gains, _ = _gains(scene, problem)
     gains = gains / _shares(scene, problem) * _per_all(scene, problem)
-    low, high = gains.min(initial=np.inf), gains.max(initial=0.0)
-    if not high > 0.0:
-        return CONSTANT_TORQUES if scene.controller.is_stated else ""
-    unit = _unit(scene, problem)
-    if low < high:
-        return f"joint feedback of {low:g} to {high:g} {unit} by joint"
-    return f"joint feedback of {high:g} {unit}"
+    names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
+    fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
+    words = gain_words(gains.tolist(), _unit(scene, problem), names, fingers)
+    return words or (CONSTANT_TORQUES if scene.controller.is_stated else "")
 
 
 def _unit(scene: SceneFields, problem: QuasistaticProblem) -> str:

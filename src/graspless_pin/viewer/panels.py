@@ -70,7 +70,7 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
     return (
         f'<div id="graspless-result" data-found="true" data-margin="{solution.margin!r}" '
         f'style="{_TEXT}">'
-        f"{margin}{torque}<div>{'<br>'.join(map(escape, result.limits))}</div>"
+        f"{margin}{torque}<div>{'<br>'.join(map(escape, filter(None, result.limits)))}</div>"
         f'<div style="{_MUTED}">{escape(what)}; {escape(solution.status.message)}</div></div>'
     )
 

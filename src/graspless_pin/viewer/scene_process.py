@@ -22,6 +22,7 @@ from graspless_pin.errors import (
     StateFault,
     internal_error,
 )
+from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.holding.verdict import (
     BRIEF_NODE_LIMIT,
     Holding,
@@ -188,7 +189,11 @@ def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
             "",
             sliding=draw_virtual_sliding(picture, solution, changed.hand, origin),
             bodies=bodies,
-            limits=(margin_limit_words(solution, bodies), joint_limit_words(solution)),
+            limits=(
+                TORQUES_OF_HELD_JOINTS if changed.controller.holds_joints else "",
+                margin_limit_words(solution, bodies),
+                joint_limit_words(solution),
+            ),
         )
 
 

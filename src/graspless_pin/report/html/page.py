@@ -14,6 +14,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.named_objectives import OBJECTIVES
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
+from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.holding.verdict import Holding, Stability, parted
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.html.case import Case
@@ -109,6 +110,7 @@ def _context(
         "algorithm": algorithm,
         "aim": aim,
         "joints": joint_rows(solution),
+        "held": TORQUES_OF_HELD_JOINTS if _holds_joints(case) else "",
         "largest_joint": problem.joint_names[int(np.abs(torques).argmax())] if len(torques) else "",
         "contacts": contact_rows(case),
         "title": case.title,
@@ -139,6 +141,13 @@ def _context(
             **_ranges(case, bounds, rest_bounds, partial(_number, size=load, signed=True)),
         }
     return context
+
+
+def _holds_joints(case: Case) -> bool:
+    """Return whether joints keep their positions, whatever torques that takes."""
+    if case.scene is not None:
+        return case.scene.controller.holds_joints
+    return bool((case.document.get("stability") or {}).get("joints_held"))
 
 
 def _verdict(case: Case) -> dict[str, Any]:

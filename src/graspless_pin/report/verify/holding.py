@@ -7,6 +7,7 @@ e^(r t): Lyapunov's theorem. K_geo is taken as given, as J is: it hangs on the s
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,10 @@ _CONSTANT = "constant torques"
 _PER_LEVER = 100.0
 """1/m^2."""
 _MOST_MOTIONS = 200
+_MOST_GAINS = 3
+_QUOTED = r"(?:'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\")"
+_NAMES = re.compile(rf" at {_QUOTED}(?:, {_QUOTED})*(?:, \.\.\.)?")
+"""Of joints and fingers, which are taken as given."""
 
 
 def holding_checks(stated: object, instant: str, bodies: RestLoad) -> list[Check]:
@@ -83,13 +88,14 @@ def _proof_checks(stated: Any, bodies: RestLoad, holding: Any) -> list[Check]:
     for name, one in stated.items():
         what = "no small motion grows" if name == "any" else f"no small motion grows ({name[:20]})"
         proof = _Proof(one, bodies)
-        low, high, unit = _gains(proof)
-        said = _gain_words(low, high, unit) or _CONSTANT
+        gains, unit = _gains(proof)
+        said = _gain_words(gains, unit) or _CONSTANT
         if bodies.joints_held:
             said = "joints held in their positions"
         if name != "any":
-            agrees = holding["controller"] == said
-            agrees = agrees and (low < high or bodies.joints_held or _is_stable(high, holding))
+            agrees = _NAMES.sub(" at joints", text(holding["controller"], "controller")) == said
+            several = len(gains) > 1 or bodies.joints_held
+            agrees = agrees and (several or _is_stable(max(gains, default=0.0), holding))
             about = f"the controller is that of the proof ({name[:20]})"
             checks.append(holds(about, agrees, said))
         try:
@@ -107,8 +113,8 @@ def _proof_checks(stated: Any, bodies: RestLoad, holding: Any) -> list[Check]:
     return checks
 
 
-def _gains(proof: _Proof) -> tuple[float, float, str]:
-    """Return the least and the largest gain of a proof as a verdict tells them, and their unit.
+def _gains(proof: _Proof) -> tuple[list[float], str]:
+    """Return the gains of a proof as a verdict tells them, ascending, and their unit.
 
     Gains of joints that slide count over (0.1 m)^2, unless all do.
     """
@@ -116,17 +122,20 @@ def _gains(proof: _Proof) -> tuple[float, float, str]:
     slides = np.array([units[joint] == "N" for joint in proof.joints], dtype=bool)
     linear = bool(len(slides) and slides.all())
     gains = proof.gains / np.where(slides, _PER_LEVER, 1.0) * (_PER_LEVER if linear else 1.0)
-    high = float(gains.max(initial=0.0))
-    return float(gains.min(initial=high)), high, "N/m" if linear else "N m/rad"
+    told = {f"{gain:g}": float(gain) for gain in gains.tolist()}  # digits of a sentence
+    return sorted(told.values()), "N/m" if linear else "N m/rad"
 
 
-def _gain_words(low: float, high: float, unit: str) -> str:
-    """Return gains in the words of a verdict; empty: there are none."""
-    if not high > 0.0:
-        return ""
-    if low < high:
-        return f"joint feedback of {low:g} to {high:g} {unit} by joint"
-    return f"joint feedback of {high:g} {unit}"
+def _gain_words(gains: list[float], unit: str) -> str:
+    """Return gains in the words of a verdict, with no names of joints; empty: there are none."""
+    parts = [f"{gain:g} {unit} at joints" for gain in gains if gain > 0.0]
+    parts += ["none at joints"] * (0.0 in gains)
+    if len(gains) <= 1:
+        return f"joint feedback of {gains[0]:g} {unit}" if any(gains) else ""
+    if len(parts) > _MOST_GAINS:
+        last = len(parts) - 1 - (0.0 in gains)
+        parts = [f"{parts[0]} to {parts[last]}", *parts[last + 1 :]]
+    return f"joint feedback of {', '.join(parts)}"
 
 
 def _is_stable(gain: float, holding: Any) -> bool:
