@@ -168,22 +168,6 @@ def test_a_problem_without_a_scene_is_known_where_nothing_rolls() -> None:
     assert stability(still.problem(), still.solve().torques).growth_rate == 0.0
 
 
-def test_stated_contacts_that_leave_motions_are_not_known(tmp_path: Path) -> None:
-    data = content(PAPER / "sphere_on_slope.yaml")
-    found = load_scene(PAPER / "sphere_on_slope.yaml").contacts
-    data["contacts"] = [
-        {"body": point.body, "position": point.position.tolist(), "normal": point.normal.tolist()}
-        for point in found.points[:2]
-    ]
-    data["gravity"] = [0, 0, 0]
-    scene = loaded(tmp_path, data)
-    said = scene.stability(np.zeros(scene.problem().joint_count))
-    assert said.status == "strong"
-    assert "small motions not known: contacts are stated, and nobody knows how they roll" in str(
-        said
-    )
-
-
 def test_a_declared_motion_keeps_its_words() -> None:
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
     said = scene.stability(scene.solve().torques)

@@ -4,11 +4,11 @@ import functools
 
 import numpy as np
 import pytest
-from scene_tools import EXAMPLES, PAPER, content, loaded
+from scene_tools import EXAMPLES, loaded
 from scipy.linalg import null_space
 
 from graspless_pin import free_motions, load_scene, minimum_stiffness, stability
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import ArgumentError
 from graspless_pin.scene import Scene
 
 G = 9.81
@@ -320,7 +320,3 @@ def test_what_it_cannot_tell_is_refused(tmp_path):
         minimum_stiffness(scene, [0.0, 1.0])
     with pytest.raises(ArgumentError, match=r"^damping: is -1"):
         minimum_stiffness(scene, torques, damping=-1)
-    data = content(PAPER / "cuboid_at_rest.yaml")
-    data["contacts"] = [{"body": "slope", "position": [0, 0, 0], "normal": [0, 0, 1]}]
-    with pytest.raises(SceneError, match="contacts are stated"):
-        minimum_stiffness(loaded(tmp_path, data), [0.0, 0.0])

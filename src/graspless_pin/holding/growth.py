@@ -64,6 +64,7 @@ class SmallMotions:
             last high is inf where none grows with any larger one.
         proofs: What proves that none grows, by model of the surfaces; empty: one does, or it is
             not known.
+        assumed: See `MinimumStiffness`.
     """
 
     stiffness: float
@@ -77,6 +78,7 @@ class SmallMotions:
     least_growth: float = nan
     stable: tuple[tuple[float, float], ...] = ()
     proofs: Mapping[str, GrowthProof] = field(default_factory=dict)
+    assumed: tuple[int, ...] = ()
 
     @property
     def depends_on_forces(self) -> bool:

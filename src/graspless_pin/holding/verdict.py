@@ -385,6 +385,11 @@ def strong_words(verdict: StabilityVerdict) -> str:
         why = "not looked at" if small is None else small.unknown
         message = f"stays at the first instant; small motions not known: {why} (proof: {proof})"
         return message + (feedback if free else "")
+    return _lasting_words(verdict, small, proof) + _assumed_words(small)
+
+
+def _lasting_words(verdict: StabilityVerdict, small: SmallMotions, proof: str) -> str:
+    """Return what becomes of rest after the first instant, which is proven."""
     if not small.moving:
         under = f" with {verdict.controller}" if verdict.controller else ""
         neutral = f"; neutral: {', '.join(small.neutral)}" if small.neutral else ""
@@ -406,6 +411,16 @@ def strong_words(verdict: StabilityVerdict) -> str:
     if verdict.controller:
         return f"needs {needed}; with {verdict.controller} {grows} (first instant: {proof})"
     return f"holds with {needed}; without it {grows} (first instant: {proof})"
+
+
+def _assumed_words(small: SmallMotions) -> str:
+    """Return at which contacts it is not known how the bodies roll; empty: it is."""
+    if not small.assumed:
+        return ""
+    listed = ", ".join(map(str, small.assumed[:_MOST_NAMED]))
+    several = f"s {listed}{', ...' if len(small.assumed) > _MOST_NAMED else ''} have"
+    whose = several if len(small.assumed) > 1 else f" {listed} has"
+    return f"; assumed: contact{whose} a point that stays on both bodies, as no shapes touch there"
 
 
 def _stable_words(small: SmallMotions) -> str:

@@ -63,6 +63,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         ``stable_stiffness`` ([low, high] each; high infinite: with any larger one),
         ``growth_rate`` and ``least_growth_rate`` (1/s, under the contact forces that suit worst and
         best; all NaN where they are not known), ``unstable_motion`` (P + L; None where none grows),
+        ``assumed_contacts`` (see `SmallMotions.assumed`),
         ``acceleration`` with the ``status`` of the first instant, and ``proofs`` that no small
         motion grows, by model of the surfaces (see `GrowthProof`).
     """
@@ -75,6 +76,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "growth_rate": verdict.growth_rate,
         "least_growth_rate": nan if small is None else small.least_growth,
         "unstable_motion": None if small is None else small.motion,
+        "assumed_contacts": [] if small is None else list(small.assumed),
         "acceleration": {"status": str(verdict.status)},
         "proofs": {} if small is None else {name: vars(one) for name, one in small.proofs.items()},
     }

@@ -17,8 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.curvature import FLAT, Rolling, has_mesh, radii_of_curvature
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.curvature import (
+    FLAT,
+    Rolling,
+    has_mesh,
+    is_surface_of,
+    radii_of_curvature,
+)
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.dynamics import motion_length
@@ -31,31 +37,60 @@ from graspless_pin.scene.load_wrenches import hand_motion, load_stiffness
 
 
 def surfaces_of(scene: SceneFields, problem: QuasistaticProblem) -> Mapping[str, Rolling]:
-    """Return the radii of curvature at the contacts: with meshes by facets and by fits to them."""
+    """Return the radii of curvature at the contacts: with meshes by facets and by fits to them.
+
+    At `assumed_contacts` they are zero.
+    """
     found = contacts_of(scene).arrays
+    own, touching = _pieces(scene)
+    half = 0.5 * np.array(found.distances)[:, None] * found.normals
+    assumed = {*assumed_contacts(scene)}
+    models = ["facets", "fitted"] if any(map(has_mesh, [own, *touching])) else ["facets"]
+    surfaces = {}
+    for name in models:
+        radii = np.zeros((2, len(found), 2, 2))
+        for contact in range(len(found)):
+            if contact in assumed:
+                continue
+            normal, tangents = found.normals[contact], problem.tangents[contact]
+            for side, sign, pieces in ((0, 1.0, own), (1, -1.0, touching[contact])):
+                point = found.positions[contact] + sign * half[contact]
+                radii[side, contact] = radii_of_curvature(
+                    pieces, point, -sign * normal, tangents, fitted=name == "fitted"
+                )
+        surfaces[name] = Rolling(*radii)
+    return surfaces
+
+
+def assumed_contacts(scene: SceneFields) -> tuple[int, ...]:
+    """Return the contacts that are stated where object and body have no shapes that touch so.
+
+    Nobody knows how they roll: that their points stay on both bodies is assumed, as on a pointed
+    tip. Round surfaces would make the normal forces hold the better.
+    """
+    if scene.given_contacts is None:
+        return ()
+    found, tolerance = contacts_of(scene).arrays, scene.contact_tolerance
+    own, touching = _pieces(scene)
+    return tuple(
+        contact
+        for contact, (pieces, point, normal) in enumerate(
+            zip(touching, found.positions, found.normals, strict=True)
+        )
+        if not is_surface_of(own, point, -normal, tolerance)
+        or not is_surface_of(pieces, point, normal, tolerance)
+    )
+
+
+def _pieces(scene: SceneFields) -> tuple[PlacedBodies, list[list[CollisionBody]]]:
+    """Return the convex pieces of the object, and of the body at each contact."""
     placed = [support.placed_bodies for support in scene.supports]
     if scene.hand is not None:
         placed.append(scene.hand.placed_bodies)
     pieces: defaultdict[str, list[CollisionBody]] = defaultdict(list)
     for body in chain(*placed):
         pieces[body.name].append(body)
-    own, touching = scene.object.placed_bodies, [pieces[name] for name in found.bodies]
-    half = 0.5 * np.array(found.distances)[:, None] * found.normals
-    models = ["facets", "fitted"] if any(map(has_mesh, [own, *touching])) else ["facets"]
-    surfaces = {}
-    for name in models:
-        fitted = name == "fitted"
-        radii = [
-            [
-                radii_of_curvature(own, point + gap, -normal, tangents, fitted=fitted),
-                radii_of_curvature(body, point - gap, normal, tangents, fitted=fitted),
-            ]
-            for body, point, gap, normal, tangents in zip(
-                touching, found.positions, half, found.normals, problem.tangents, strict=True
-            )
-        ]
-        surfaces[name] = Rolling(*np.array(radii).swapaxes(0, 1))
-    return surfaces
+    return scene.object.placed_bodies, [pieces[name] for name in contacts_of(scene).bodies]
 
 
 class MovingBodies(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import null_space
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import capture
 from graspless_pin.holding.certificate import balance, bearing_forces
 from graspless_pin.holding.controller import (
@@ -46,6 +46,7 @@ from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields, checked_scene
 from graspless_pin.scene.geometric_stiffness import (
+    assumed_contacts,
     geometric_stiffness,
     moving_bodies,
     refuse_flat_on_flat,
@@ -82,6 +83,8 @@ class MinimumStiffness:
             worse of both. Empty where no mesh touches.
         armature: Rotor inertia that was added at each joint, kg m^2, as the stiffness.
         damping: Damping at each joint, N m s/rad, as the stiffness.
+        assumed: Contacts that are stated where no shapes touch so: that their points stay on both
+            bodies is assumed.
     """
 
     stiffness: float
@@ -92,6 +95,7 @@ class MinimumStiffness:
     growth_by_surface: Mapping[str, float]
     armature: float
     damping: float
+    assumed: tuple[int, ...]
 
 
 class _Found(NamedTuple):
@@ -118,7 +122,7 @@ def minimum_stiffness(
     another question. Joints that carry no touching link are held.
 
     Args:
-        scene: A scene whose contacts are found from shapes.
+        scene: The scene.
         torques: (L,) of the motors, N m (N), that hold the object in balance.
         armature: Added to the inertia of each joint, kg m^2, over (0.1 m)^2 at joints that slide.
         damping: At each joint, N m s/rad, likewise.
@@ -126,8 +130,7 @@ def minimum_stiffness(
     Raises:
         ArgumentError: If the torques do not hold the object in balance, the joints' inertia is
             singular, or a figure is out of range.
-        SceneError: If contacts are stated, or a single contact stands for a line or a face along
-            which the bodies roll.
+        SceneError: If a single contact stands for a line or a face along which the bodies roll.
 
     Examples:
         >>> from graspless_pin import load_scene, minimum_stiffness
@@ -157,6 +160,7 @@ def minimum_stiffness(
         _growths(models),
         added,
         damping,
+        assumed_contacts(scene),
     )
 
 
@@ -188,6 +192,7 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
         least_growth=worst.least_growth,
         stable=tuple((low * per_all, high * per_all) for low, high in worst.stable),
         proofs={} if growing else _proofs(scene, problem, models),
+        assumed=assumed_contacts(scene) if len(worst.motion.inertia) else (),
     )
 
 
@@ -305,7 +310,6 @@ def _by_surface(
     problem = problem_of(scene)
     torque = finite_array("torques", torques, (problem.joint_count,))
     problem = rest_problem(scene, problem, torque)
-    _refuse_unknown(scene)
     found = balance(problem, torque)
     if found is None or not found.is_rest:
         raise ArgumentError(
@@ -343,21 +347,10 @@ def linearized_motions(scene: SceneFields) -> tuple[LinearizedMotion, ...]:
     if problem.is_sliding.any():
         return ()
     try:
-        _refuse_unknown(scene)
         with capture():
             return (*_linearized(scene, problem, ARMATURE).values(),)
     except GrasplessPinError:
         return ()
-
-
-def _refuse_unknown(scene: SceneFields) -> None:
-    """Refuse a scene whose contacts roll nobody knows how.
-
-    Raises:
-        SceneError: Saying why.
-    """
-    if scene.given_contacts is not None:
-        raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
 
 
 def _linearized(

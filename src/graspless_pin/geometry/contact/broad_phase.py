@@ -75,9 +75,9 @@ class Solids:
             centers=self.centers,
             half_extents=self.half_extents,
             reaches=self.reaches,
-            planes=planes,
+            planes=np.reshape(planes, (-1, 4)),
             starts=np.cumsum([0, *map(len, faces)]),
-            faces=np.concatenate(faces),
+            faces=np.concatenate([np.empty((0, 4)), *faces]),
         )
 
 

@@ -93,6 +93,20 @@ def radii_of_curvature(
     return _of_polytope(solid, *local) if smooth is None else smooth
 
 
+def is_surface_of(
+    pieces: Sequence[CollisionBody], point: FloatArray, outward: FloatArray, tolerance: float
+) -> bool:
+    """Return whether a point with its normal is one of a body's surface, as far as a tolerance.
+
+    Args:
+        pieces: The convex pieces of the body; there may be none.
+        point: (3,) world, m.
+        outward: (3,) unit normal out of the body, world axes.
+        tolerance: m.
+    """
+    return any(_distance(piece, point, outward) <= tolerance for piece in pieces)
+
+
 def has_mesh(pieces: Sequence[CollisionBody]) -> bool:
     """Return whether a body has a piece that is the hull of a mesh."""
     return any(_is_mesh(convex_set(piece.name, piece.geometry)) for piece in pieces)

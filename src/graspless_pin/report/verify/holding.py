@@ -64,7 +64,7 @@ def holding_checks(stated: object, instant: str, bodies: RestLoad) -> list[Check
         agree = agree and status == expected
     least = "none that is known" if needed is None else f"{number(needed, 'stiffness'):.3g}"
     controller = text(entry(stated, "controller", "holding"), "controller")[:60]
-    told = f"{controller}; stiffness needed: {least}"
+    told = f"{controller}; stiffness needed: {least}{_assumed_words(stated, bodies)}"
     checks = [
         holds("holding and stability agree", agree, f"{status}: {instant} at the first instant"),
         given("what small motions do under the controller", told),
@@ -72,6 +72,14 @@ def holding_checks(stated: object, instant: str, bodies: RestLoad) -> list[Check
     if status == "holds" and not bodies.problem.slides.any():
         checks += _proof_checks(entry(stated, "proofs", "holding"), bodies, stated)
     return checks
+
+
+def _assumed_words(stated: object, bodies: RestLoad) -> str:
+    """Return at how many contacts the geometric stiffness is that of points; empty: at none."""
+    count = bodies.problem.count
+    listed = items(entry(stated, "assumed_contacts", "holding"), "assumed_contacts", 0, count)
+    assumed = {whole(one, "an assumed contact", 0, count - 1) for one in listed}
+    return f"; points that stay on both bodies are assumed at {len(assumed)}" if assumed else ""
 
 
 def _proof_checks(stated: Any, bodies: RestLoad, holding: Any) -> list[Check]:
