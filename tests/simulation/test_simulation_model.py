@@ -58,6 +58,25 @@ def test_distances_between_shapes_are_the_scenes(file):
     assert checked > 1
 
 
+@pytest.mark.parametrize("turn", np.arange(0.0, 0.2, 0.05).tolist())
+def test_a_cone_is_as_round_as_the_scenes(turn, tmp_path):
+    """MuJoCo has no cones: the hull's edges may stand off the mantle by next to nothing."""
+    data = content(BALL)
+    data["object"] |= {
+        "shape": {"type": "cone", "radius": 0.1, "length": 0.02},
+        "pose": {"position": [0, 0, 0.01], "rpy": [0, 0, turn]},
+    }
+    data["supports"] = [{"name": "table", "shape": {"type": "half_space"}}]
+    data["hand"]["base_pose"] = {"position": [0.3, 0, 0.01]}
+    scene = loaded(tmp_path, {key: data[key] for key in ("friction", "hand", "object", "supports")})
+    _, model, state = built(scene)
+    (cone,) = scene.object.placed_bodies
+    for number, body in enumerate(hand_of(scene).placed_bodies[:3]):
+        geom = model.geom(f"hand/{body.name}/{number}").id
+        found = mujoco.mj_geomDistance(model, state, model.geom("object/0").id, geom, 1.0, None)
+        assert found == pytest.approx(separation(cone, body).distance, abs=3e-5), body.name
+
+
 def test_masses_and_weights_of_the_joints_that_move_are_the_hands():
     scene = load_scene(BALL)
     _, model, data = built(scene)
