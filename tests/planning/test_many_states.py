@@ -114,6 +114,21 @@ def test_states_that_are_like_none_before_are_answered_by_loops(
             assert torques[0] == pytest.approx(torques[1], abs=1e-9)
 
 
+def test_an_object_in_the_air_is_held_by_hands_alone():
+    """Nothing stands around: loops are given no body but the hands."""
+    crate = example("two_hands_slide_crate").with_changes(supports=(), motion=None)
+    evaluator = Evaluator(crate)
+    rng = np.random.default_rng(4)
+    q = np.array([nearby(evaluator, rng, 1e-4) for _ in range(4)])
+
+    found = evaluator.evaluate_many(q, workers=1)
+
+    assert found.found.all()
+    for k in range(len(q)):
+        expected = evaluator.scene_at(q[k]).solve("margin").margin
+        assert found.margins[k] == pytest.approx(expected, abs=1e-6)
+
+
 def test_with_a_regularization_torques_are_those_of_evaluate():
     evaluator = Evaluator(example("trihand_push_box"), regularization=1e-3)
     rng = np.random.default_rng(2)
