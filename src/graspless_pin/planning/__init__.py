@@ -20,6 +20,7 @@ from graspless_pin.planning.squeeze_window import (
     WindowEnd,
     squeeze_window,
 )
+from graspless_pin.planning.validity import StateValidity
 
 __all__ = [
     "ConfigurationGradient",
@@ -36,6 +37,7 @@ __all__ = [
     "PlacingFault",
     "SqueezeWindow",
     "StateStatus",
+    "StateValidity",
     "Waypoint",
     "WindowEnd",
     "configuration_gradient",

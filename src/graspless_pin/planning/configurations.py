@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
-from graspless_pin.planning.evaluation import Evaluation, StateStatus
-from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.records import changed
 from graspless_pin.scene import Scene
 from graspless_pin.scene.motion_and_contacts import Motion
 
@@ -27,6 +26,7 @@ class Configurations:
     Attributes:
         scene: The scene; what a state does not say is as it is there.
         joint_names: The a joints that do not follow others, in the hand's order.
+        joint_units: ``rad`` or ``m`` of each.
         joint_limits: (lower, upper), each (a,), rad or m; infinite where there is no limit, and
             narrowed by the limits of the joints that follow.
     """
@@ -36,10 +36,13 @@ class Configurations:
         self.scene = scene
         self._hand = hand = scene.hand
         self.joint_names: tuple[str, ...] = ()
+        self.joint_units: tuple[str, ...] = ()
         self.joint_limits: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
         if hand is not None:
             leaders = list(hand.tree.coupling.leaders)
             self.joint_names = tuple(hand.joint_names[leader] for leader in leaders)
+            kinds = [hand.tree.joint_kinds[leader] for leader in leaders]
+            self.joint_units = tuple("m" if kind == "prismatic" else "rad" for kind in kinds)
             self.joint_limits = hand.tree.ranges
 
     def hand_at(self, q: Configuration) -> Hand | None:
@@ -87,28 +90,15 @@ class Configurations:
             return None
         return self.array({} if q is None else q)
 
-    def problem_at(
-        self,
-        q: Configuration | None,
-        T_world_object: ArrayLike | None,
-        twist: ArrayLike | Motion | None,
-    ) -> tuple[Scene, QuasistaticProblem] | Evaluation:
-        """Return the posed scene and its problem, or the answer that there is none.
-
-        Args:
-            q: See `Evaluator.evaluate`.
-            T_world_object: See there.
-            twist: See there.
-        """
-        try:
-            scene = self.scene_at(q, T_world_object, twist)
-        except JointLimitError as error:
-            scene = self.scene_at(None, T_world_object, twist)
-            return Evaluation(StateStatus.OUTSIDE_LIMITS, str(error), scene, None)
-        try:
-            return scene, scene.problem()
-        except StateError as error:
-            return Evaluation(StateStatus(error.kind.value), str(error), scene, None)
+    @cached_property
+    def without_limits(self) -> Configurations:
+        """The same states, and those in which joints are outside their limits."""
+        hand = self._hand
+        if hand is None:
+            return self
+        most = np.full(len(hand.joint_names), np.finfo(float).max)
+        tree = changed(hand.tree, tolerated=(-most, most))
+        return Configurations(self.scene.with_changes(hand=changed(hand, tree=tree)))
 
     def scene_at(
         self,

@@ -246,6 +246,10 @@ def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Ar
     def alone(number: int) -> None:
         feasible[number] = solver.reaches(*states.one(number), margin)
 
+    if margin < 0.0:  # none is asked for
+        for number in range(states.total):
+            alone(number)
+        return (feasible,)
     solved = solved_or_alone(solver, states, Margin(), alone)
     if solved is not None:
         found = solved.found

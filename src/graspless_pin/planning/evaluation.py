@@ -26,7 +26,10 @@ from graspless_pin.solution import TorqueSolution
 
 
 class StateStatus(Enum):
-    """What is known of a state; the value is the message. See the example of `Evaluator`."""
+    """What is known of a state; the value is the message. See the example of `Evaluator`.
+
+    ``BELOW_MARGIN`` is said by `Evaluator.validity` alone.
+    """
 
     FOUND = "torques were found"
     INFEASIBLE = "no torques hold the object in this state"
@@ -37,6 +40,7 @@ class StateStatus(Enum):
     BLOCKED = StateFault.BLOCKED.value
     PARTED = StateFault.PARTED.value
     AMBIGUOUS = StateFault.AMBIGUOUS.value
+    BELOW_MARGIN = "the largest margin is below what is asked for"
     HAND_TOUCHES_NOTHING = "no link of the hand touches the object"
     HAND_THROUGH_SUPPORT = "a link of the hand is deep in a support"
     HAND_THROUGH_ITSELF = "links of the hand are deep in each other"

@@ -22,6 +22,7 @@ from graspless_pin.planning.evaluated_states import (
 from graspless_pin.planning.evaluation import Evaluation
 from graspless_pin.planning.many_states import Progress, checked_states
 from graspless_pin.planning.state_solver import StateSolver
+from graspless_pin.planning.validity import StateValidity, required_margin, state_validity
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
@@ -69,6 +70,7 @@ class Evaluator:
         regularization: float | None = None,
         collisions: bool = True,
         need_hand: bool = True,
+        position_limits: bool = True,
         **options: Unpack[SolveKeywords],
     ) -> None:
         """Take the scene and the options of all solves; what is not given is the scene's own.
@@ -85,6 +87,7 @@ class Evaluator:
                 other, see `unwanted_overlaps`. False for a planner that checks them itself.
             need_hand: Whether states are refused in which the hand does not touch the object. False
                 where it may be released onto a support.
+            position_limits: Whether states are refused in which a joint is outside its limits.
             options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
@@ -104,7 +107,8 @@ class Evaluator:
         self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
         how = objective_and_options(**chosen)
-        self._solver = StateSolver(Configurations(scene), *how, StateChecks(collisions, need_hand))
+        at = Configurations(scene) if position_limits else Configurations(scene).without_limits
+        self._solver = StateSolver(at, *how, StateChecks(collisions, need_hand))
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -224,7 +228,7 @@ class Evaluator:
         The arguments, and what they may raise, are those of `evaluate_many`; ``margin`` is that of
         `is_feasible`.
         """
-        required = self.required_margin if margin is None else real_number("margin", margin, 0.0)
+        required = required_margin(margin, self.required_margin)
         states = checked_states(len(self.joint_names), q, T_world_object, twist)
         return feasible_states(self._solver, states, required, workers, progress)
 
@@ -236,16 +240,17 @@ class Evaluator:
         *,
         margin: float | None = None,
     ) -> bool:
-        """Tell whether a state can be held with a margin within the torque limits.
+        """Tell whether a state is valid: it can be held with a margin within the torque limits.
 
-        It stops at the first proof: a mode that reaches the margin, or a bound over all modes below
-        it. That is cheaper than `evaluate`, which looks for the best mode.
+        It stops at the first thing that speaks against the state, and at the first proof: a mode
+        that reaches the margin, or a bound over all modes below it. That is cheaper than
+        `validity`, which tells all reasons, and than `evaluate`, which looks for the best mode.
 
         Args:
             q: See `evaluate`.
             T_world_object: See `evaluate`.
             twist: See `evaluate`.
-            margin: Margin to reach, N; None: `required_margin`.
+            margin: Margin to reach, N; None: `required_margin`; -inf: none, and no torques.
 
         Returns:
             True with a proof; False also where a node or time limit ended the search before one,
@@ -255,8 +260,41 @@ class Evaluator:
             ArgumentError: As for `evaluate`, or the margin is negative.
             SceneError: As for `evaluate`.
         """
-        required = self.required_margin if margin is None else real_number("margin", margin, 0.0)
+        required = required_margin(margin, self.required_margin)
         return self._solver.reaches(q, T_world_object, twist, required)
+
+    def validity(
+        self,
+        q: Configuration | None = None,
+        T_world_object: ArrayLike | None = None,
+        twist: ArrayLike | Motion | None = None,
+        *,
+        margin: float | None = None,
+    ) -> StateValidity:
+        """Tell whether a state is valid, what speaks against it, and how far it is from that.
+
+        What speaks against it are a joint outside its limits, collisions, a hand that touches
+        nothing, and a margin that is too small. A collision is an overlap deeper than the scene's
+        ``max_penetration``: of a link and a support, of two links that `unwanted_overlaps`
+        compares, or of the object and anything. What is less deep passes for touching, as it does
+        for contacts. The clearance counts from the bodies' surfaces all the same.
+
+        Args:
+            q: See `evaluate`.
+            T_world_object: See `evaluate`.
+            twist: See `evaluate`.
+            margin: See `is_feasible`, which says yes where this says that the state is valid.
+
+        Returns:
+            All reasons, the margin, the clearance and the distances to the joints' limits. A state
+            outside its joints' limits is looked at like any other.
+
+        Raises:
+            ArgumentError: As for `is_feasible`.
+            SceneError: As for `evaluate`.
+        """
+        required = required_margin(margin, self.required_margin)
+        return state_validity(self._solver, q, T_world_object, twist, required)
 
     def scene_at(
         self,

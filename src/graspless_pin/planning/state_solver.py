@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.batch_optimum import WarmOptimum, optima_of_states, state_optimum
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.search import closeness
+from graspless_pin.algorithms.search import CLOSED, closeness
 from graspless_pin.algorithms.warm_start import reaches_margin
+from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus, WarmAnswer
 from graspless_pin.planning.warm_starts import WarmStarts, WarmState
@@ -20,6 +21,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.batch_states import PlainProblems, PlainStates
+from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.scene_stability import rest_model_of
 from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks, state_findings
 from graspless_pin.solution import UNDECIDED, TorqueSolution
@@ -57,6 +59,21 @@ class SolvedStates(NamedTuple):
     def found(self) -> NDArray[np.bool_]:
         """(K,) where something was."""
         return self.contact_counts > 0
+
+
+class LookedAt(NamedTuple):
+    """A state before anything is solved.
+
+    Attributes:
+        scene: The scene in this state; where a joint is outside its limits and the first fault is
+            all that was asked for, with the evaluator's own configuration.
+        problem: Its problem; None where there is none or none was asked for.
+        faults: Statuses and messages of what is wrong with it.
+    """
+
+    scene: Scene
+    problem: QuasistaticProblem | None
+    faults: tuple[tuple[StateStatus, str], ...] = ()
 
 
 class StateSolver:
@@ -145,7 +162,7 @@ class StateSolver:
         of_overlaps = self.checks._replace(need_hand=False)
         doubtful = order[states.doubtful[order]].tolist()
         # Where contacts with supports are wrong, that is said of each state by itself.
-        if not (off or doubtful) or isinstance(at.problem_at(q[order[0]], None, None), Evaluation):
+        if not (off or doubtful) or self._without_problem(at.scene_at(q[order[0]], None, None)):
             return order
         if off:
             faults[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
@@ -233,32 +250,71 @@ class StateSolver:
         self, q: Any, T_world_object: Any, twist: Any
     ) -> Evaluation | tuple[Scene, WarmState]:
         """Solve for one state; what a search finds is learned."""
-        state = self._checked(q, T_world_object, twist)
-        if isinstance(state, Evaluation):
-            return state
-        scene, problem = state
+        scene, problem, faults = self.looked_at(q, T_world_object, twist)
+        if problem is None or faults:
+            return Evaluation(*faults[0], scene, None)
+        found = self._optimum(scene, problem, self.objective)
+        return _evaluation(scene, found) if isinstance(found, TorqueSolution) else (scene, found)
+
+    def _optimum(
+        self, scene: Scene, problem: QuasistaticProblem, objective: Objective
+    ) -> WarmState | TorqueSolution:
+        """Return the optimum that a warm start leads to, or what a search finds and teaches."""
         bodies = scene.contacts.bodies
-        found = self._starts.optimum(bodies, problem, self.objective, self.options)
+        found = self._starts.optimum(bodies, problem, objective, self.options)
         if found is not None:
-            return scene, found
+            return found
         solution = self._starts.searched(
-            bodies, problem, self.objective, self.options, self._rest(scene)
+            bodies, problem, objective, self.options, self._rest(scene)
         )
         self._plain.learn(scene, problem)
-        return _evaluation(scene, solution)
+        return solution
+
+    def margin_of(
+        self, scene: Scene, problem: QuasistaticProblem, required: float
+    ) -> tuple[float, StateStatus]:
+        """Return the largest margin of a state, N, and what is said of it where one is required.
+
+        Args:
+            scene: The scene in the state.
+            problem: Its problem.
+            required: The margin that is asked for, N.
+
+        Returns:
+            The margin, -inf where there are no torques, and `StateStatus.FOUND` if it is enough.
+        """
+        found = self._optimum(scene, problem, Margin())
+        if isinstance(found, WarmState):
+            margin, enough = problem.margin_of(found.optimum.forces), _reaches(found[1], required)
+            return margin, StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
+        slack = CLOSED * max(problem.scales.force, required)
+        if found.found and found.margin >= required - slack:
+            return found.margin, StateStatus.FOUND
+        if found.status in UNDECIDED and not found.certificate.bound < required - slack:
+            status = StateStatus.UNDECIDED
+        else:
+            status = StateStatus.BELOW_MARGIN if found.found else StateStatus.INFEASIBLE
+        return found.margin if found.found else -np.inf, status
 
     def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
         """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`."""
-        objective = Margin()
-        if T_world_object is None and twist is None:
-            answer = self._batch_of_one(q, objective)
+        if T_world_object is None and twist is None and margin >= 0.0:
+            answer = self._batch_of_one(q, Margin())
             if answer is not None:
                 return _reaches(answer.optimum, margin)
-        state = self._checked(q, T_world_object, twist)
-        if isinstance(state, Evaluation):
-            return False
-        scene, problem = state
-        what = scene.contacts.bodies, problem, objective
+        return self.holds(self.looked_at(q, T_world_object, twist, solve=margin >= 0.0), margin)
+
+    def holds(self, state: LookedAt, margin: float) -> bool:
+        """Tell whether nothing is wrong with a state, and it is proven to reach a margin.
+
+        Args:
+            state: The state.
+            margin: N; below zero: none is asked for.
+        """
+        scene, problem, faults = state
+        if faults or problem is None:
+            return not faults
+        what = scene.contacts.bodies, problem, Margin()
         found = self._starts.optimum(*what, self.options)
         if found is None:
             start = self._starts.best(*what)
@@ -270,20 +326,56 @@ class StateSolver:
             return bool(reached)
         return _reaches(found.optimum, margin)
 
-    def _checked(
-        self, q: Any, T_world_object: Any, twist: Any
-    ) -> tuple[Scene, QuasistaticProblem] | Evaluation:
-        """Return the posed scene and its problem, or why it is not solved."""
-        state = self.configurations.problem_at(q, T_world_object, twist)
-        if isinstance(state, Evaluation):
-            return state
-        found = state_findings(state[0], self.checks)
-        if not found:
-            return state
-        return Evaluation(StateStatus.of(found[0]), found[0].message, state[0], None)
+    def looked_at(
+        self, q: Any, T_world_object: Any, twist: Any, *, solve: bool = True, whole: bool = False
+    ) -> LookedAt:
+        """Return the scene in a state, its problem, and what is wrong with it.
+
+        Args:
+            q: See `Evaluator.evaluate`.
+            T_world_object: See there.
+            twist: See there.
+            solve: Whether torques are asked for: without contacts that can carry forces there is no
+                problem, which is a fault then.
+            whole: Whether all faults are looked for; otherwise one is enough.
+        """
+        at, checks = self.configurations, self.checks
+        problem: QuasistaticProblem | None = None
+        faults: list[tuple[StateStatus, str]] = []
+        try:
+            scene = at.scene_at(q, T_world_object, twist)
+        except JointLimitError as error:
+            faults.append((StateStatus.OUTSIDE_LIMITS, str(error)))
+            if not whole:
+                return LookedAt(at.scene_at(None, T_world_object, twist), None, tuple(faults))
+            scene = at.without_limits.scene_at(q, T_world_object, twist)
+        try:
+            if solve:
+                problem = scene.problem()
+            elif checks.collisions or checks.need_hand:
+                contacts_of(scene)
+        except StateError as error:
+            status = StateStatus(error.kind.value)
+            counts = {StateStatus.OVERLAP: checks.collisions}
+            counts |= dict.fromkeys((StateStatus.NO_CONTACT, StateStatus.PARTED), checks.need_hand)
+            if solve or counts.get(status, False):
+                faults.append((status, str(error)))
+            checks = checks._replace(need_hand=False)
+        if not faults or whole:
+            faults += [(StateStatus.of(one), one.message) for one in state_findings(scene, checks)]
+        return LookedAt(scene, problem, tuple(faults))
 
     def _rest(self, scene: Scene) -> RestModel | None:
         return rest_model_of(scene) if self.options.strong else None
+
+    @staticmethod
+    def _without_problem(scene: Scene) -> bool:
+        """Return whether a scene has no problem in its state."""
+        try:
+            scene.problem()
+        except StateError:
+            return True
+        return False
 
 
 def _reaches(optimum: WarmOptimum, margin: float) -> bool:

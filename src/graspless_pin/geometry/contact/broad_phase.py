@@ -147,6 +147,12 @@ def near_solids(
     one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids, tolerance: float
 ) -> list[tuple[int, int]]:
     """Return what `near_pairs` does for bodies whose sets are known."""
+    k, p = np.nonzero(least_gaps(one, solids, two, others) <= tolerance)
+    return list(zip(p.tolist(), k.tolist(), strict=True))
+
+
+def least_gaps(one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids) -> FloatArray:
+    """Return (K, P) lower bounds on the signed distances of K other bodies and P bodies, m."""
     R = one.poses[:, :3, :3]
     # For each of the second's bodies and each of the first's, in the frame of the latter.
     axes = R.transpose(0, 2, 1) @ two.poses[:, None, :3, :3]
@@ -159,8 +165,7 @@ def near_solids(
     along = np.abs(local) - solids.half_extents - reach
     across = np.abs((local[..., None, :] @ axes)[..., 0, :]) - others.half_extents[:, None]
     across -= (solids.half_extents[:, None] @ size)[..., 0, :]
-    k, p = np.nonzero(np.maximum(along, across).max(axis=2) <= tolerance)
-    return list(zip(p.tolist(), k.tolist(), strict=True))
+    return np.maximum(along, across).max(axis=2)
 
 
 def box_centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
