@@ -4,6 +4,7 @@ from graspless_pin.planning.configuration_gradient import (
     ConfigurationGradient,
     configuration_gradient,
 )
+from graspless_pin.planning.edges import MotionFault, MotionMargins
 from graspless_pin.planning.evaluated_states import EvaluatedStates
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
@@ -30,6 +31,8 @@ __all__ = [
     "Evaluation",
     "Evaluator",
     "HandPlacement",
+    "MotionFault",
+    "MotionMargins",
     "OtherJoints",
     "PathProfile",
     "PlacedHand",

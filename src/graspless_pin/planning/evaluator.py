@@ -14,6 +14,7 @@ from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
+from graspless_pin.planning.edges import RESOLUTION, Edge, MotionFault, MotionMargins
 from graspless_pin.planning.evaluated_states import (
     EvaluatedStates,
     evaluated_states,
@@ -295,6 +296,94 @@ class Evaluator:
         """
         required = required_margin(margin, self.required_margin)
         return state_validity(self._solver, q, T_world_object, twist, required)
+
+    def is_valid_motion(
+        self,
+        q0: Configuration | None = None,
+        q1: Configuration | None = None,
+        T0_world_object: ArrayLike | None = None,
+        T1_world_object: ArrayLike | None = None,
+        *,
+        margin: float | None = None,
+        resolution: tuple[float, float] = RESOLUTION,
+    ) -> bool:
+        """Tell whether the motion from one state to another is valid: an edge of a planner.
+
+        The arguments, and what they may raise, are those of `first_invalid`, which finds nothing
+        where this says yes. The end is looked at first.
+        """
+        edge = self._edge((q0, q1), (T0_world_object, T1_world_object), margin, resolution)
+        return edge.state(1.0).valid and edge.fault() is None
+
+    def first_invalid(
+        self,
+        q0: Configuration | None = None,
+        q1: Configuration | None = None,
+        T0_world_object: ArrayLike | None = None,
+        T1_world_object: ArrayLike | None = None,
+        *,
+        margin: float | None = None,
+        resolution: tuple[float, float] = RESOLUTION,
+    ) -> MotionFault | None:
+        """Find where the motion from one state to another stops being valid.
+
+        The object goes along the screw motion between its poses, and has that motion's twist in
+        every state, so that contacts slide, roll and part as it says: the way back may be valid
+        where the way there is not. Fingers move along with the object. The joints' positions are
+        interpolated linearly. Contacts are found along the way: states are looked at eight
+        resolutions apart, and where the contacts or the validity of two neighbours differ, those
+        between them until they are within the resolution. What comes and goes in between is not
+        seen. A motion that ends by touching a body is not driven into it: within
+        ``contact_tolerance`` of its end the object is at rest.
+
+        Args:
+            q0: Configuration at the start, see `evaluate`.
+            q1: Configuration at the end.
+            T0_world_object: (4, 4) pose of the object at the start; None: as in the scene.
+            T1_world_object: (4, 4) pose at the end, turned by less than half a turn; None: the
+                object stays, at rest.
+            margin: See `is_feasible`.
+            resolution: (m, rad): of the way of the object's centre of mass and of sliding joints,
+                and of the turns of the object and of turning joints.
+
+        Returns:
+            The first state that is not valid, and where; None: the motion is valid.
+
+        Raises:
+            ArgumentError: As for `is_feasible`; or the resolution is not positive.
+            SceneError: As for `evaluate`.
+        """
+        edge = self._edge((q0, q1), (T0_world_object, T1_world_object), margin, resolution)
+        return edge.fault()
+
+    def motion_margins(
+        self,
+        q0: Configuration | None = None,
+        q1: Configuration | None = None,
+        T0_world_object: ArrayLike | None = None,
+        T1_world_object: ArrayLike | None = None,
+        *,
+        resolution: tuple[float, float] = RESOLUTION,
+    ) -> MotionMargins:
+        """Find the largest margins along the motion from one state to another: a planner's costs.
+
+        They are those of the states that `first_invalid` looks at with a margin of 0, up to the
+        first that is not valid. The arguments, and what they may raise, are those of
+        `first_invalid`.
+        """
+        poses = T0_world_object, T1_world_object
+        return self._edge((q0, q1), poses, 0.0, resolution).margins()
+
+    def _edge(
+        self,
+        configurations: tuple[Configuration | None, Configuration | None],
+        poses: tuple[ArrayLike | None, ArrayLike | None],
+        margin: float | None,
+        resolution: tuple[float, float],
+    ) -> Edge:
+        """Return the motion between two states."""
+        required = required_margin(margin, self.required_margin)
+        return Edge(self._solver, configurations, poses, required, resolution)
 
     def scene_at(
         self,

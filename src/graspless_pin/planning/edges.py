@@ -1,0 +1,225 @@
+"""Motions from one state to another, as a planner's edges are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.poses import as_pose, transformed
+from graspless_pin.planning.configurations import Configuration
+from graspless_pin.planning.evaluation import StateStatus
+from graspless_pin.planning.screw_motion import ScrewMotion
+from graspless_pin.planning.state_solver import LookedAt, StateSolver
+from graspless_pin.planning.validity import StateValidity, state_validity
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.records import Brief
+
+RESOLUTION = 1e-3, 0.01
+"""m, rad."""
+_COARSER = 8
+"""States are looked at so many resolutions apart where contacts are the same."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionFault(Brief):
+    """Where a motion between two states stops being valid: `Evaluator.first_invalid` finds it.
+
+    Attributes:
+        fraction: Of the way at which the first state that is not valid was found, 0 to 1.
+        validity: Of that state, moving as the motion does there.
+        last_valid: Fraction at which the state before was valid, no more than the resolution
+            before; None: the motion begins in a state that is not valid.
+
+    Examples:
+        >>> import numpy as np
+        >>> from graspless_pin import Evaluator, load_scene
+        >>> evaluator = Evaluator(load_scene("examples/trihand_push_box.yaml"))
+        >>> ahead = evaluator.scene.object.T_world_object + np.eye(4, k=3) * 0.02  # m along x
+        >>> fault = evaluator.first_invalid(T1_world_object=ahead, margin=0.1)
+        >>> print(f"{fault.fraction:.2f}: {fault.validity.message.splitlines()[0]}")
+        0.08: no link of the hand touches object 'box'
+    """
+
+    fraction: float
+    validity: StateValidity
+    last_valid: float | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionMargins(Brief):
+    """Margins along a motion between two states: `Evaluator.motion_margins` finds them.
+
+    See the example of `MotionFault`.
+
+    Attributes:
+        fractions: (K,) of the way, increasing from 0; the last is 1 where the motion is valid.
+        margins: (K,) largest margins there, N; the last is -inf where the motion is not valid.
+    """
+
+    fractions: FloatArray
+    margins: FloatArray
+
+    @property
+    def smallest(self) -> float:
+        """The smallest margin, N; -inf where the motion is not valid."""
+        return float(self.margins.min())
+
+
+class EdgeState(NamedTuple):
+    """A state on an edge.
+
+    Attributes:
+        fraction: Of the way, 0 to 1.
+        valid: Whether nothing speaks against it.
+        contacts: What touches and slides; equal only where the contacts are the same.
+        query: The state as `Evaluator.evaluate` takes it.
+        looked_at: Its scene and problem.
+    """
+
+    fraction: float
+    valid: bool
+    contacts: tuple[Any, ...]
+    query: tuple[FloatArray, FloatArray, FloatArray]
+    looked_at: LookedAt
+
+
+class Edge:
+    """The motion between two states, and what is known of the states on it.
+
+    Attributes:
+        narrow: The resolution as a share of the way, infinite where nothing moves.
+    """
+
+    def __init__(
+        self,
+        solver: StateSolver,
+        configurations: tuple[Configuration | None, Configuration | None],
+        poses: tuple[Any, Any],
+        required: float,
+        resolution: tuple[float, float],
+    ) -> None:
+        """Take what `Evaluator.first_invalid` is given.
+
+        Args:
+            solver: Looks at states.
+            configurations: At the start and at the end.
+            poses: Likewise.
+            required: The margin, N; -inf: none is asked for.
+            resolution: m and rad.
+        """
+        self._solver, self._required = solver, required
+        at, moved = solver.configurations, solver.configurations.scene.object
+        self._start, end = (at.array({} if q is None else q) for q in configurations)
+        self._way = end - self._start
+        first, last = poses
+        T0 = moved.T_world_object if first is None else as_pose("T0_world_object", first)
+        T1 = T0 if last is None else as_pose("T1_world_object", last)
+        self._screw = ScrewMotion.between(T0, T1, moved.center_of_mass)
+        steps = finite_array("resolution", resolution, (2,))
+        if (steps <= 0.0).any():
+            raise ArgumentError("resolution", f"needs two positive numbers, m and rad: {steps}")
+        units = np.where(np.array(at.joint_units) == "m", *steps) if at.joint_units else 1.0
+        shares = np.concatenate([np.array(self._screw.lengths) / steps, np.abs(self._way) / units])
+        self._count = math.ceil(shares.max() / _COARSER)
+        self.narrow = 1.0 / shares.max() if self._count else np.inf
+        self._seen: dict[float, EdgeState] = {}
+
+    def state(self, fraction: float) -> EdgeState:
+        """Return the state at a fraction of the way, looked at once."""
+        found = self._seen.get(fraction)
+        if found is None:
+            found = self._seen[fraction] = self._look(fraction)
+        return found
+
+    def validity(self, state: EdgeState) -> StateValidity:
+        """Return what speaks against a state."""
+        return state_validity(self._solver, *state.query, self._required)
+
+    def states(self) -> Iterator[EdgeState]:
+        """Yield states in the order of the way, up to the first that is not valid.
+
+        They are closer where contacts change, and where the first is that is not valid.
+        """
+        before = self.state(0.0)
+        yield before
+        for step in range(1, self._count + 1):
+            if not before.valid:
+                return
+            for state in self._up_to(before, self.state(step / self._count)):
+                before = state
+                yield state
+
+    def _up_to(self, before: EdgeState, after: EdgeState) -> Iterator[EdgeState]:
+        """Yield the states after a valid one, up to another or to the first that is not valid."""
+        alike = after.valid and before.contacts == after.contacts
+        if alike or after.fraction - before.fraction <= self.narrow:
+            yield after
+            return
+        middle = self.state(0.5 * (before.fraction + after.fraction))
+        yield from self._up_to(before, middle)
+        if middle.valid:
+            yield from self._up_to(middle, after)
+
+    def fault(self) -> MotionFault | None:
+        """Return where the motion is not valid first; None: nowhere."""
+        before = None
+        for state in self.states():
+            if not state.valid:
+                return MotionFault(state.fraction, self.validity(state), before)
+            before = state.fraction
+        return None
+
+    def margins(self) -> MotionMargins:
+        """Return the largest margins along the motion, as far as it is valid."""
+        found = [(state.fraction, self._margin(state)) for state in self.states()]
+        fractions, margins = np.array(found).T
+        return MotionMargins(read_only(fractions.copy()), read_only(margins.copy()))
+
+    def _margin(self, state: EdgeState) -> float:
+        scene, problem, _ = state.looked_at
+        if not state.valid or problem is None:
+            return -np.inf
+        return self._solver.margin_of(scene, problem, self._required)[0]
+
+    def _look(self, fraction: float) -> EdgeState:
+        pose, twist = self._screw.at(fraction)
+        query = self._start + fraction * self._way, pose, twist
+        solver, solve = self._solver, self._required >= 0.0
+        found = solver.looked_at(*query, solve=solve)
+        if self._ends_by_touching(fraction, found):
+            query = *query[:2], np.zeros(6)
+            found = solver.looked_at(*query, solve=solve)
+        contacts = ()
+        if found.problem is not None:
+            carrying = found.scene.contacts
+            contacts = carrying.bodies, carrying.sliding.any(axis=1).tobytes()
+        return EdgeState(fraction, solver.holds(found, self._required), contacts, query, found)
+
+    def _ends_by_touching(self, fraction: float, found: LookedAt) -> bool:
+        """Return whether a motion that runs into something ends with that."""
+        if not found.faults or found.faults[0][0] is not StateStatus.BLOCKED:
+            return False
+        velocity, turn = self._screw.lengths
+        left = (1.0 - fraction) * (velocity + self._reach * turn)
+        return left <= self._solver.configurations.scene.contact_tolerance
+
+    @cached_property
+    def _reach(self) -> float:
+        """How far the object reaches from its centre of mass, m."""
+        moved = self._solver.configurations.scene.object
+        solids = solids_of(moved.placed_bodies.shapes)
+        farthest = 0.0
+        for body, middle, reach in zip(
+            moved.placed_bodies, solids.centers, solids.reaches, strict=True
+        ):
+            there = transformed(body.T_world_geometry, middle)
+            away = float(np.linalg.norm(there - moved.center_of_mass_world))
+            farthest = max(farthest, away + float(reach))
+        return farthest
