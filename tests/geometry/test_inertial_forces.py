@@ -22,7 +22,7 @@ def moving(model: str, seed: int) -> tuple[Hand, dict[str, float], dict[str, flo
     tree = hand.tree
     leaders = [*tree.coupling.leaders]
     low, high = np.maximum(tree.lower, -3.0)[leaders], np.minimum(tree.upper, 3.0)[leaders]
-    hand = hand.with_positions(rng.uniform(low, high))
+    hand = hand.with_configuration(rng.uniform(low, high))
     names = [tree.joint_names[index] for index in leaders]
     rates, changes = (
         dict(zip(names, rng.normal(size=len(names)).tolist(), strict=True)) for _ in range(2)

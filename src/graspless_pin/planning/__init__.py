@@ -8,6 +8,7 @@ from graspless_pin.planning.edges import MotionFault, MotionMargins
 from graspless_pin.planning.evaluated_states import EvaluatedStates
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
+from graspless_pin.planning.fastest_timing import PathTiming, TimingLimit, fastest_timing
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.path import ContactChange, PathProfile, Waypoint, evaluate_path
 from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
@@ -35,16 +36,19 @@ __all__ = [
     "MotionMargins",
     "OtherJoints",
     "PathProfile",
+    "PathTiming",
     "PlacedHand",
     "PlacingAim",
     "PlacingFault",
     "SqueezeWindow",
     "StateStatus",
     "StateValidity",
+    "TimingLimit",
     "Waypoint",
     "WindowEnd",
     "configuration_gradient",
     "evaluate_path",
+    "fastest_timing",
     "joint_trajectory",
     "place_hand",
     "squeeze_window",

@@ -14,6 +14,7 @@ from graspless_pin.plots.curves import (
     path_torques,
     plane_directions,
     squeeze_plot,
+    timing_plot,
 )
 from graspless_pin.plots.tables import margin_heat_map, margin_plot
 
@@ -29,5 +30,6 @@ __all__ = [
     "path_torques",
     "plane_directions",
     "squeeze_plot",
+    "timing_plot",
     "torque_bars",
 ]

@@ -10,7 +10,7 @@ from graspless_pin.algorithms.disturbances import DisturbanceMargin
 from graspless_pin.algorithms.margin_torque_curve import MarginTorqueCurve
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.verdict import Holding
-from graspless_pin.planning import PathProfile, SqueezeWindow
+from graspless_pin.planning import PathProfile, PathTiming, SqueezeWindow, TimingLimit
 from graspless_pin.plots.canvas import (
     axes_for,
     from_zero,
@@ -265,6 +265,61 @@ def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:
     from_zero(axes, margins)
     _mark_path(axes, profile)
     axes.legend(fontsize="small")
+    return axes
+
+
+def timing_plot(timing: PathTiming, ax: Axes | None = None) -> Axes:
+    """Draw the speed along a path and the margin against time, and what limits the speed.
+
+    Args:
+        timing: Of `fastest_timing`.
+        ax: Axes to draw on; None: a new figure.
+
+    Returns:
+        The axes: s to the right, rad/s up, with N on a second axis. Marks tell the limits.
+
+    Raises:
+        NoSolutionError: If there is no timing.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.planning import fastest_timing
+        >>> from graspless_pin.plots import timing_plot
+        >>> scene = load_scene("examples/panda_stop_with_board.yaml").with_changes(
+        ...     acceleration=None
+        ... )
+        >>> path = [{}, {"panda_joint1": 0.5}]
+        >>> timing = fastest_timing(scene, path, velocity_limits=1.0, points=20)
+        >>> timing_plot(timing).get_ylabel()
+        'speed along the path [rad/s]'
+    """
+    if not timing.found:
+        raise NoSolutionError(f"There is nothing to draw: no timing, {timing.reason}.")
+    axes = axes_for(ax)
+    axes.plot(timing.times, timing.speeds, color="0.6", linewidth=1.0)
+    marks = {
+        TimingLimit.CONTACTS: ("o", Role.FRICTION_AT_LIMIT),
+        TimingLimit.VELOCITY: ("s", Role.NORMAL_FORCE),
+        TimingLimit.TORQUE: ("^", Role.FRICTION_FORCE),
+        TimingLimit.NOTHING: (".", Role.TOTAL_FORCE),
+    }
+    for limit, (mark, role) in marks.items():
+        own = [one is limit for one in timing.limits]
+        if any(own):
+            at = timing.times[own], timing.speeds[own]
+            label = "no limit here" if limit is TimingLimit.NOTHING else f"limited by {limit}"
+            axes.plot(*at, mark, color=LIGHT.roles[role], markersize=4, label=label)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("speed along the path [rad/s]")
+    from_zero(axes, timing.speeds)
+    margins = axes.twinx()
+    margins.plot(
+        timing.times, timing.margins, "--", color=LIGHT.roles[Role.VIRTUAL_SLIDING], label="margin"
+    )
+    margins.set_ylabel("margin e [N]")
+    from_zero(margins, timing.margins)
+    lines = [*axes.get_lines()[1:], *margins.get_lines()]
+    axes.legend(handles=lines, fontsize="small", loc="lower center")
     return axes
 
 

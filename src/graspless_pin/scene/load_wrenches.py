@@ -53,13 +53,18 @@ class ActingForce(NamedTuple):
         return np.concatenate([self.force, self.moment + np.cross(self.lever, self.force)])
 
 
-def acting_forces(scene: SceneFields) -> tuple[ActingForce, ...]:
+def acting_forces(scene: SceneFields, motion: RigidMotion | None = None) -> tuple[ActingForce, ...]:
     """Return what acts on a scene's object beside its own weight.
+
+    Args:
+        scene: The scene.
+        motion: How the object moves; None: as the scene's acceleration says.
 
     Raises:
         SceneError: See `object_motion`.
     """
-    made, motion, acting = scene.object, object_motion(scene), list[ActingForce]()
+    made, acting = scene.object, list[ActingForce]()
+    motion = object_motion(scene) if motion is None else motion
     R, center, none = made.T_world_object[:3, :3], made.center_of_mass_world, np.zeros(3)
     masses = [("", made.mass, none)]
     for load in scene.loads:
@@ -92,14 +97,16 @@ def acting_forces(scene: SceneFields) -> tuple[ActingForce, ...]:
     return tuple(acting)
 
 
-def object_wrench(scene: SceneFields) -> FloatArray:
+def object_wrench(scene: SceneFields, motion: RigidMotion | None = None) -> FloatArray:
     """Return (6,) weight and loads of a scene's object about its centre of mass, N and N m.
+
+    The arguments are those of `acting_forces`.
 
     Raises:
         SceneError: See `object_motion`.
     """
     wrench = np.concatenate([scene.object.mass * scene.gravity, np.zeros(3)])
-    return wrench + sum(one.wrench for one in acting_forces(scene))
+    return wrench + sum(one.wrench for one in acting_forces(scene, motion))
 
 
 def object_inertia(scene: SceneFields) -> FloatArray:

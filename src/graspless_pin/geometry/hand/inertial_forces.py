@@ -59,11 +59,14 @@ class HandMotions(NamedTuple):
         force, moment = -self.wrenches[:, :3], -self.wrenches[:, 3:]
         return np.hstack([force, moment - np.cross(at, force)])
 
+    def joint_torques(self, hand: Hand) -> FloatArray:
+        """Return (n,) the torques of all joints that move the links so, N m or N."""
+        J = hand.tree.kinematics(hand.positions).J
+        return np.einsum("ij,kj,ik->j", hand.tree.moves, J, self.wrenches) + self.rotors
+
     def torques(self, hand: Hand) -> FloatArray:
         """Return (L,) the efforts of the actuators that move the links so, N m or N."""
-        J = hand.tree.kinematics(hand.positions).J
-        own = np.einsum("ij,kj,ik->j", hand.tree.moves, J, self.wrenches)
-        return (own + self.rotors) @ hand.actuation.from_joints
+        return self.joint_torques(hand) @ hand.actuation.from_joints
 
 
 def hand_motions(

@@ -1,0 +1,565 @@
+"""The fastest timing of an arm's path that does not lose what its hand holds.
+
+Time-optimal path parametrisation by reachability analysis (TOPP-RA: H. Pham, Q.-C. Pham, 2018).
+With s the way along the path, u = s'' and x = s'^2, inertial forces are linear in (u, x). At each
+point of the path the pairs for which contact forces exist are a polygon: the rows of the contacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.geometry.hand.inertial_forces import STILL, hand_motions
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.poses import invert
+from graspless_pin.planning.configurations import Configuration, Configurations
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, finite_array, real_number, whole_number
+from graspless_pin.scene import Scene
+from graspless_pin.scene.fields import checked_scene, label_of
+from graspless_pin.scene.load_wrenches import object_wrench
+from graspless_pin.solvers.simplex import Simplex
+from graspless_pin.suggestions import names_in_words
+
+_AS_ONE = 1e-6  # m and rad: links that move against each other by less move as one
+_LOST = 1e-6
+"""Of the load: margins and balances may be off by so much."""
+_NEAR = 1e-3
+"""Of the ranges of u and x: corners that are left out of a polygon."""
+_SAME = 1e-9
+"""Of them: corners that are one."""
+_DEEPEST = 8
+"""Halvings of a side of a polygon."""
+_AT_LIMIT = 1e-3
+"""Of a limit, or of the box around the polygon: what is nearer limits."""
+_MOST_ACCELERATION = 1e4
+"""Along the path, rad/s^2: where nothing else limits it."""
+
+
+class TimingLimit(StrEnum):
+    """What keeps a path from being followed faster. See the example of `fastest_timing`."""
+
+    VELOCITY = "joint velocity"
+    TORQUE = "joint torque"
+    CONTACTS = "contacts"
+    NOTHING = "nothing"
+    """Only that speeds before or after are limited."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathTiming(Record):
+    """The fastest timing of a path. See the example of `fastest_timing`.
+
+    Where there is none, arrays have the points of the path and no times: NaN.
+
+    Attributes:
+        reason: Why there is none; empty: there is one.
+        joint_names: a independent joints, those of `Evaluator.joint_names`.
+        times: (N,) s, from rest to rest.
+        speeds: (N,) along the path, rad/s (the length of joints' velocities).
+        positions: (N, a) rad or m.
+        velocities: (N, a) rad/s or m/s.
+        accelerations: (N, a) from this point on, rad/s^2 or m/s^2.
+        margins: (N,) largest margin of contact forces at these accelerations under plain Coulomb
+            friction, N.
+        limits: N limits that the timing is at there, or at the end of the interval that begins.
+        limiting_contacts: At each point the contacts that have no more room than the margin.
+        bodies: What touches the object, by contact.
+    """
+
+    reason: str
+    joint_names: tuple[str, ...]
+    times: FloatArray
+    speeds: FloatArray
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    margins: FloatArray
+    limits: tuple[TimingLimit, ...]
+    limiting_contacts: tuple[tuple[int, ...], ...]
+    bodies: tuple[str, ...]
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a timing."""
+        return not self.reason
+
+    @property
+    def duration(self) -> float:
+        """Of the whole path, s; NaN where there is no timing."""
+        return float(self.times[-1])
+
+    def __str__(self) -> str:
+        """Return how long it takes and what limits it."""
+        if not self.found:
+            return f"no timing: {self.reason}"
+        shares = {limit: self.limits.count(limit) / len(self.limits) for limit in TimingLimit}
+        told = [f"{limit} {100.0 * share:.0f} %" for limit, share in shares.items() if share]
+        return f"{self.duration:.3f} s, limited by {', '.join(told)} of {len(self.times)} points"
+
+
+def fastest_timing(
+    scene: Scene,
+    path: ArrayLike | Sequence[Configuration],
+    *,
+    velocity_limits: float | Mapping[str, float],
+    torque_limits: Mapping[str, float] | None = None,
+    margin: float = 0.0,
+    torques: ArrayLike | None = None,
+    points: int = 100,
+) -> PathTiming:
+    """Find the shortest time along an arm's path in which what the hand holds stays in it.
+
+    The path is a cubic spline through the configurations; it begins and ends at rest. The object
+    moves with the links that touch it, with the contacts that it has in the scene. Contact forces
+    have to exist that keep the margin under plain Coulomb friction: any force inside the cones is
+    believed, whether or not a virtual sliding calls for it. Loads of the scene count.
+
+    Args:
+        scene: A scene at rest in which a hand alone holds the object.
+        path: K configurations, at least two: (K, a) positions of `Evaluator.joint_names`, rad or m,
+            or one as `Evaluator.evaluate` takes it each. Links that touch must not move against
+            each other.
+        velocity_limits: Largest velocity of all joints, or by independent joint, rad/s or m/s.
+        torque_limits: Largest torque by independent joint, N m or N, of arm joints that J has no
+            column for; None: only the hand's motors are limited.
+        margin: That contact forces keep, N.
+        torques: (L,) the motors' torques, which stay constant; None: any within their limits.
+        points: On the path, at which all limits are kept.
+
+    Returns:
+        The timing, or why there is none.
+
+    Raises:
+        ArgumentError: If a joint is unknown or outside its limits, a number out of range, a shape
+            wrong, or links that touch move against each other.
+        SceneError: If supports touch the object, no link does, or the scene moves or accelerates.
+        GrasplessPinError: If TOPP-RA is not installed.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.planning import fastest_timing
+        >>> scene = load_scene("examples/panda_stop_with_board.yaml").with_changes(
+        ...     acceleration=None
+        ... )
+        >>> path = [{}, {"panda_joint1": 0.4}, {"panda_joint1": 1.0, "panda_joint2": 0.3}]
+        >>> timing = fastest_timing(scene, path, velocity_limits=2.0, points=40)  # rad/s
+        >>> timing.found, timing.duration < 2.0
+        (True, True)
+    """
+    carried = _Carried.of(checked_scene(scene), torques, real_number("margin", margin, 0.0))
+    configurations = Configurations(carried.scene)
+    names = configurations.joint_names
+    fastest = _by_joint("velocity_limits", velocity_limits, names)
+    strongest = _by_joint("torque_limits", torque_limits or {}, names)
+    knots = _waypoints(configurations, path)
+    ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
+    where = np.linspace(0.0, ways[-1], whole_number("points", points, 3))
+    spline = CubicSpline(ways, knots, bc_type="natural")
+    program = _ContactProgram(carried)
+    along = [_point(carried, program, spline, s, fastest, strongest) for s in where]
+    positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
+    nothing = np.full(len(where), np.nan)
+    blank = PathTiming(
+        "", names, nothing, nothing, positions, np.nan * slopes, np.nan * slopes, nothing,
+        (TimingLimit.NOTHING,) * len(where), ((),) * len(where), carried.scene.contacts.bodies,
+    )  # fmt: skip
+    for k, point in enumerate(along):
+        if point is None:
+            q = ", ".join(f"{value:.4g}" for value in positions[k].tolist())
+            return replace(blank, reason=f"nothing holds the object at point {k}, q = [{q}]")
+    told = [point for point in along if point is not None]
+    for end, point in (("start", told[0]), ("end", told[-1])):
+        at_rest, _ = program.margin(point, 0.0, 0.0)
+        if not at_rest >= margin - _LOST * carried.problem.scales.force:
+            return replace(
+                blank, reason=f"nothing holds the object at rest at the {end} with that margin"
+            )
+    speeds = _fastest_speeds(told, where, knots, ways)
+    if speeds is None:
+        return replace(blank, reason="no timing keeps all limits from rest to rest")
+    squared = speeds**2
+    changes = np.diff(squared) / (2.0 * np.diff(where))
+    changes = np.append(changes, changes[-1])
+    margins, limiting = zip(
+        *(program.margin(point, u, x) for point, u, x in zip(told, changes, squared, strict=True)),
+        strict=True,
+    )
+    if not min(margins) >= carried.margin - _LOST * carried.problem.scales.force:
+        lost = int(np.argmin(margins))
+        return replace(blank, reason=f"no contact forces were found at point {lost} of the timing")
+    last = len(where) - 1
+    between = 2.0 * np.diff(where) / (speeds[:-1] + speeds[1:])
+    return replace(
+        blank,
+        times=np.concatenate([[0.0], np.cumsum(between)]),
+        speeds=speeds,
+        velocities=slopes * speeds[:, None],
+        accelerations=slopes * changes[:, None] + bends * squared[:, None],
+        margins=np.array(margins),
+        limits=tuple(
+            _limit((told[k], told[min(k + 1, last)]), u, squared[[k, min(k + 1, last)]])
+            for k, u in enumerate(changes)
+        ),
+        limiting_contacts=limiting,
+    )
+
+
+class _Carried(NamedTuple):
+    """An object in a hand at the start of a path.
+
+    Attributes:
+        scene: The scene.
+        hand: Its hand.
+        problem: Its problem, in world axes at the start.
+        links: That touch the object.
+        margin: That contact forces keep, N.
+        limits: (lower, upper) of the motors' torques, each (L,).
+    """
+
+    scene: Scene
+    hand: Hand
+    problem: QuasistaticProblem
+    links: tuple[str, ...]
+    margin: float
+    limits: tuple[FloatArray, FloatArray]
+
+    @classmethod
+    def of(cls, scene: Any, torques: ArrayLike | None, margin: float) -> _Carried:
+        """Take a scene; refuse one in which the object does not go with a hand."""
+        where = label_of(scene)
+        if scene.motion is not None or scene.acceleration is not None:
+            key = "motion" if scene.motion is not None else "acceleration"
+            raise SceneError(f"{where}: {key}: is stated, but the path tells how all moves")
+        touching = scene.contacts.arrays
+        links = tuple(dict.fromkeys(touching.bodies[: touching.hand_count]))
+        if scene.hand is None or not links:
+            raise SceneError(
+                f"{where}: no link of a hand touches the object, which has to carry it"
+            )
+        if touching.hand_count < len(touching):
+            raise SceneError(
+                f"{where}: {touching.bodies[touching.hand_count]!r} touches the object, which has "
+                "to be carried by the hand alone; lift it, or leave the support out"
+            )
+        problem = scene.problem()
+        limits = problem.lower_torque, problem.upper_torque
+        if torques is not None:
+            constant = finite_array("torques", torques, (problem.joint_count,))
+            limits = constant, constant
+        return cls(scene, scene.hand, problem, links, margin, limits)
+
+    def moved(self, q: FloatArray) -> Scene:
+        """Return the scene with the hand at (a,) q, and the object with it.
+
+        Raises:
+            ArgumentError: If links that touch do not move as one.
+        """
+        hand = self.hand.with_configuration(q)
+        steps = [hand.pose_of(link) @ invert(self.hand.pose_of(link)) for link in self.links]
+        for link, step in zip(self.links, steps, strict=True):
+            if np.abs(step - steps[0]).max() > _AS_ONE:
+                raise ArgumentError(
+                    "path",
+                    f"moves the links {self.links[0]!r} and {link!r}, which touch the object, "
+                    "against each other; leave the fingers' joints as they are in the scene",
+                )
+        made = self.scene.object
+        return self.scene.with_changes(
+            hand=hand, object=made.with_pose(steps[0] @ made.T_world_object)
+        )
+
+
+class _PathPoint(NamedTuple):
+    """A point of a path: what is asked of contact forces, and what limits u and x there.
+
+    Attributes:
+        wrench: (6, 3) external and inertial wrench in world axes at the start, as a sum of
+            (1, u, x).
+        torques: (L, 3) what the motors bear besides the contacts, likewise.
+        rows: (k, 2) of (u, x).
+        sides: (k,) rows @ (u, x) <= sides.
+        kinds: k limits that the rows stand for.
+    """
+
+    wrench: FloatArray
+    torques: FloatArray
+    rows: FloatArray
+    sides: FloatArray
+    kinds: tuple[TimingLimit, ...]
+
+
+def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingLimit:
+    """Return a limit that is reached at either end of an interval: a joint's, if there is one."""
+    reached = set[TimingLimit]()
+    for point, x in zip(ends, squared, strict=True):
+        sizes = np.abs(point.rows) @ np.abs([u, x]) + np.abs(point.sides)
+        left = point.sides - point.rows @ [u, x]
+        reached |= {point.kinds[k] for k in np.flatnonzero(left <= _AT_LIMIT * sizes)}
+    return next((one for one in TimingLimit if one in reached), TimingLimit.NOTHING)
+
+
+def _point(
+    carried: _Carried,
+    program: _ContactProgram,
+    spline: CubicSpline,
+    s: float,
+    fastest: FloatArray,
+    strongest: FloatArray,
+) -> _PathPoint | None:
+    """Return the limits at a point of a path; None where nothing holds the object at any speed."""
+    q, slope, bend = (np.asarray(spline(s, order)) for order in range(3))
+    scene = carried.moved(q)
+    hand = scene.hand
+    assert hand is not None  # noqa: S101 - as in the scene
+    tree, names = hand.tree, list(carried.hand.control.joints)
+    slopes, bends = (dict(zip(names, one.tolist(), strict=True)) for one in (slope, bend))
+    by_u, by_x = hand_motions(hand, STILL, {}, slopes), hand_motions(hand, STILL, slopes, bends)
+    carrier = tree.link_joints[carried.links[0]]
+    at_rest = object_wrench(scene, STILL)
+    wrenches = np.column_stack(
+        [at_rest, *(object_wrench(scene, one.joints[carrier]) - at_rest for one in (by_u, by_x))]
+    )
+    no_weight = np.zeros(len(tree.joint_names))
+    own = np.column_stack(
+        [
+            tree.gravity_torques(hand.positions, scene.gravity),
+            by_u.joint_torques(hand),
+            by_x.joint_torques(hand),
+        ]
+    )
+    if not scene.count_own_weight:
+        own = np.column_stack([no_weight] * 3)
+    # The start's axes: contacts are there as they were.
+    R = carried.scene.object.T_world_object[:3, :3] @ scene.object.T_world_object[:3, :3].T
+    turned = np.vstack([R @ wrenches[:3], R @ wrenches[3:]])
+    hybrid = np.zeros((carried.problem.joint_count - len(hand.actuated_joint_names), 3))
+    motors = np.vstack([hand.actuation.from_joints.T @ own, hybrid])
+    with np.errstate(divide="ignore"):
+        most = float(np.min((fastest / np.abs(slope)) ** 2))
+    polygon = program.polygon(turned, motors, most)
+    if polygon is None:
+        return None
+    rows, sides = [*polygon[0]], [*polygon[1]]
+    kinds = [TimingLimit.CONTACTS] * len(rows) + [TimingLimit.VELOCITY]
+    rows.append(np.array([0.0, 1.0]))
+    sides.append(most)
+    # Joints bear what the links need, and the object at the link that carries it.
+    J, center = tree.kinematics(hand.positions).J, scene.object.center_of_mass_world
+    about_origin = wrenches.copy()
+    about_origin[3:] += np.cross(center, wrenches[:3], axis=0)
+    joints = tree.coupling.S.T @ (own - (J * tree.moves[carrier]).T @ about_origin)
+    for joint in np.flatnonzero(np.isfinite(strongest)):
+        still, *parts = joints[joint]
+        for sign in (1.0, -1.0):
+            rows.append(sign * np.array(parts))
+            sides.append(strongest[joint] - sign * still)
+            kinds.append(TimingLimit.TORQUE)
+    return _PathPoint(turned, motors, np.array(rows), np.array(sides), tuple(kinds))
+
+
+class _ContactProgram:
+    """The linear program of contact forces, (u, x) and the margin e, solved again and again.
+
+    Forces that keep the margin in their cones are those of cones that begin further inside: f = C k
+    + e a, k >= 0, a along the normals.
+    """
+
+    def __init__(self, carried: _Carried) -> None:
+        """Add the rows of the largest normal forces; the variables are k in N, u, x and e."""
+        problem, self._carried = carried.problem, carried
+        # Faces have one slope in a cone: along the normal each is left at the same rate.
+        slopes = -(problem.H.T @ problem.N).min(axis=0)
+        depths = np.where(problem.has_cone, 1.0 / np.where(problem.has_cone, slopes, 1.0), 1.0)
+        self._forces = np.column_stack(
+            [problem.C, np.zeros((len(problem.C), 2)), problem.N @ depths]
+        )
+        size = self._forces.shape[1]
+        self._low = np.concatenate([np.zeros(size - 3), np.full(3, -np.inf)])
+        self._high = np.full(size, np.inf)
+        self._simplex = Simplex(np.zeros(size), self._low, self._high)
+        pressed = problem.N.T @ self._forces
+        pressed[:, -1] += 1.0
+        none = np.full(len(pressed), -np.inf)
+        self._simplex.add_rows(pressed, none, problem.max_normal_force)
+        self._rows = self._simplex.row_count
+
+    def polygon(
+        self, wrench: FloatArray, torques: FloatArray, most: float
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return rows (k, 2) and sides (k,) of (u, x) for which there are contact forces.
+
+        The polygon is that of corners which are found between those that are farthest along the
+        axes: it lies inside all such (u, x), by a thousandth of their ranges at most.
+
+        Args:
+            wrench: See `_PathPoint`.
+            torques: See `_PathPoint`.
+            most: Largest x.
+        """
+        self._ask(wrench, torques)
+        self._bounds([-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most], self._carried.margin)
+        axes = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+        ends = [corner for axis in axes if (corner := self._farthest(axis)) is not None]
+        if len(ends) < len(axes):
+            return None
+        box = np.ptp(ends, axis=0)
+        corners = list[FloatArray]()
+        for first, second in zip(ends, [*ends[1:], ends[0]], strict=True):
+            corners += [first, *self._between(first, second, np.where(box > 0.0, box, 1.0))]
+        steps = np.roll(corners, -1, axis=0) - corners
+        out = np.column_stack([steps[:, 1], -steps[:, 0]])
+        rows = np.vstack(
+            [axes, out[np.linalg.norm(steps / np.maximum(box, 1e-300), axis=1) > _SAME]]
+        )
+        return rows, (rows @ np.array(corners).T).max(axis=1)
+
+    def margin(self, point: _PathPoint, u: float, x: float) -> tuple[float, tuple[int, ...]]:
+        """Return the largest margin at (u, x), N, and the contacts with no more room."""
+        problem = self._carried.problem
+        self._ask(point.wrench, point.torques)
+        self._bounds([u, x], [u, x], -np.inf)
+        cost = np.zeros(len(self._low))
+        cost[-1] = -1.0
+        self._simplex.set_cost(cost)
+        answer = self._simplex.solve()
+        if not answer.is_optimal:
+            return -np.inf, ()
+        forces, load = self._forces @ answer.x, point.wrench @ [1.0, u, x]
+        scale = problem.scales.force
+        units = np.concatenate([np.ones(3), np.full(3, problem.scales.length)])
+        unbalanced = np.abs(problem.W @ forces + load) / units
+        if unbalanced.max() > _LOST * max(scale, float(np.abs(load / units).max())):
+            return -np.inf, ()
+        local = forces.reshape(-1, 3)
+        pressed = np.einsum("ij,ij->i", problem.normals, local)
+        rooms = np.minimum(pressed, problem.max_normal_force - pressed)
+        rooms = np.minimum(rooms, problem.room_in_cones(local))
+        margin = float(rooms.min())
+        return margin, tuple(np.flatnonzero(rooms <= margin + _LOST * scale).tolist())
+
+    def _between(
+        self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _DEEPEST
+    ) -> list[FloatArray]:
+        """Return the corners between two that follow each other counterclockwise."""
+        side = (second - first) / box
+        length = float(np.linalg.norm(side))
+        if length <= _NEAR or not depth:
+            return []
+        out = np.array([side[1], -side[0]]) / length
+        corner = self._farthest(out / box)
+        if corner is None or out @ ((corner - first) / box) <= _NEAR:
+            return []
+        return [
+            *self._between(first, corner, box, depth - 1),
+            corner,
+            *self._between(corner, second, box, depth - 1),
+        ]
+
+    def _farthest(self, d: FloatArray) -> FloatArray | None:
+        """Return the (u, x) that is farthest along a direction."""
+        cost = np.zeros(len(self._low))
+        cost[-3:-1] = -d / np.linalg.norm(d)
+        self._simplex.set_cost(cost)
+        answer = self._simplex.solve()
+        return answer.x[-3:-1] if answer.is_optimal else None
+
+    def _ask(self, wrench: FloatArray, torques: FloatArray) -> None:
+        """Put the balance of a point of the path in the place of the one before."""
+        problem = self._carried.problem
+        self._simplex.drop_rows(self._rows, self._simplex.row_count)
+        lower, upper = self._carried.limits
+        rows = np.vstack([problem.W, problem.J.T]) @ self._forces
+        rows[:, -3:-1] = np.vstack([wrench[:, 1:], torques[:, 1:]])
+        low = np.concatenate([-wrench[:, 0], lower - torques[:, 0]])
+        high = np.concatenate([-wrench[:, 0], upper - torques[:, 0]])
+        self._simplex.add_rows(rows, low, high)
+
+    def _bounds(self, low: Sequence[float], high: Sequence[float], margin: float) -> None:
+        lb, ub = self._low.copy(), self._high.copy()
+        lb[-3:], ub[-3:-1] = [*low, margin], high
+        self._simplex.set_bounds(lb, ub)
+
+
+def _fastest_speeds(
+    along: Sequence[_PathPoint], where: FloatArray, knots: FloatArray, ways: FloatArray
+) -> FloatArray | None:
+    """Return the (N,) largest speeds along a path, by TOPP-RA; None where there are none.
+
+    Raises:
+        GrasplessPinError: If it is not installed.
+    """
+    try:
+        import toppra
+        from toppra.algorithm import TOPPRA
+        from toppra.constraint import DiscretizationType, LinearConstraint
+        from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
+    except ImportError as error:
+        raise GrasplessPinError(
+            f"timings need TOPP-RA ({error}); install it with pip install 'graspless-pin[planning]'"
+        ) from None
+    most = max(len(point.rows) for point in along)
+    rows, sides = np.zeros((len(along), most, 2)), np.ones((len(along), most))
+    for k, point in enumerate(along):
+        sizes = np.maximum(np.linalg.norm(point.rows, axis=1), 1e-300)
+        rows[k, : len(point.rows)] = point.rows / sizes[:, None]
+        sides[k, : len(point.rows)] = point.sides / sizes
+
+    class Rows(LinearConstraint):
+        """The rows of contacts, velocities and torques."""
+
+        def compute_constraint_params(self, *_: Any) -> tuple[Any, ...]:
+            unit = np.ones((len(where), 1)) * np.array([[1.0, 0.0]])
+            still = np.zeros_like(unit)
+            # Rows hold at both ends of an interval, with its one acceleration.
+            return canlinear_colloc_to_interpolate(
+                unit, unit[:, ::-1].copy(), still, rows, sides, None, None, where
+            )
+
+    limits = Rows()
+    limits.discretization_type = DiscretizationType.Interpolation
+    path = toppra.SplineInterpolator(ways, knots, bc_type="natural")
+    search = TOPPRA([limits], path, gridpoints=where, solver_wrapper="seidel")
+    search.compute_parameterization(0.0, 0.0)
+    speeds = search.problem_data.sd_vec
+    if speeds is None or not np.isfinite(speeds).all() or not (speeds[1:-1] > 0.0).all():
+        return None
+    return np.array(speeds)
+
+
+def _waypoints(configurations: Configurations, path: Any) -> FloatArray:
+    """Return (K, a) positions of different configurations that follow each other."""
+    ways = np.array([configurations.array(q) for q in path], dtype=float)
+    steps = np.linalg.norm(np.diff(ways, axis=0), axis=1) if len(ways) > 1 else np.zeros(0)
+    if not len(steps) or not steps.all():
+        found = "two that follow each other and are the same" if len(steps) else str(len(ways))
+        raise ArgumentError("path", f"needs two configurations or more, found {found}")
+    return ways
+
+
+def _by_joint(argument: str, told: Any, names: tuple[str, ...]) -> FloatArray:
+    """Return (a,) positive limits; infinite where none is told."""
+    if not isinstance(told, Mapping):
+        return np.full(len(names), _positive(argument, told))
+    limits = np.full(len(names), np.inf)
+    for name, value in told.items():
+        if name not in names:
+            raise ArgumentError(argument, f"has no joint {name!r}; {names_in_words(name, names)}")
+        limits[names.index(name)] = _positive(f"{argument}[{name!r}]", value)
+    return limits
+
+
+def _positive(argument: str, value: Any) -> float:
+    number = real_number(argument, value, 0.0)
+    if number == 0.0:
+        raise ArgumentError(argument, "is 0; it must be more")
+    return number

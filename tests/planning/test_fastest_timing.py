@@ -1,0 +1,153 @@
+"""Timings of an arm's path against scenes that accelerate so, solved on their own."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from planning_scenes import example
+
+from graspless_pin import Scene, maximize_margin
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.planning import PathTiming, TimingLimit, fastest_timing
+from graspless_pin.scene import Acceleration, Load
+
+PATH = [{}, {"panda_joint1": 0.4}, {"panda_joint1": 1.0, "panda_joint2": 0.3}]
+FAST = 20.0  # rad/s, beyond what contacts allow
+
+
+def carried() -> Scene:
+    return example("panda_stop_with_board").with_changes(acceleration=None)
+
+
+@cache
+def timing(torque: float | None = None, margin: float = 0.0, fastest: float = FAST) -> PathTiming:
+    torques = None if torque is None else [torque]
+    return fastest_timing(
+        carried(), PATH, velocity_limits=fastest, margin=margin, torques=torques, points=40
+    )
+
+
+def accelerating(scene: Scene, found: PathTiming, k: int, faster: float = 1.0) -> Scene:
+    """The scene at a point of a timing, all in a frame that moves as the arm does there."""
+    hand = scene.hand
+    assert hand is not None
+    there = hand.with_configuration(found.positions[k])
+    step = there.pose_of("panda_hand") @ np.linalg.inv(hand.pose_of("panda_hand"))
+    rates, changes = faster * found.velocities[k], faster**2 * found.accelerations[k]
+    told = Acceleration(
+        joint_velocities=dict(zip(found.joint_names, rates.tolist(), strict=True)),
+        joint_accelerations=dict(zip(found.joint_names, changes.tolist(), strict=True)),
+    )
+    moved = scene.object.with_pose(step @ scene.object.T_world_object)
+    return scene.with_changes(hand=there, object=moved, acceleration=told)
+
+
+def margin_at(found: PathTiming, k: int, faster: float = 1.0) -> float:
+    """The margin under plain Coulomb friction, with the pyramids turned as the hand is."""
+    start, there = carried(), accelerating(carried(), found, k, faster)
+    R = there.object.T_world_object[:3, :3] @ start.object.T_world_object[:3, :3].T
+    before, problem = start.problem(), there.problem()
+    np.testing.assert_allclose(problem.positions, before.positions @ R.T, atol=1e-6)
+    solution = maximize_margin(
+        problem.with_changes(tangents=R @ before.tangents), static_friction="coulomb"
+    )
+    return solution.margin if solution.found else -np.inf
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.5])
+def test_margins_are_those_of_accelerating_scenes(margin: float) -> None:
+    """Each point keeps the margin, and no shorter time of the whole does at all of them."""
+    found = timing(margin=margin)
+    assert found.found
+    points = range(0, len(found.times), 3)
+    # The motor's weight along the path is not that of the start: any torque within limits.
+    margins = [margin_at(found, k) for k in points]
+    np.testing.assert_allclose(margins, found.margins[::3], atol=1e-5)
+    assert found.margins.min() == pytest.approx(margin, abs=1e-5)
+    lost = [margin_at(found, k, faster=1.05) for k in points]
+    assert min(lost) < margin - 1e-3
+
+
+def test_constant_torques_are_slower() -> None:
+    free, firm, loose = timing(), timing(-100.0), timing(-60.0)
+    assert free.duration < firm.duration < loose.duration
+    assert TimingLimit.CONTACTS in loose.limits
+    assert all(loose.limiting_contacts)
+    assert set(loose.bodies) == {"panda_leftfinger", "panda_rightfinger"}
+    assert "limited by contacts" in str(loose)
+
+
+def test_motion_is_consistent_from_rest_to_rest() -> None:
+    """Velocities and accelerations are the differences of positions in time."""
+    found = timing(-60.0)
+    assert found.speeds[[0, -1]].tolist() == [0.0, 0.0]
+    steps = np.diff(found.times)[:, None]
+    mean = 0.5 * (found.velocities[1:] + found.velocities[:-1])
+    np.testing.assert_allclose(np.diff(found.positions, axis=0) / steps, mean, atol=0.03)
+    np.testing.assert_allclose(
+        np.diff(found.velocities, axis=0) / steps,
+        found.accelerations[:-1],
+        atol=0.05 * np.abs(found.accelerations).max(),
+    )
+
+
+def test_joint_velocities_are_kept() -> None:
+    found = timing(fastest=0.8)
+    assert np.abs(found.velocities).max() == pytest.approx(0.8, rel=1e-6)
+    assert found.limits.count(TimingLimit.VELOCITY) > 20
+    assert found.margins.min() > 0.1
+    by_name = fastest_timing(carried(), PATH, velocity_limits={"panda_joint1": 0.8}, points=40)
+    assert by_name.duration < found.duration + 1e-9
+    first = by_name.joint_names.index("panda_joint1")
+    assert np.abs(by_name.velocities[:, first]).max() == pytest.approx(0.8, rel=1e-6)
+
+
+def test_joint_torques_are_kept() -> None:
+    """Against the torques of an arm under force control, with what it carries as contacts."""
+    limits = {"panda_joint1": 20.0, "panda_joint2": 45.0}
+    found = fastest_timing(carried(), PATH, velocity_limits=FAST, torque_limits=limits, points=40)
+    assert found.found and found.duration > timing().duration
+    assert TimingLimit.TORQUE in found.limits
+    forced = carried().with_changes({"hand.control": "force"})
+    worst = np.zeros(2)
+    for k in range(0, len(found.times), 3):
+        solution = accelerating(forced, found, k).solve("margin", static_friction="coulomb")
+        torques = solution.torques_by_joint if solution.found else {}
+        assert solution.found
+        worst = np.maximum(worst, [abs(torques[name]) / most for name, most in limits.items()])
+    assert worst.max() < 1.001
+    assert worst.max() > 0.97
+
+
+def test_loads_count() -> None:
+    heavy = carried().with_changes(loads=[Load("bag", mass=0.3, at=[0.0, 0.0, -0.1])])
+    slower = fastest_timing(heavy, PATH, velocity_limits=FAST, torques=[-100.0], points=40)
+    assert slower.duration > timing(-100.0).duration
+
+
+def test_too_little_force_has_no_timing() -> None:
+    found = timing(-5.0)
+    assert not found.found and np.isnan(found.duration)
+    assert "nothing holds the object at rest at the start" in found.reason
+    assert str(found).startswith("no timing: nothing holds")
+
+
+def test_what_is_wrong_is_said() -> None:
+    scene = carried()
+    with pytest.raises(ArgumentError, match="needs two configurations or more, found 1"):
+        fastest_timing(scene, [{}], velocity_limits=1.0)
+    with pytest.raises(ArgumentError, match="follow each other and are the same"):
+        fastest_timing(scene, [{}, {}], velocity_limits=1.0)
+    with pytest.raises(ArgumentError, match=r"velocity_limits: has no joint 'elbow'"):
+        fastest_timing(scene, PATH, velocity_limits={"elbow": 1.0})
+    with pytest.raises(ArgumentError, match=r"velocity_limits: is 0"):
+        fastest_timing(scene, PATH, velocity_limits=0.0)
+    with pytest.raises(ArgumentError, match="against each other"):
+        fastest_timing(scene, [{}, {"panda_finger_joint1": 0.02}], velocity_limits=1.0)
+    with pytest.raises(SceneError, match="acceleration: is stated"):
+        fastest_timing(example("panda_stop_with_board"), PATH, velocity_limits=1.0)
+    board = example("panda_arm_drag_board").with_changes(motion=None)
+    with pytest.raises(SceneError, match="'table' touches the object"):
+        fastest_timing(board, PATH, velocity_limits=1.0)
