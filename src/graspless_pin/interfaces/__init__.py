@@ -1,0 +1,1 @@
+"""Evaluators in the terms of other programs, a module and an optional extra for each."""

@@ -1,0 +1,387 @@
+"""Evaluators for the planners of OMPL: valid states and motions, and objectives of margins.
+
+Needs the extra ``ompl``. OMPL's seed, ``ompl.util.RNG.setSeed``, counts only where it is set before
+any of OMPL's objects exists.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.caching import Bounded
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.hand.tree import unknown_name
+from graspless_pin.planning.configurations import Configuration
+from graspless_pin.planning.edges import RESOLUTION
+from graspless_pin.planning.evaluator import Evaluator
+from graspless_pin.planning.validity import required_margin
+from graspless_pin.problem.checks import FloatArray, real_number
+
+try:
+    from ompl import base
+except ImportError as error:  # pragma: no cover - the tests have it
+    raise ImportError(
+        f"planning with OMPL needs it ({error}); install it with pip install 'graspless-pin[ompl]'"
+    ) from error
+
+__all__ = ["EvaluatedSpace", "MarginShortfall", "SmallestMargin", "attach_evaluator", "joint_space"]
+
+ToState = Callable[[Any], tuple[Configuration | None, ArrayLike | None] | None]
+"""From a state of OMPL to a configuration and the object's pose; None: there is no such state."""
+
+_MOST_KEPT = 100_000
+_REST = np.zeros(6)
+
+
+class EvaluatedSpace:
+    """A state space of OMPL as an evaluator sees it: see `attach_evaluator`, which makes it.
+
+    A motion of OMPL is cut into as many pieces as OMPL's resolution says
+    (``setStateValidityCheckingResolution``); at the ends of each are states of the evaluator, with
+    `Evaluator.first_invalid` in between. What was found of a motion is kept for the next time that
+    OMPL asks for it. See the example of `attach_evaluator`.
+
+    Attributes:
+        information: OMPL's ``SpaceInformation``.
+        evaluator: Evaluates states and motions.
+        margin: The margin that is asked for, N; -inf: none is.
+    """
+
+    def __init__(
+        self,
+        information: Any,
+        evaluator: Evaluator,
+        to_state: ToState | None = None,
+        *,
+        margin: float | None = None,
+        resolution: tuple[float, float] = RESOLUTION,
+    ) -> None:
+        """Take what `attach_evaluator` does.
+
+        Raises:
+            ArgumentError: If the margin is negative.
+        """
+        self.information = information
+        self.evaluator = evaluator
+        self.margin = required_margin(margin, evaluator.required_margin)
+        self._to_state, self._resolution = to_state, resolution
+        self._space = information.getStateSpace()
+        self._between, self._one_at_a_time = information.allocState(), Lock()
+        self._valid: dict[Any, bool] = Bounded(_MOST_KEPT)
+        self._margins: dict[Any, tuple[FloatArray, FloatArray]] = Bounded(_MOST_KEPT)
+
+    @property
+    def object_stays(self) -> bool:
+        """Whether states are configurations alone: then a motion and its reverse are alike."""
+        return self._to_state is None
+
+    def state(self, state: Any) -> tuple[FloatArray, ArrayLike | None] | None:
+        """Return the configuration and the object's pose in a state of OMPL; None: no such state.
+
+        Args:
+            state: Of a ``RealVectorStateSpace`` with a value for each of the evaluator's joints,
+                unless there is a function for it.
+        """
+        if self._to_state is None:
+            return np.array([state[k] for k in range(len(self.evaluator.joint_names))]), None
+        found = self._to_state(state)
+        return None if found is None else (self.evaluator.configuration(found[0]), found[1])
+
+    def is_valid(self, state: Any) -> bool:
+        """Tell whether a state is valid by itself, at rest."""
+        found = self.state(state)
+        return found is not None and self.evaluator.is_feasible(*found, _REST, margin=self.margin)
+
+    def margin_at_rest(self, state: Any) -> float:
+        """Return the largest margin of a state by itself, N; -inf where it is not valid."""
+        found = self.state(state)
+        if found is None:
+            return -np.inf
+        validity = self.evaluator.validity(*found, _REST, margin=0.0)
+        return validity.margin if validity.valid else -np.inf
+
+    def is_valid_motion(self, start: Any, end: Any) -> bool:
+        """Tell whether a motion from one state to another is valid; the last piece first."""
+        key = self._key(start, end)
+        if key is None:
+            return False
+        known = self._valid.get(key)
+        if known is None:
+            pieces = list(self._pieces(start, end))
+            known = self._valid[key] = all(
+                piece is not None
+                and self.evaluator.is_valid_motion(
+                    *piece, margin=self.margin, resolution=self._resolution
+                )
+                for piece in [pieces[-1], *pieces[:-1]]
+            )
+        return known
+
+    def last_valid(self, start: Any, end: Any) -> float:
+        """Return the fraction of a motion up to which it is valid, 1 if all of it is.
+
+        A motion that begins in a state that is not valid has 0.
+        """
+        pieces = list(self._pieces(start, end))
+        for number, piece in enumerate(pieces):
+            fault = None if piece is None else self.evaluator.first_invalid(
+                *piece, margin=self.margin, resolution=self._resolution
+            )  # fmt: skip
+            if piece is None or fault is not None:
+                own = 0.0 if fault is None or fault.last_valid is None else fault.last_valid
+                return (number + own) / len(pieces)
+        return 1.0
+
+    def margins(self, start: Any, end: Any) -> tuple[FloatArray, FloatArray]:
+        """Return the largest margins along a motion.
+
+        Returns:
+            (K,) fractions of the motion from 0 to 1, two alike where pieces meet; and (K,)
+            margins, N, the last one -inf where the motion is not valid.
+        """
+        key = self._key(start, end)
+        known = None if key is None else self._margins.get(key)
+        if known is None:
+            known = self._margins_of(list(self._pieces(start, end)))
+            if key is not None:
+                self._margins[key] = known
+        return known
+
+    def _margins_of(self, pieces: list[Any]) -> tuple[FloatArray, FloatArray]:
+        fractions, margins = [], []
+        for number, piece in enumerate(pieces):
+            if piece is None:
+                return np.append(fractions, number / len(pieces)), np.append(margins, -np.inf)
+            found = self.evaluator.motion_margins(*piece, resolution=self._resolution)
+            fractions = np.append(fractions, (number + found.fractions) / len(pieces))
+            margins = np.append(margins, found.margins)
+            if found.smallest == -np.inf:
+                break
+        return np.asarray(fractions), np.asarray(margins)
+
+    def _pieces(self, start: Any, end: Any) -> Iterator[Any]:
+        """Yield (q0, q1, T0, T1) of each piece of a motion; None where there is no such state."""
+        count = 1
+        if not self.object_stays:
+            # OMPL's own count waits for its setup.
+            share = self._space.getLongestValidSegmentFraction()
+            longest = share * self.information.getMaximumExtent()
+            count = max(1, math.ceil(self.information.distance(start, end) / longest))
+        before = self.state(start)
+        for number in range(1, count + 1):
+            after = self.state(end) if number == count else self._at(start, end, number / count)
+            if before is None or after is None:
+                yield None
+            else:
+                yield before[0], after[0], before[1], after[1]
+            before = after
+
+    def _at(self, start: Any, end: Any, fraction: float) -> Any:
+        with self._one_at_a_time:
+            self._space.interpolate(start, end, fraction, self._between)
+            return self.state(self._between)
+
+    def _key(self, start: Any, end: Any) -> Any:
+        """Return what tells a motion from others; None where one of its ends is no state."""
+        ends = self.state(start), self.state(end)
+        if ends[0] is None or ends[1] is None:
+            return None
+        return tuple(np.asarray(part, dtype=float).tobytes() for one in ends if one for part in one)
+
+
+class _States(base.StateValidityChecker):
+    """OMPL's question whether a state is valid."""
+
+    def __init__(self, space: EvaluatedSpace) -> None:
+        super().__init__(space.information)
+        self._space = space
+
+    def isValid(self, state: Any) -> bool:  # called by OMPL
+        return self._space.is_valid(state)
+
+
+class _Motions(base.MotionValidator):
+    """OMPL's question whether a motion is valid."""
+
+    def __init__(self, space: EvaluatedSpace) -> None:
+        super().__init__(space.information)
+        self._space = space
+
+    def checkMotion(self, s1: Any, s2: Any) -> bool:  # called by OMPL
+        return self._space.is_valid_motion(s1, s2)
+
+
+def attach_evaluator(
+    setup: Any,
+    evaluator: Evaluator,
+    to_state: ToState | None = None,
+    *,
+    margin: float | None = None,
+    resolution: tuple[float, float] = RESOLUTION,
+) -> EvaluatedSpace:
+    """Let an evaluator tell OMPL which states and motions are valid.
+
+    A state by itself is valid where the object can be held at rest, see `Evaluator.is_feasible`; a
+    motion where `Evaluator.is_valid_motion` says so, in the direction of the motion. OMPL keeps
+    what it is given here alive.
+
+    OMPL 2.0 asks objects of Python for a motion's yes or no alone, and takes 0 for the last valid
+    fraction of a motion that is not valid: planners that would go on from there, such as KPIECE1,
+    begin anew. `EvaluatedSpace.last_valid` tells it.
+
+    Args:
+        setup: OMPL's ``SimpleSetup`` or ``SpaceInformation``.
+        evaluator: The evaluator.
+        to_state: From a state of OMPL to (q, T_world_object) as `Evaluator.evaluate` takes them, or
+            None where there is no such state: out of reach, say. None: a state has the positions of
+            the evaluator's joints, and the object stays.
+        margin: The margin to keep, N; None: the evaluator's; -inf: none.
+        resolution: See `Evaluator.first_invalid`.
+
+    Returns:
+        The space, for `SmallestMargin` and `MarginShortfall`.
+
+    Raises:
+        ArgumentError: If the margin is negative.
+
+    Examples:
+        >>> from ompl import geometric
+        >>> from graspless_pin import Evaluator, load_scene
+        >>> from graspless_pin.interfaces.ompl import attach_evaluator, joint_space
+        >>> evaluator = Evaluator(load_scene("examples/box_between_walls.yaml"), need_hand=False)
+        >>> setup = geometric.SimpleSetup(joint_space(evaluator))
+        >>> space = attach_evaluator(setup, evaluator, margin=0.0)
+        >>> state = setup.getStateSpace().allocState()
+        >>> state[0], state[1] = 0.0, 0.0  # rad
+        >>> space.is_valid(state), setup.getSpaceInformation().isValid(state)
+        (True, True)
+    """
+    information = setup.getSpaceInformation() if hasattr(setup, "getSpaceInformation") else setup
+    space = EvaluatedSpace(information, evaluator, to_state, margin=margin, resolution=resolution)
+    information.setStateValidityChecker(_States(space))
+    information.setMotionValidator(_Motions(space))
+    return space
+
+
+def joint_space(evaluator: Evaluator, joints: Sequence[str] | None = None) -> Any:
+    """Return a state space of OMPL: joints between their limits.
+
+    See the example of `attach_evaluator`.
+
+    Args:
+        evaluator: Knows the joints.
+        joints: Names of its joints in the order of a state's values; None: all, as in
+            `Evaluator.joint_names`.
+
+    Returns:
+        A ``RealVectorStateSpace``, rad and m.
+
+    Raises:
+        ArgumentError: If a joint is unknown or has no limits.
+    """
+    names = evaluator.joint_names if joints is None else tuple(joints)
+    space, bounds = base.RealVectorStateSpace(len(names)), base.RealVectorBounds(len(names))
+    for place, name in enumerate(names):
+        if name not in evaluator.joint_names:
+            raise unknown_name("joints", "joint", name, evaluator.joint_names)
+        low, high = (
+            float(ends[evaluator.joint_names.index(name)]) for ends in evaluator.joint_limits
+        )
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise ArgumentError(
+                "joints", f"joint {name!r} has no limits; make a space with your own"
+            )
+        bounds.setLow(place, low)
+        bounds.setHigh(place, high)
+    space.setBounds(bounds)
+    return space
+
+
+class SmallestMargin(base.OptimizationObjective):
+    """An objective for OMPL: the largest smallest margin along a path, N.
+
+    Where the object moves, a motion and its reverse have costs of their own, and ``isSymmetric``
+    says so. See the example of `attach_evaluator`.
+    """
+
+    def __init__(self, space: EvaluatedSpace) -> None:
+        """Take the space that `attach_evaluator` has returned."""
+        super().__init__(space.information)
+        self._space = space
+
+    def isSymmetric(self) -> bool:
+        """Tell whether a motion costs as much as its reverse."""
+        return self._space.object_stays
+
+    def stateCost(self, state: Any) -> Any:
+        """Return the margin of a state at rest."""
+        return base.Cost(self._space.margin_at_rest(state))
+
+    def motionCost(self, s1: Any, s2: Any) -> Any:
+        """Return the smallest margin along a motion."""
+        return base.Cost(float(self._space.margins(s1, s2)[1].min()))
+
+    def motionCostHeuristic(self, s1: Any, s2: Any) -> Any:  # noqa: ARG002
+        """Return a bound on what a motion may cost: anything."""
+        return self.identityCost()
+
+    def combineCosts(self, c1: Any, c2: Any) -> Any:
+        """Return the cost of two motions one after the other."""
+        return base.Cost(min(c1.value(), c2.value()))
+
+    def isCostBetterThan(self, c1: Any, c2: Any) -> bool:
+        """Tell whether one margin is larger."""
+        return c1.value() > c2.value()
+
+    def identityCost(self) -> Any:
+        """Return the cost of no motion."""
+        return base.Cost(np.inf)
+
+    def infiniteCost(self) -> Any:
+        """Return the worst cost."""
+        return base.Cost(-np.inf)
+
+
+class MarginShortfall(base.OptimizationObjective):
+    """An objective for OMPL: how much margin a path lacks, and for how long.
+
+    The integral of max(c - margin, 0) over the path, N times OMPL's distance, by the trapezoidal
+    rule between the states that are looked at. Where all margins are above c all paths are equally
+    good: add a length by OMPL's ``MultiOptimizationObjective``. ``isSymmetric`` as for
+    `SmallestMargin`. See the example of `attach_evaluator`.
+    """
+
+    def __init__(self, space: EvaluatedSpace, margin: float) -> None:
+        """Take the space that `attach_evaluator` has returned, and the margin c, N.
+
+        Raises:
+            ArgumentError: If the margin is negative or not finite.
+        """
+        super().__init__(space.information)
+        self._space, self._wanted = space, real_number("margin", margin, 0.0)
+
+    def isSymmetric(self) -> bool:
+        """Tell whether a motion costs as much as its reverse."""
+        return self._space.object_stays
+
+    def stateCost(self, state: Any) -> Any:
+        """Return what a state at rest lacks."""
+        return base.Cost(max(self._wanted - self._space.margin_at_rest(state), 0.0))
+
+    def motionCost(self, s1: Any, s2: Any) -> Any:
+        """Return what a motion lacks; infinite where it is not valid."""
+        fractions, margins = self._space.margins(s1, s2)
+        if np.isinf(margins[-1]):
+            return base.Cost(np.inf)
+        lack = np.trapezoid(np.maximum(self._wanted - margins, 0.0), fractions)
+        return base.Cost(float(lack * self._space.information.distance(s1, s2)))
+
+    def motionCostHeuristic(self, s1: Any, s2: Any) -> Any:  # noqa: ARG002
+        """Return a bound on what a motion lacks: nothing."""
+        return self.identityCost()
