@@ -240,3 +240,17 @@ def test_nothing_is_cut_off_at_first_sight(file: Path):
         along = np.abs(away @ np.cross(picture.view_from, right)) / depth
         reach = np.maximum(across, along).max() / np.tan(0.35)
         assert 0.88 < reach < 1.0
+
+
+def test_loads_are_drawn_where_they_act():
+    scene = load_scene(EXAMPLES / "panda_stop_with_board.yaml")
+    picture = draw_scene(scene, scene.solve())
+    by_name = {mark.text: mark for mark in picture.marks if mark.role is Role.LOAD}
+    assert list(by_name) == ["hook, inertia of hook", "inertia"]
+    hook = scene.object.T_world_object @ [0.0, 0.0, -0.15, 1.0]
+    starts = [mesh.vertices[0] for mesh in picture.of(Role.LOAD)]
+    # The weight of the hook, its inertia, and force and moment (two heads) of the board's.
+    assert len(starts) == 5
+    assert sum(bool(np.allclose(one, hook[:3])) for one in starts) == 2
+    assert by_name["hook, inertia of hook"].words[1] == "hook: force 0.491 N"
+    assert not draw_scene(scene.with_changes(loads=(), acceleration=None)).of(Role.LOAD)

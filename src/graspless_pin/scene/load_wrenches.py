@@ -85,15 +85,14 @@ def acting_forces(scene: SceneFields, motion: RigidMotion | None = None) -> tupl
                 for of, mass, lever in masses
             ]
     if motion is not STILL:
-        acting += [
-            ActingForce(f"inertia{of}", -mass * motion.acceleration_of(center + lever), none, lever)
-            for of, mass, lever in masses
-        ]
         omega, alpha = motion.velocity[3:], motion.acceleration[3:]
+        turning = none
         if omega.any() or alpha.any():
             inertia = made.spatial_inertia()[3:, 3:]
-            moment = -(inertia @ alpha + np.cross(omega, inertia @ omega))
-            acting.append(ActingForce("inertia", none, moment, none))
+            turning = -(inertia @ alpha + np.cross(omega, inertia @ omega))
+        for of, mass, lever in masses:
+            force = -mass * motion.acceleration_of(center + lever)
+            acting.append(ActingForce(f"inertia{of}", force, none if of else turning, lever))
     return tuple(acting)
 
 

@@ -213,7 +213,7 @@ def with_loads(
         scale = _fitting_scale(np.array([one.force for one in loads]), size)
         picture = with_force_scale(picture, scale, size)
     scale = 0.0 if picture.force_scale is None else picture.force_scale.metres_per_newton
-    meshes, marks = [], []
+    meshes, told = [], dict[bytes, list[tuple[FloatArray, str, str]]]()
     for number, one in enumerate(loads):
         point, ends = origin + one.lever, []
         if one.force.any():
@@ -227,8 +227,15 @@ def with_loads(
         force, moment = (float(np.linalg.norm(part)) for part in (one.force, one.moment))
         words = [f"force {force:.3g} N"] if force else []
         words += [f"moment {moment:.3g} N m"] if moment else []
-        tip = read_only(point + 1.08 * ends[0])
-        marks.append(Mark(one.name, Role.LOAD, tip, words=(one.name, ", ".join(words))))
+        if ends:
+            own = point + 1.08 * ends[0], one.name, f"{one.name}: {', '.join(words)}"
+            told.setdefault(one.lever.tobytes(), []).append(own)
+    # One text at each point: names of several loads there would cover each other.
+    marks = []
+    for there in told.values():
+        tips, names, lines = zip(*there, strict=True)
+        name = ", ".join(names)
+        marks.append(Mark(name, Role.LOAD, read_only(tips[0]), words=(name, *lines)))
     return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
 
 
