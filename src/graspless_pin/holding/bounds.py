@@ -292,6 +292,13 @@ class OutcomeBounds:
         self._tangentials[place] = dual.tangential
         self._proven.append(dual)
 
+    def with_loads(self, loads: FloatArray) -> OutcomeBounds:
+        """Return the same with larger smallest normal forces: what is remembered proves no less."""
+        larger = OutcomeBounds(self._dynamics, loads, self._force_limit)
+        for dual in self._proven:
+            larger.remember(dual)
+        return larger
+
     def proving(self, states: States, goal: FloatArray, enough: float) -> DualBound | None:
         """Return remembered multipliers with which p.y is at most ``enough``; None: there are none.
 

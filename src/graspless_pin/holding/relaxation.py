@@ -195,34 +195,28 @@ class Relaxation:
             planes[:, first : first + 3] = cone_planes(mu[contact], self._around)
             self._simplex.add_rows(planes, np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS))
 
-    def solve(
-        self, states: States, goal: tuple[FloatArray, FloatArray], elastic: bool = True
-    ) -> Relaxed | None:
+    def solve(self, states: States, goal: tuple[FloatArray, FloatArray]) -> Relaxed | None:
         """Maximise p.y + q.f over the relaxation, cut by tangents of ball and cones where it helps.
+
+        A share of the load may be taken away: so there is always an answer.
 
         Args:
             states: Of the contacts.
             goal: p (n,) and q (M, 3).
-            elastic: Whether a share of the load may be taken away: then there is always an answer.
 
         Returns:
             The last point and the least bound; None where the solver has no answer.
         """
-        self._drop()
-        self._set(states, goal, elastic)
+        self._enter(states, elastic=True)
         best: Relaxed | None = None
-        enough = self.dynamics.resolution**2 if elastic else -np.inf
-        splits = elastic and states.are(ContactState.FREE, ContactState.CLOSED).any()
-        for _ in range(_MOST_CUTS):
-            answer = self._simplex.solve()
-            self._tally.count += 1
-            if not answer.is_optimal:
-                break
+        enough = self.dynamics.resolution**2
+        splits = states.are(ContactState.FREE, ContactState.CLOSED).any()
+        for answer in self._answers(goal):
             relaxed = self._read(answer, states, goal, enough)
             if best is not None and best.bound <= relaxed.bound:
                 relaxed = replace(relaxed, bound=best.bound, dual=best.dual)
             best = relaxed
-            is_cut = self._cut_ball(answer.x, elastic) | self._cut_cones(answer.x, states)
+            is_cut = self._is_cut(answer.x, states, elastic=True)
             if not is_cut or best.bound <= enough or (splits and best.value > _HOPELESS):
                 break
         return best
@@ -235,14 +229,45 @@ class Relaxation:
         """
         found = list[LoadProof]()
         asked = ~self.dynamics.is_commanded & ~states.are(ContactState.OPEN)
+        worth = _MORE * self.loads + _LEAST
+        self._enter(states, elastic=False)
         for contact in np.flatnonzero(asked).tolist():
+            if not asked[contact]:
+                continue
             goal = np.zeros(self._n), np.zeros((self._m, 3))
             goal[1][contact, 0] = -1.0
-            relaxed = self.solve(states, goal, elastic=False)
-            if relaxed is not None and -relaxed.bound > _MORE * self.loads[contact] + _LEAST:
-                force = -relaxed.bound * self.dynamics.force_unit
-                found.append(LoadProof(contact, float(force), relaxed.dual))
+            best: Relaxed | None = None
+            for answer in self._answers(goal):
+                normal = answer.x[self._n : self._slip : 3]
+                is_cut = self._is_cut(answer.x, states, elastic=False)
+                if normal[contact] > worth[contact]:
+                    relaxed = self._read(answer, states, goal, -np.inf)
+                    best = relaxed if best is None or relaxed.bound < best.bound else best
+                if not is_cut:
+                    # A point of the relaxation tells of all contacts what they bear at most.
+                    asked &= normal > worth
+                    break
+            if best is not None and -best.bound > worth[contact]:
+                force = -best.bound * self.dynamics.force_unit
+                found.append(LoadProof(contact, float(force), best.dual))
         return found
+
+    def _answers(self, goal: tuple[FloatArray, FloatArray]) -> Iterator[SimplexAnswer]:
+        """Yield optima towards p.y + q.f, as long as there are any; cuts come in between."""
+        cost = np.zeros(self._size)
+        cost[: self._n], cost[self._n : self._slip] = -goal[0], -goal[1].ravel()
+        cost[-1] = _PENALTY
+        self._simplex.set_cost(cost)
+        for _ in range(_MOST_CUTS):
+            answer = self._simplex.solve()
+            self._tally.count += 1
+            if not answer.is_optimal:
+                return
+            yield answer
+
+    def _is_cut(self, x: FloatArray, states: States, *, elastic: bool) -> bool:
+        """Add tangents before a point outside of ball or cones; return whether there were any."""
+        return self._cut_ball(x, elastic) | self._cut_cones(x, states)
 
     def with_loads(self, proofs: Iterable[LoadProof]) -> Relaxation:
         """Return the relaxation with larger smallest normal forces."""
@@ -251,6 +276,7 @@ class Relaxation:
             loads[one.contact] = one.force / self.dynamics.force_unit
         larger = Relaxation(self.dynamics, loads, self.force_limit)
         larger._tally = self._tally
+        larger.bounds = self.bounds.with_loads(loads)
         return larger
 
     def _drop(self) -> None:
@@ -262,12 +288,16 @@ class Relaxation:
             self._simplex.drop_rows(self._shared, self._shared + too_many)
         self._first = self._simplex.row_count
 
-    def _set(self, states: States, goal: tuple[FloatArray, FloatArray], elastic: bool) -> None:
+    def _enter(self, states: States, *, elastic: bool) -> None:
+        """Put the rows of some states in the place of those of the last ones.
+
+        Args:
+            states: Of the contacts.
+            elastic: Whether a share of the load may be taken away.
+        """
+        self._drop()
         n, count = self._n, self._m
         h, commanded = self.dynamics.load, self.dynamics.is_commanded
-        cost = np.zeros(self._size)
-        cost[:n], cost[n : self._slip], cost[-1] = -goal[0], -goal[1].ravel(), _PENALTY
-        self._simplex.set_cost(cost)
         lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
         lb[:n], ub[:n] = 0.5 * h - 0.5, 0.5 * h + 0.5
         opened = states.are(ContactState.OPEN)
@@ -386,4 +416,5 @@ class Relaxation:
         """Yield the solver's multipliers, and what may prove more where rounding spoils them."""
         yield raw
         yield repaired(self.dynamics, states, raw, goal)
-        yield kinematic_dual(self.dynamics, states, goal[0], np.zeros(self._m))
+        if goal[0].any():
+            yield kinematic_dual(self.dynamics, states, goal[0], np.zeros(self._m))
