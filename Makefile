@@ -25,10 +25,11 @@ HOLDING ?= --count 5
 GUARANTEED ?= --count 20
 WHEEL_VENV ?= .venv-wheel
 WHEEL_TESTS ?= tests/compiled tests/core
+PINNED ?= 100
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips mistakes clean hands place states dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips mistakes clean hands place states pinned dense wheel frozen size
 
 install: $(STAMP)
 
@@ -135,6 +136,9 @@ place: install
 
 states: install
 	$(BIN)/python -m tests.oracles.verified_states $(STATES)
+
+pinned: install
+	$(BIN)/python -m tests.oracles.pinned_states $(PINNED)
 
 dense: install
 	$(BIN)/python -m tests.oracles.dense_meshes $(DENSE)

@@ -179,7 +179,8 @@ def test_lever_arms_are_differentiated(name):
         T = hand.pose_of(link)
         local = rng.normal(size=3) * 0.05
         point = T[:3, :3] @ local + T[:3, 3]
-        change = columns.by_lever_arms(joint, point, columns.velocity(joint, point), by_joint)
+        moved = columns.change_of_columns(joint, point, columns.velocity(joint, point))
+        change = np.einsum("ij,ijk->k", by_joint, moved)
         expected = []
         for name in names:
             ends = []

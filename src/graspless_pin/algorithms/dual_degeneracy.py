@@ -10,7 +10,7 @@ them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -188,15 +188,75 @@ class OptimalSet:
         of_costs[:, bounds] = -dual[:, first + len(given) :]
         return dual[:, :first], of_rows, of_costs
 
-    def _in_units(self, point: _Point) -> OptimalPoint:
-        """Return a point in SI units; the solution's own signs tell the rows' sides."""
+    def torque_points(self) -> tuple[tuple[OptimalPoint, ...], ...]:
+        """Return points whose multipliers make the gradient of an optimum that of a torque.
+
+        Where the optimal forces are the only solution of all that is active, a torque is a linear
+        function of them, and its derivative that of a Lagrangian whose multipliers add up to it.
+
+        Returns:
+            L points for the L torques, and such points again with other forces and multipliers that
+            do as well: what differs there is not unique. NaN where the torque itself is open.
+        """
+        formulation, program = self._formulation, self._formulation.program
+        coordinates, problem = formulation.coordinates, self.solution.problem
+        held, _, bounds = self._active
+        rows = np.vstack([program.A, held @ program.G, np.eye(len(program.c))[bounds]])
+        effects = np.zeros((problem.joint_count, len(program.c)))
+        first = coordinates.force_scale * problem.J.T @ coordinates.basis
+        effects[:, : first.shape[1]] = first
+        weights = -np.linalg.lstsq(rows.T, effects.T, rcond=_RANK)[0].T
+        sizes = np.linalg.norm(effects, axis=1)
+        open_ = np.linalg.norm(weights @ rows + effects, axis=1) > _HELD * sizes
+        spare, forces = null_space(rows.T, rcond=_RANK).T, self._open_forces
+        random = np.random.default_rng(0)
+        sets = []
+        for sample in range(1 + _SAMPLES):
+            x, ways = self._own.x, weights
+            if sample:
+                x = x + random.uniform(0.5, 1.0, len(forces)) @ forces
+                ways = ways + random.uniform(0.5, 1.0, (len(ways), len(spare))) @ spare
+                ways = np.where(open_[:, None], np.nan, ways)
+            sets.append(
+                tuple(
+                    [
+                        self._of_torque(j, x, *one)
+                        for j, one in enumerate(zip(ways, effects, strict=True))
+                    ]
+                )
+            )
+        return tuple(sets)
+
+    def _of_torque(
+        self, joint: int, x: FloatArray, way: FloatArray, effect: FloatArray
+    ) -> OptimalPoint:
+        """Return the point of one torque: see `torque_points`."""
+        program, (held, _, _) = self._formulation.program, self._active
+        y = way[: len(program.A)]
+        z = way[len(program.A) : len(program.A) + len(held)] @ held
+        point = self._in_units(_Point(x, y, z, effect + y @ program.A + z @ program.G), unit=1.0)
+        own = np.zeros(self.solution.problem.joint_count)
+        own[joint] = 1.0
+        found = dict(point.multipliers)
+        found["torque_upper"] = found["torque_upper"] + own
+        sign = -1.0 if self._formulation.unit < 0.0 else 1.0
+        return replace(point, multipliers={name: sign * one for name, one in found.items()})
+
+    def _in_units(self, point: _Point, unit: float | None = None) -> OptimalPoint:
+        """Return a point in SI units; the solution's own signs tell the rows' sides.
+
+        Args:
+            point: The point.
+            unit: What one of the scaled function is that the multipliers are of; None: as of the
+                objective.
+        """
         formulation, (x, y, z, reduced) = self._formulation, point
         own = np.concatenate([self._own.y, self._own.z]), self._own.reduced
         program = formulation.program
         found = marginals(
             (program.blocks, program.bounded_blocks),
             (np.concatenate([y, z]), reduced),
-            abs(formulation.unit),
+            abs(formulation.unit) if unit is None else unit,
             own,
         )
         value = formulation.unit * formulation.program.value(x)

@@ -12,6 +12,7 @@ from graspless_pin.planning.fastest_timing import PathTiming, TimingLimit, faste
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.path import ContactChange, PathProfile, Waypoint, evaluate_path
 from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
+from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
 from graspless_pin.planning.placing import place_hand
 from graspless_pin.planning.placing_candidates import PlacingFault
 from graspless_pin.planning.placing_plan import PlacingAim
@@ -27,6 +28,7 @@ from graspless_pin.planning.validity import StateValidity
 __all__ = [
     "ConfigurationGradient",
     "ContactChange",
+    "Derivatives",
     "EndReason",
     "EvaluatedStates",
     "Evaluation",
@@ -37,6 +39,7 @@ __all__ = [
     "OtherJoints",
     "PathProfile",
     "PathTiming",
+    "PinnedState",
     "PlacedHand",
     "PlacingAim",
     "PlacingFault",

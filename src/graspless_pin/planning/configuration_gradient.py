@@ -15,7 +15,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.dual_degeneracy import OptimalPoint
 from graspless_pin.algorithms.gradients import (
     OptimumGradients,
     agreeing,
@@ -30,10 +29,10 @@ from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluation import Evaluation
+from graspless_pin.planning.problem_rates import ContactRates, problem_rates
 from graspless_pin.problem.checks import FloatArray, choice, read_only
 from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.scene import Scene
-from graspless_pin.scene.loads import Accelerated
 
 _TURN = 1e-6
 _RADIUS_ERROR = 1e-3
@@ -55,19 +54,22 @@ class MovingContacts:
 
     Attributes:
         indices: H contacts among those of the scene.
-        links: Their Pinocchio joints.
-        points: (H, 3) where they are, world, m.
         moves: (H, 3, n) of the points, m per rad or m.
         turns: (H, 3, n) rotation of normal and tangents, rad per rad or m.
         gaps: (H, n) of the gap between link and object, m per rad or m.
     """
 
     indices: tuple[int, ...]
-    links: tuple[int, ...]
-    points: FloatArray
     moves: FloatArray
     turns: FloatArray
     gaps: FloatArray
+
+    def among(self, count: int) -> ContactRates:
+        """Return the same among all M contacts of a scene, of which the others stay."""
+        moves, turns = np.zeros((2, count, *self.moves.shape[1:]))
+        moves[list(self.indices)], turns[list(self.indices)] = self.moves, self.turns
+        still = np.zeros(moves.shape[1:])
+        return ContactRates(moves, turns, still, still)
 
 
 def moving_contacts(scene: Scene, columns: JointColumns, follows: Follows) -> MovingContacts:
@@ -102,13 +104,11 @@ def moving_contacts(scene: Scene, columns: JointColumns, follows: Follows) -> Mo
             move = (1.0 - curved * (radius + 0.5 * contact.distance)) * along - 0.5 * np.outer(
                 n, gap
             )
-            turn = _turning(n, -curved * along, scene.tangent_axes)
-        rows.append((index, link, p, move, turn, gap))
-    indices, links, points, moves, turns, gaps = zip(*rows, strict=True) if rows else ((),) * 6
+            turn = frame_turns(n, -curved * along, scene.tangent_axes)
+        rows.append((index, move, turn, gap))
+    indices, moves, turns, gaps = zip(*rows, strict=True) if rows else ((),) * 4
     return MovingContacts(
         indices,
-        links,
-        np.array(points).reshape(-1, 3),
         np.array(moves).reshape(-1, 3, count),
         np.array(turns).reshape(-1, 3, count),
         np.array(gaps).reshape(-1, count),
@@ -132,10 +132,12 @@ def _radius(hand: Hand, columns: JointColumns, contact: ContactPoint) -> float:
     return radius
 
 
-def _turning(
+def frame_turns(
     normal: FloatArray, change: FloatArray, tangent_axes: tuple[FloatArray, ...]
 ) -> FloatArray:
-    """(3, n) rotation of a contact's frame whose normal changes, by the scene's rule of tangents.
+    """Return the (3, n) rotation of a contact's frame whose normal changes.
+
+    Its tangents follow the scene's rule.
 
     Args:
         normal: (3,) unit.
@@ -224,12 +226,6 @@ def configuration_gradient(
         raise NoSolutionError(f"This state has no torques ({evaluation.reason}); nothing changes.")
     if scene.hand is None:
         raise ArgumentError("evaluation", "is of a scene without a hand: no joint can move")
-    if scene.acceleration is not None and not scene.acceleration.is_translation:
-        raise ArgumentError(
-            "evaluation",
-            "is of a scene whose acceleration turns or moves joints: inertial forces change with "
-            "the joints in ways that are not known; leave it out, or let it be 'linear' alone",
-        )
     problem = evaluation.solution.problem
     if problem.is_sliding.any() and not problem.cone_model.is_coulomb:
         raise ArgumentError(
@@ -241,8 +237,9 @@ def configuration_gradient(
     columns = JointColumns(scene.hand)
     contacts = moving_contacts(scene, columns, way)
     coupling = scene.hand.tree.coupling
+    rates = problem_rates(scene, columns, problem.joint_count, contacts.among(len(problem.normals)))
     values, *others = [
-        _by_joints(scene, scene.hand, data, point, columns, contacts) @ coupling.S
+        rates.of(gradients_at(data.solution, point)) @ coupling.S
         for point in (data.point, *data.alternatives)
     ]
     points = scene.contacts.points
@@ -255,48 +252,3 @@ def configuration_gradient(
         gap_gradient=read_only(contacts.gaps @ coupling.S),
         data=data,
     )
-
-
-def _by_joints(
-    scene: Scene,
-    hand: Hand,
-    data: OptimumGradients,
-    point: OptimalPoint,
-    columns: JointColumns,
-    contacts: MovingContacts,
-) -> FloatArray:
-    """(n,) by all movable joints, couplings not yet counted."""
-    by = gradients_at(data.solution, point)
-    normals = data.solution.problem.normals
-    actuators = len(hand.actuation.names)
-    # J = J_all F: what an entry of the actuators' Jacobian counts, the joints' entries count.
-    jacobian = by.jacobian[:, :actuators] @ hand.actuation.from_joints.T
-    total = np.zeros(len(columns.linear))
-    hybrid = actuators
-    for row, index in enumerate(contacts.indices):
-        move, turn, n = contacts.moves[row], contacts.turns[row], normals[index]
-        turned = np.cross(turn.T, n)
-        total += by.positions[index] @ move + turned @ by.normals[index]
-        total += by.spins[index] * (n @ turn)
-        block = slice(3 * index, 3 * index + 3)
-        total += columns.by_lever_arms(
-            contacts.links[row], contacts.points[row], move, jacobian[block]
-        )
-        if hand.is_hybrid(scene.contacts.bodies[index]):
-            # The commanded force of a hybrid finger has the normal for its column.
-            total += turned @ by.jacobian[block, hybrid]
-            hybrid += 1
-    if scene.count_own_weight and actuators:
-        told = scene.acceleration
-        pulling = scene.gravity
-        if told is not None and told.of is Accelerated.BASE:
-            pulling = pulling - told.linear
-        weights = by.gravity_torques[:actuators] @ hand.actuation.from_joints.T
-        masses, centers = hand.tree.masses
-        for link in range(1, len(masses)):
-            T = columns.T_world_joint[link]
-            center = T[:3, :3] @ centers[link] + T[:3, 3]
-            move = columns.velocity(link, center)
-            pull = -masses[link] * np.outer(pulling, weights)
-            total += columns.by_lever_arms(link, center, move, pull)
-    return total

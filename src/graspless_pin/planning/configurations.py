@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
+from graspless_pin.planning.pins import Pin, PinEntry, pinned_points, pins_of
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.records import changed
 from graspless_pin.scene import Scene
@@ -27,13 +28,15 @@ class Configurations:
         scene: The scene; what a state does not say is as it is there.
         joint_names: The a joints that do not follow others, in the hand's order.
         joint_units: ``rad`` or ``m`` of each.
+        pins: Contacts whatever the gap, those of the hand first; None: contacts are found.
         joint_limits: (lower, upper), each (a,), rad or m; infinite where there is no limit, and
             narrowed by the limits of the joints that follow.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        """Take the scene."""
-        self.scene = scene
+    def __init__(self, scene: Scene, pins: Sequence[PinEntry] | None = None) -> None:
+        """Take the scene, and what is pinned in it: see `Evaluator`."""
+        self.pins = None if pins is None else pins_of(scene, pins)
+        self.scene = scene if self.pins is None else _pinned(scene, self.pins)
         self._hand = hand = scene.hand
         self.joint_names: tuple[str, ...] = ()
         self.joint_units: tuple[str, ...] = ()
@@ -98,7 +101,9 @@ class Configurations:
             return self
         most = np.full(len(hand.joint_names), np.finfo(float).max)
         tree = changed(hand.tree, tolerated=(-most, most))
-        return Configurations(self.scene.with_changes(hand=changed(hand, tree=tree)))
+        free = Configurations(self.scene.with_changes(hand=changed(hand, tree=tree)))
+        free.pins = self.pins
+        return free
 
     def scene_at(
         self,
@@ -116,7 +121,8 @@ class Configurations:
             changes["motion"] = (
                 twist if isinstance(twist, Motion) else Motion(finite_array("twist", twist, (6,)))
             )
-        return self.scene.with_changes(**changes)
+        scene = self.scene.with_changes(**changes)
+        return scene if self.pins is None else _pinned(scene, self.pins)
 
     def _named(self, q: Mapping[str, float]) -> dict[str, float]:
         known = () if self._hand is None else self._hand.joint_names
@@ -136,3 +142,9 @@ class Configurations:
         ):
             return q
         return finite_array("q", q, shape)
+
+
+def _pinned(scene: Scene, pins: Sequence[Pin]) -> Scene:
+    """Return a scene with its contacts where the pins are."""
+    points = pinned_points(scene, pins)
+    return scene.with_changes(given_contacts=[one.contact for one in points])

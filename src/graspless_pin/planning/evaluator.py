@@ -22,6 +22,8 @@ from graspless_pin.planning.evaluated_states import (
 )
 from graspless_pin.planning.evaluation import Evaluation
 from graspless_pin.planning.many_states import Progress, checked_states
+from graspless_pin.planning.pinned_contacts import PinnedState, pinned_state
+from graspless_pin.planning.pins import PinEntry
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.planning.validity import StateValidity, required_margin, state_validity
 from graspless_pin.problem.checks import FloatArray, real_number
@@ -72,6 +74,7 @@ class Evaluator:
         collisions: bool = True,
         need_hand: bool = True,
         position_limits: bool = True,
+        pins: Sequence[PinEntry] | None = None,
         **options: Unpack[SolveKeywords],
     ) -> None:
         """Take the scene and the options of all solves; what is not given is the scene's own.
@@ -89,6 +92,12 @@ class Evaluator:
             need_hand: Whether states are refused in which the hand does not touch the object. False
                 where it may be released onto a support.
             position_limits: Whether states are refused in which a joint is outside its limits.
+            pins: Pairs of bodies, e.g. ``("finger_tip", "box")`` and ``("box", "table")``, that
+                count as touching in every state, at their nearest points, whatever the gap; then no
+                other contacts are looked for. One of a pair is the object. A third entry, (3,) in
+                the second body's axes, points out of the face of it that counts. Where a pair
+                touches along a face or a line in the scene itself, the corners of that stay where
+                they are on the first body. None: what touches is found in each state.
             options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
@@ -108,7 +117,8 @@ class Evaluator:
         self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
         how = objective_and_options(**chosen)
-        at = Configurations(scene) if position_limits else Configurations(scene).without_limits
+        at = Configurations(scene, pins)
+        at = at if position_limits else at.without_limits
         self._solver = StateSolver(at, *how, StateChecks(collisions, need_hand))
 
     @property
@@ -178,6 +188,23 @@ class Evaluator:
                 friction, a shape that cannot be used.
         """
         return self._solver.evaluate(q, T_world_object, twist)
+
+    def pinned(
+        self,
+        q: Configuration | None = None,
+        T_world_object: ArrayLike | None = None,
+        twist: ArrayLike | Motion | None = None,
+    ) -> PinnedState:
+        """Return gaps, margin and torques of a state with their gradients: what an optimiser needs.
+
+        The arguments are those of `evaluate`.
+
+        Raises:
+            ArgumentError: As for `evaluate`; if the evaluator has no pins, or a regularisation; or
+                if a joint stands outside its limits.
+            SceneError: As for `evaluate`.
+        """
+        return pinned_state(self._solver, q, T_world_object, twist)
 
     def evaluate_many(
         self,

@@ -127,22 +127,34 @@ def object_inertia(scene: SceneFields) -> FloatArray:
 def load_stiffness(scene: SceneFields, velocities: FloatArray) -> FloatArray:
     """Return (d, d) how the work of loads on the object along motions changes along motions.
 
-    A force on a point of the object does other work about the centre of mass as the object turns.
-    Inertial forces count as they are now.
-
     Args:
         scene: The scene.
         velocities: (6 + L, d) motions of the object's centre of mass, about it, and of joints.
     """
-    linear, angular = velocities[:3], velocities[3:6]
-    total = np.zeros((velocities.shape[1],) * 2)
+    return velocities[:6].T @ load_rates(scene, velocities[3:6])
+
+
+def load_rates(scene: SceneFields, angular: FloatArray) -> FloatArray:
+    """Return how the wrench of loads on the object changes as it turns.
+
+    A force on a point of the object does other work about the centre of mass then. Inertial forces
+    count as they are now.
+
+    Args:
+        scene: The scene.
+        angular: (3, d) angular velocities.
+
+    Returns:
+        (6, d) about the object's centre of mass, world axes.
+    """
+    total = np.zeros((6, angular.shape[1]))
     for one in acting_forces(scene):
         force, moment = np.zeros_like(angular), np.cross(angular, one.lever, axis=0)
         moment = np.cross(moment, one.force, axis=0)
         if one.turns:
             force = np.cross(angular, one.force, axis=0)
             moment = np.cross(angular, one.wrench[3:], axis=0)
-        total += linear.T @ force + angular.T @ moment
+        total += np.concatenate([force, moment])
     return total
 
 

@@ -41,21 +41,22 @@ class JointColumns:
         """Return (3, n) the angular velocities of a link per joint rate."""
         return (self.angular * self.supports[link][:, None]).T
 
-    def by_lever_arms(
-        self, link: int, point: FloatArray, move: FloatArray, weights: FloatArray
-    ) -> FloatArray:
-        """Return (n,) the change of sum_j w_j . J_j(p) by each joint.
+    def change_of_columns(self, link: int, point: FloatArray, move: FloatArray) -> FloatArray:
+        """Return how the Jacobian of a point changes, its columns those of all joints.
 
         Args:
             link: Pinocchio joint that carries the point.
             point: (3,) p, world, m.
-            move: (3, n) its derivatives.
-            weights: (3, n) w_j.
+            move: (3, k) how the point moves in k motions, at least n: the first n are those of the
+                joints, and in the others they stand still.
+
+        Returns:
+            (3, n, k) entry [:, a, b] is how the velocity per rate of joint a changes in motion b.
         """
-        weights = weights * self.supports[link]
-        carried = self._shifted + np.cross(self._turned, point)
-        moment = np.cross(weights.T, self.angular).sum(axis=0)
-        return np.einsum("ij,kji->k", weights, carried) + moment @ move
+        mask = self.supports[link][:, None]
+        change = np.cross(self.angular[:, None], move.T[None])
+        change[:, : len(mask)] += (self._shifted + np.cross(self._turned, point)).swapaxes(0, 1)
+        return (mask[:, None] * change).transpose(2, 0, 1)
 
     def change_of_velocities(
         self, link: int, point: FloatArray, move: FloatArray, rates: FloatArray
