@@ -16,33 +16,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.geometry.hand.inertial_forces import STILL, hand_motions
-from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import Record
-from graspless_pin.geometry.poses import invert
+from graspless_pin.planning.carried_object import CarriedObject, ContactProgram
 from graspless_pin.planning.configurations import Configuration, Configurations
-from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, real_number, whole_number
+from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 from graspless_pin.scene import Scene
-from graspless_pin.scene.fields import checked_scene, label_of
+from graspless_pin.scene.fields import checked_scene
 from graspless_pin.scene.load_wrenches import object_wrench
-from graspless_pin.solvers.simplex import Simplex
 from graspless_pin.suggestions import names_in_words
 
-_AS_ONE = 1e-6  # m and rad: links that move against each other by less move as one
 _LOST = 1e-6
 """Of the load: margins and balances may be off by so much."""
-_NEAR = 1e-3
-"""Of the ranges of u and x: corners that are left out of a polygon."""
-_SAME = 1e-9
-"""Of them: corners that are one."""
-_DEEPEST = 8
-"""Halvings of a side of a polygon."""
 _AT_LIMIT = 1e-3
 """Of a limit, or of the box around the polygon: what is nearer limits."""
-_MOST_ACCELERATION = 1e4
-"""Along the path, rad/s^2: where nothing else limits it."""
 
 
 class TimingLimit(StrEnum):
@@ -156,7 +144,8 @@ def fastest_timing(
         >>> timing.found, timing.duration < 2.0
         (True, True)
     """
-    carried = _Carried.of(checked_scene(scene), torques, real_number("margin", margin, 0.0))
+    checked_scene(scene)
+    carried = CarriedObject.of(scene, torques, real_number("margin", margin, 0.0))
     configurations = Configurations(carried.scene)
     names = configurations.joint_names
     fastest = _by_joint("velocity_limits", velocity_limits, names)
@@ -165,7 +154,7 @@ def fastest_timing(
     ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
     where = np.linspace(0.0, ways[-1], whole_number("points", points, 3))
     spline = CubicSpline(ways, knots, bc_type="natural")
-    program = _ContactProgram(carried)
+    program = ContactProgram(carried)
     along = [_point(carried, program, spline, s, fastest, strongest) for s in where]
     positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
     nothing = np.full(len(where), np.nan)
@@ -179,7 +168,7 @@ def fastest_timing(
             return replace(blank, reason=f"nothing holds the object at point {k}, q = [{q}]")
     told = [point for point in along if point is not None]
     for end, point in (("start", told[0]), ("end", told[-1])):
-        at_rest, _ = program.margin(point, 0.0, 0.0)
+        at_rest, _ = program.margin(point.wrench, point.torques, 0.0, 0.0)
         if not at_rest >= margin - _LOST * carried.problem.scales.force:
             return replace(
                 blank, reason=f"nothing holds the object at rest at the {end} with that margin"
@@ -190,10 +179,11 @@ def fastest_timing(
     squared = speeds**2
     changes = np.diff(squared) / (2.0 * np.diff(where))
     changes = np.append(changes, changes[-1])
-    margins, limiting = zip(
-        *(program.margin(point, u, x) for point, u, x in zip(told, changes, squared, strict=True)),
-        strict=True,
-    )
+    found = [
+        program.margin(point.wrench, point.torques, u, x)
+        for point, u, x in zip(told, changes, squared, strict=True)
+    ]
+    margins, limiting = zip(*found, strict=True)
     if not min(margins) >= carried.margin - _LOST * carried.problem.scales.force:
         lost = int(np.argmin(margins))
         return replace(blank, reason=f"no contact forces were found at point {lost} of the timing")
@@ -212,71 +202,6 @@ def fastest_timing(
         ),
         limiting_contacts=limiting,
     )
-
-
-class _Carried(NamedTuple):
-    """An object in a hand at the start of a path.
-
-    Attributes:
-        scene: The scene.
-        hand: Its hand.
-        problem: Its problem, in world axes at the start.
-        links: That touch the object.
-        margin: That contact forces keep, N.
-        limits: (lower, upper) of the motors' torques, each (L,).
-    """
-
-    scene: Scene
-    hand: Hand
-    problem: QuasistaticProblem
-    links: tuple[str, ...]
-    margin: float
-    limits: tuple[FloatArray, FloatArray]
-
-    @classmethod
-    def of(cls, scene: Any, torques: ArrayLike | None, margin: float) -> _Carried:
-        """Take a scene; refuse one in which the object does not go with a hand."""
-        where = label_of(scene)
-        if scene.motion is not None or scene.acceleration is not None:
-            key = "motion" if scene.motion is not None else "acceleration"
-            raise SceneError(f"{where}: {key}: is stated, but the path tells how all moves")
-        touching = scene.contacts.arrays
-        links = tuple(dict.fromkeys(touching.bodies[: touching.hand_count]))
-        if scene.hand is None or not links:
-            raise SceneError(
-                f"{where}: no link of a hand touches the object, which has to carry it"
-            )
-        if touching.hand_count < len(touching):
-            raise SceneError(
-                f"{where}: {touching.bodies[touching.hand_count]!r} touches the object, which has "
-                "to be carried by the hand alone; lift it, or leave the support out"
-            )
-        problem = scene.problem()
-        limits = problem.lower_torque, problem.upper_torque
-        if torques is not None:
-            constant = finite_array("torques", torques, (problem.joint_count,))
-            limits = constant, constant
-        return cls(scene, scene.hand, problem, links, margin, limits)
-
-    def moved(self, q: FloatArray) -> Scene:
-        """Return the scene with the hand at (a,) q, and the object with it.
-
-        Raises:
-            ArgumentError: If links that touch do not move as one.
-        """
-        hand = self.hand.with_configuration(q)
-        steps = [hand.pose_of(link) @ invert(self.hand.pose_of(link)) for link in self.links]
-        for link, step in zip(self.links, steps, strict=True):
-            if np.abs(step - steps[0]).max() > _AS_ONE:
-                raise ArgumentError(
-                    "path",
-                    f"moves the links {self.links[0]!r} and {link!r}, which touch the object, "
-                    "against each other; leave the fingers' joints as they are in the scene",
-                )
-        made = self.scene.object
-        return self.scene.with_changes(
-            hand=hand, object=made.with_pose(steps[0] @ made.T_world_object)
-        )
 
 
 class _PathPoint(NamedTuple):
@@ -309,8 +234,8 @@ def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingL
 
 
 def _point(
-    carried: _Carried,
-    program: _ContactProgram,
+    carried: CarriedObject,
+    program: ContactProgram,
     spline: CubicSpline,
     s: float,
     fastest: FloatArray,
@@ -365,129 +290,6 @@ def _point(
             sides.append(strongest[joint] - sign * still)
             kinds.append(TimingLimit.TORQUE)
     return _PathPoint(turned, motors, np.array(rows), np.array(sides), tuple(kinds))
-
-
-class _ContactProgram:
-    """The linear program of contact forces, (u, x) and the margin e, solved again and again.
-
-    Forces that keep the margin in their cones are those of cones that begin further inside: f = C k
-    + e a, k >= 0, a along the normals.
-    """
-
-    def __init__(self, carried: _Carried) -> None:
-        """Add the rows of the largest normal forces; the variables are k in N, u, x and e."""
-        problem, self._carried = carried.problem, carried
-        # Faces have one slope in a cone: along the normal each is left at the same rate.
-        slopes = -(problem.H.T @ problem.N).min(axis=0)
-        depths = np.where(problem.has_cone, 1.0 / np.where(problem.has_cone, slopes, 1.0), 1.0)
-        self._forces = np.column_stack(
-            [problem.C, np.zeros((len(problem.C), 2)), problem.N @ depths]
-        )
-        size = self._forces.shape[1]
-        self._low = np.concatenate([np.zeros(size - 3), np.full(3, -np.inf)])
-        self._high = np.full(size, np.inf)
-        self._simplex = Simplex(np.zeros(size), self._low, self._high)
-        pressed = problem.N.T @ self._forces
-        pressed[:, -1] += 1.0
-        none = np.full(len(pressed), -np.inf)
-        self._simplex.add_rows(pressed, none, problem.max_normal_force)
-        self._rows = self._simplex.row_count
-
-    def polygon(
-        self, wrench: FloatArray, torques: FloatArray, most: float
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Return rows (k, 2) and sides (k,) of (u, x) for which there are contact forces.
-
-        The polygon is that of corners which are found between those that are farthest along the
-        axes: it lies inside all such (u, x), by a thousandth of their ranges at most.
-
-        Args:
-            wrench: See `_PathPoint`.
-            torques: See `_PathPoint`.
-            most: Largest x.
-        """
-        self._ask(wrench, torques)
-        self._bounds([-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most], self._carried.margin)
-        axes = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-        ends = [corner for axis in axes if (corner := self._farthest(axis)) is not None]
-        if len(ends) < len(axes):
-            return None
-        box = np.ptp(ends, axis=0)
-        corners = list[FloatArray]()
-        for first, second in zip(ends, [*ends[1:], ends[0]], strict=True):
-            corners += [first, *self._between(first, second, np.where(box > 0.0, box, 1.0))]
-        steps = np.roll(corners, -1, axis=0) - corners
-        out = np.column_stack([steps[:, 1], -steps[:, 0]])
-        rows = np.vstack(
-            [axes, out[np.linalg.norm(steps / np.maximum(box, 1e-300), axis=1) > _SAME]]
-        )
-        return rows, (rows @ np.array(corners).T).max(axis=1)
-
-    def margin(self, point: _PathPoint, u: float, x: float) -> tuple[float, tuple[int, ...]]:
-        """Return the largest margin at (u, x), N, and the contacts with no more room."""
-        problem = self._carried.problem
-        self._ask(point.wrench, point.torques)
-        self._bounds([u, x], [u, x], -np.inf)
-        cost = np.zeros(len(self._low))
-        cost[-1] = -1.0
-        self._simplex.set_cost(cost)
-        answer = self._simplex.solve()
-        if not answer.is_optimal:
-            return -np.inf, ()
-        forces, load = self._forces @ answer.x, point.wrench @ [1.0, u, x]
-        scale = problem.scales.force
-        units = np.concatenate([np.ones(3), np.full(3, problem.scales.length)])
-        unbalanced = np.abs(problem.W @ forces + load) / units
-        if unbalanced.max() > _LOST * max(scale, float(np.abs(load / units).max())):
-            return -np.inf, ()
-        local = forces.reshape(-1, 3)
-        pressed = np.einsum("ij,ij->i", problem.normals, local)
-        rooms = np.minimum(pressed, problem.max_normal_force - pressed)
-        rooms = np.minimum(rooms, problem.room_in_cones(local))
-        margin = float(rooms.min())
-        return margin, tuple(np.flatnonzero(rooms <= margin + _LOST * scale).tolist())
-
-    def _between(
-        self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _DEEPEST
-    ) -> list[FloatArray]:
-        """Return the corners between two that follow each other counterclockwise."""
-        side = (second - first) / box
-        length = float(np.linalg.norm(side))
-        if length <= _NEAR or not depth:
-            return []
-        out = np.array([side[1], -side[0]]) / length
-        corner = self._farthest(out / box)
-        if corner is None or out @ ((corner - first) / box) <= _NEAR:
-            return []
-        return [
-            *self._between(first, corner, box, depth - 1),
-            corner,
-            *self._between(corner, second, box, depth - 1),
-        ]
-
-    def _farthest(self, d: FloatArray) -> FloatArray | None:
-        """Return the (u, x) that is farthest along a direction."""
-        cost = np.zeros(len(self._low))
-        cost[-3:-1] = -d / np.linalg.norm(d)
-        self._simplex.set_cost(cost)
-        answer = self._simplex.solve()
-        return answer.x[-3:-1] if answer.is_optimal else None
-
-    def _ask(self, wrench: FloatArray, torques: FloatArray) -> None:
-        """Put the balance of a point of the path in the place of the one before."""
-        problem = self._carried.problem
-        self._simplex.drop_rows(self._rows, self._simplex.row_count)
-        lower, upper = self._carried.limits
-        rows = np.vstack([problem.W, problem.J.T]) @ self._forces
-        rows[:, -3:-1] = np.vstack([wrench[:, 1:], torques[:, 1:]])
-        low = np.concatenate([-wrench[:, 0], lower - torques[:, 0]])
-        high = np.concatenate([-wrench[:, 0], upper - torques[:, 0]])
-        self._simplex.add_rows(rows, low, high)
-
-    def _bounds(self, low: Sequence[float], high: Sequence[float], margin: float) -> None:
-        lb, ub = self._low.copy(), self._high.copy()
-        lb[-3:], ub[-3:-1] = [*low, margin], high
-        self._simplex.set_bounds(lb, ub)
 
 
 def _fastest_speeds(
