@@ -224,7 +224,7 @@ def nearest_rates(
 def _solved(bent: FloatArray, pulls: FloatArray) -> FloatArray:
     """Return how a normal turns; the pseudoinverse is not exact enough beside `FLAT`."""
     try:
-        return np.linalg.solve(bent, pulls)
+        return np.asarray(np.linalg.solve(bent, pulls), dtype=np.float64)
     except np.linalg.LinAlgError:  # two corners that touch
         return np.zeros_like(pulls)
 
