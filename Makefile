@@ -29,7 +29,7 @@ PINNED ?= 100
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips mistakes clean hands place states pinned dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips timings mistakes clean hands place states pinned dense wheel frozen size
 
 install: $(STAMP)
 
@@ -114,6 +114,9 @@ holding: install
 
 real-grips: install
 	$(BIN)/python -m benchmarks.real_grips $(REAL_GRIPS)
+
+timings: install
+	$(BIN)/python -m benchmarks.timing_runs
 
 mistakes: install
 	$(BIN)/python tests/cli/mistakes.py
