@@ -4,6 +4,7 @@ import argparse
 import time
 
 from benchmarks import (
+    carried,
     commands,
     cones,
     geometry,
@@ -25,6 +26,7 @@ SECTIONS = {
     "geometry": geometry.scene_problem,
     "planning": planning.evaluator,
     "many": many.many_states,
+    "carried": carried.carried,
     "studies": studies.cuboid_study,
     "holding": holding.holding,
     "verdicts": verdicts.verdicts,

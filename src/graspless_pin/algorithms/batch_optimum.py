@@ -18,7 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.algorithms.mode_tree import ModePart, signs_left
 from graspless_pin.algorithms.options import Search, SolveOptions
+from graspless_pin.algorithms.search import CLOSED
 from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
@@ -52,6 +54,7 @@ class WarmStart:
         structure: What the problem shares with those like it; None: the optimum cannot be found
             by loops alone, as cones are no regular pyramids, or the mode's own program was
             needed or leaves signs open.
+        cover: See `SearchState`.
     """
 
     mode: SlidingMode | None = None
@@ -59,6 +62,7 @@ class WarmStart:
     in_mode: ActiveSet | None = None
     motion: FloatArray | None = None
     structure: ProgramStructure | None = None
+    cover: tuple[ModePart, ...] = ()
 
 
 class WarmOptimum(NamedTuple):
@@ -363,7 +367,12 @@ class LoadSweep:
     """
 
     def __init__(
-        self, problem: QuasistaticProblem, objective: Objective, options: SolveOptions
+        self,
+        problem: QuasistaticProblem,
+        objective: Objective,
+        options: SolveOptions,
+        *,
+        turning: bool = False,
     ) -> None:
         """Begin with nothing learned.
 
@@ -371,12 +380,16 @@ class LoadSweep:
             problem: One of their problems; its cones are pyramids.
             objective: What is optimised; `are_for` tells whether loops do.
             options: How.
+            turning: Whether it is the load alone that changes: programs of known modes are gone
+                on with then, of which every pivot leaves a vertex.
         """
         structure = structure_of(problem, problem.has_cone.astype(np.float64))
-        self._loops = _states(structure, objective, problem.joint_units)
+        made = _turning if turning else _states
+        self._loops = made(structure, objective, problem.joint_units)
         self._may_begin = may_begin(problem, options) and self._loops.n <= _MOST_COLD
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
+        self._turning, self._covers = turning, list[Any]()
 
     def learn(self, problem: QuasistaticProblem, start: WarmStart) -> None:
         """Take what led to the answer of a state that was solved by itself.
@@ -387,7 +400,16 @@ class LoadSweep:
         """
         if start is not self._last:
             self._last = start
-            own = [one for one in prepared_starts(self._loops, problem, [start]) if one is not None]
+            if self._turning:
+                # The mode's own program is at hand here, and the parts that bound all others.
+                signs = start.mode is not None and start.mode.own_signs.all()
+                own = [_start(self._loops, start)] if signs else []
+                if start.cover:
+                    cover = core.ModeCover([signs_left(part) for part in start.cover])
+                    self._covers = [cover, *self._covers][:_MOST_STARTS]
+            else:
+                own = prepared_starts(self._loops, problem, [start])
+            own = [one for one in own if one is not None]
             self._pool = [*own, *self._pool][:_MOST_STARTS]
 
     def advance(
@@ -397,6 +419,8 @@ class LoadSweep:
         begin: int,
         figures: FloatArray,
         torques: FloatArray,
+        *,
+        enough: float | None = None,
     ) -> int:
         """Find optima until one is not found, and return the number of that state, or K.
 
@@ -406,10 +430,21 @@ class LoadSweep:
             begin: The first state.
             figures: (K, 6), see there.
             torques: (K, L), see there.
+            enough: Margin of which it is enough to know whether it is reached, N, where the load
+                alone changes; None: optima are looked for.
         """
         arguments = loads, begin, self._pool, self._may_begin, figures, torques
         with LOOPS_LOCK:
+            if isinstance(self._loops, core.ModePrograms):
+                self._loops.decide(-1.0 if enough is None else enough, CLOSED, self._covers)
             return self._loops.optima(problem, *arguments)
+
+
+@lru_cache(maxsize=64)
+def _turning(
+    structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
+) -> Any:
+    return core.ModePrograms(**engine_arguments(structure, objective, units))
 
 
 @lru_cache(maxsize=64)

@@ -45,9 +45,11 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
     # The lowest bound of the nodes that were left without being split: no optimum lies below it.
     left = answer.bound if children is None else np.inf
     search = TreeSearch(children or [], answer.bound)
+    cover: list[ModePart] = []
     for bound, part in search:
         state.raise_bound(min(bound, left))
         if state.closed(bound):
+            state.cover = (*cover, part, *search.left())
             return finished(state)
         if limits.end(state.nodes):
             return finished(state, interrupted=True)
@@ -58,15 +60,19 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
             left = min(left, max(bound, answer.bound))
+            cover.append(part)
             continue
         if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
             left = min(left, answer.bound)
+            cover.append(part)
             continue
         children = _children(state, tree, part, answer)
         if children is None:
             left = min(left, answer.bound)
+            cover.append(part)
         search.add(children or [], _level(bound, answer.bound))
     state.raise_bound(left)
+    state.cover = tuple(cover)
     return finished(state)
 
 

@@ -138,6 +138,16 @@ class ModePart:
         return replace(self, released=released)
 
 
+def signs_left(part: ModePart) -> FloatArray:
+    """Return (M, 2) the signs that sliding may have in a part; NaN: both, 0: there is no friction.
+
+    It tells loops what `ModeTree.bounds` tells programs.
+    """
+    one = part.plus.astype(np.float64) - part.minus
+    signs = np.where(part.plus & part.minus, np.nan, one)
+    return np.where(part.released[:, None], 0.0, signs)
+
+
 @dataclass(frozen=True, eq=False)
 class ModeTree:
     """Bounds parts of all modes and splits them, so that no mode is left out.

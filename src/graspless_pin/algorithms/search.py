@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from graspless_pin.modes.witness_heuristics import CLEARLY
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
+
+if TYPE_CHECKING:
+    from graspless_pin.algorithms.mode_tree import ModePart
 
 CLOSED = 2e-8
 """Values closer than this, in scaled units or relative to them, count as equal."""
@@ -49,6 +53,8 @@ class SearchState:
         modes_examined: Modes solved or ruled out one by one.
         force_programs: Programs in forces solved.
         unproven_bound: The lowest bound of programs that were left without a checked answer.
+        cover: Parts that together hold all modes with a motion behind them, whose programs bound
+            them; empty where the relaxation does.
     """
 
     formulation: Formulation
@@ -66,6 +72,7 @@ class SearchState:
     modes_examined: int = 0
     force_programs: int = 0
     unproven_bound: float = np.inf
+    cover: tuple[ModePart, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the oracle."""

@@ -203,6 +203,7 @@ class _WarmState(SearchState):
             self.in_mode or (start.in_mode if mode is start.mode else None),
             self.oracle.motion,
             structure_of(problem) if problem.cone_model.regular and not open_still else None,
+            self.cover,
         )
 
 

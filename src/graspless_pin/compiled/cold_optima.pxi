@@ -183,14 +183,10 @@ cdef class ColdOptima(WarmOptima):
                 share = -_TO_BOUNDARY * values[k] / steps[k]
         return share
 
-    cdef bint solved(self) noexcept:
-        """Find an optimum by the predictor-corrector method; whether it converged.
-
-        mu is the mean complementarity product, sigma its share that the corrector aims at.
-        """
-        cdef Py_ssize_t n1 = self.n + 1, N = self.R + n1, W = self.W, D = 6 + self.p, c, i, j, k
-        cdef Py_ssize_t _
-        cdef double factor_of, primal, dual, mu, center, gap, primal_step, dual_step, total
+    cdef void write_rows(self) noexcept:
+        """Put the rows that a state may change into a place: balance, largest torque, torques."""
+        cdef Py_ssize_t n1 = self.n + 1, W = self.W, D = 6 + self.p, c, i, j
+        cdef double factor_of
         memset(self.rows, 0, (D + self.L) * n1 * sizeof(double))
         for i in range(D + self.L):
             j, factor_of = i, 1.0
@@ -201,6 +197,15 @@ cdef class ColdOptima(WarmOptima):
                 self.rows[n1 * i + n1 - 1] = -self.level[i - 6]
             for c in range(n1 - 1):
                 self.rows[n1 * i + c] = factor_of * self.B[W * c + j]
+
+    cdef bint solved(self) noexcept:
+        """Find an optimum by the predictor-corrector method; whether it converged.
+
+        mu is the mean complementarity product, sigma its share that the corrector aims at.
+        """
+        cdef Py_ssize_t n1 = self.n + 1, N = self.R + n1, i, j, k, _
+        cdef double primal, dual, mu, center, gap, primal_step, dual_step, total
+        self.write_rows()
         memset(self.x, 0, n1 * sizeof(double))
         memset(self.y, 0, 6 * sizeof(double))
         self.x[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0

@@ -77,6 +77,21 @@ class HandStates(KinematicChains):
         self, q: Array
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array, NDArray[np.bool_]]: ...
 
+class CarriedStates(HandStates):
+    def __init__(
+        self,
+        *,
+        joint: int,
+        carries: Array,
+        motors: Array,
+        center: Array,
+        wrench: Array,
+        own_wrench: Array,
+        row: Array,
+        **hand: Any,
+    ) -> None: ...
+    def loads(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]: ...
+
 MARGIN: int
 TORQUE: int
 SHARE: int
@@ -174,6 +189,12 @@ class LoadedStates(ColdOptima):
         figures: Array,
         torques: Array,
     ) -> int: ...
+
+class ModeCover:
+    def __init__(self, signs: ArrayLike) -> None: ...
+
+class ModePrograms(LoadedStates):
+    def decide(self, enough: float, closed: float, covers: list[ModeCover]) -> None: ...
 
 class Dictionary:
     def __init__(self, cost: Array, lb: Array, ub: Array) -> None: ...

@@ -28,22 +28,28 @@ cdef class DenseSimplex(Dictionary):
 
         It begins with the variables at bounds that were so before.
         """
-        cdef int outcome = FAILED, tries
-        cdef Py_ssize_t i, k
+        cdef int outcome
         cdef cnp.ndarray x = empty1(self.n), marginals = empty1(self.m)
         with nogil:
-            for tries in range(3):
-                if self.pivots > _FRESH or tries:
-                    self.renew(tries == 2)
-                outcome = self._run()
-                if outcome != FAILED and self.drift() <= _DRIFT:
-                    break
-                outcome = FAILED
-        memcpy(data(x), self.value, self.n * sizeof(double))
+            outcome = self.optimum(data(x), data(marginals))
+        return outcome, x, marginals
+
+    cdef int optimum(self, double* x, double* marginals) noexcept nogil:
+        """Do what `solve` does, with places for x and marginals."""
+        cdef int outcome = FAILED, tries
+        cdef Py_ssize_t i, k
+        for tries in range(3):
+            if self.pivots > _FRESH or tries:
+                self.renew(tries == 2)
+            outcome = self._run()
+            if outcome != FAILED and self.drift() <= _DRIFT:
+                break
+            outcome = FAILED
+        memcpy(x, self.value, self.n * sizeof(double))
         for i in range(self.m):
             k = self.place[self.n + i]
-            data(marginals)[i] = 0.0 if k >= 0 else self.slopes[-1 - k]
-        return outcome, x, marginals
+            marginals[i] = 0.0 if k >= 0 else self.slopes[-1 - k]
+        return outcome
 
     cdef int _run(self) noexcept nogil:
         """Go to an optimum."""

@@ -1,6 +1,7 @@
 """Optima of states whose contacts stay while loads, friction and limits change, and their proof."""
 
 from libc.math cimport M_PI, cos, sqrt
+from libc.string cimport memcmp
 
 cimport numpy as cnp
 
@@ -12,6 +13,8 @@ cdef class LoadedStates(ColdOptima):
         """Put coefficients of friction into the cones, above zero where they were."""
         cdef Py_ssize_t c, i, e, axis
         cdef double slope, size
+        if memcmp(self.mu, friction, self.M * sizeof(double)) == 0:
+            return
         for i in range(self.M):
             self.mu[i] = friction[i]
             self.slopes[i] = friction[i] * cos(M_PI / self.edges)

@@ -9,6 +9,9 @@ cdef class Start:
     """What is active at an optimum, the mode that admits it and a motion behind that mode."""
 
     cdef Py_ssize_t R, D, S, s, n1, W, p, friction_count
+    # The program of the mode, of which rows, and the contacts that its motion was seen with.
+    cdef DenseSimplex simplex
+    cdef Py_ssize_t rows_count, witnessed
     cdef readonly str solver
     cdef list kept
     cdef cnp.npy_intp* rows
@@ -62,6 +65,7 @@ cdef class Start:
         m = r + h
         cdef cnp.ndarray top = as_flags(upper, m), given = as_vector(weights, m)
         self.kept, self.R, self.s, self.solver = [], count, len(contacts), solver
+        self.rows_count = self.witnessed = -1
         self.n1, self.W, self.p = n1, programs.W, p
         if not 0 <= p <= 2 * programs.L:
             raise ValueError("needs rows of these programs")

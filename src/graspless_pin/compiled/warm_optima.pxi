@@ -138,14 +138,20 @@ cdef class WarmOptima(PaperPrograms):
                 and friction * start.signs[2 * contact + self.axes[c] % 3 - 1] >= 0.0
             ):
                 self.x[c] = 0.0
+        return self.is_proven() and self.is_behind(start, has_map)
+
+    cdef bint is_proven(self) noexcept:
+        """Whether point and multipliers are an optimum and its proof."""
+        cdef double close
         self.judged()
-        friction = self.exact * max(1.0, fabs(self.value))
-        if not (self.residual <= friction and fabs(self.value - self.bound) <= friction):
-            return False
-        if not self.residual * self.strict <= self.close:
-            return False
-        if self.value > self.cutoff:
-            return False
+        close = self.exact * max(1.0, fabs(self.value))
+        return (
+            self.residual <= close and fabs(self.value - self.bound) <= close
+            and self.residual * self.strict <= self.close and self.value <= self.cutoff
+        )
+
+    cdef bint is_behind(self, Start start, bint has_map) noexcept:
+        """Find the motion of an earlier optimum; whether it is behind its mode. Keep the forces."""
         if not has_map:
             map_of(
                 self.M, self.L, self.points, self.normals, self.tangents, self.J, self.map
@@ -161,6 +167,12 @@ cdef class WarmOptima(PaperPrograms):
                 return False
         else:
             memcpy(self.motion, start.motion, self.W * sizeof(double))
+        self.keep_forces(start)
+        return True
+
+    cdef void keep_forces(self, Start start) noexcept:
+        """Take the forces of the point, to which an earlier optimum has led."""
+        cdef Py_ssize_t c, contact
         memset(self.forces, 0, 3 * self.M * sizeof(double))
         for c in range(self.n):
             for contact in range(3):
@@ -168,7 +180,6 @@ cdef class WarmOptima(PaperPrograms):
                     self.force * self.x[c] * self.frames[3 * self.axes[c] + contact]
                 )
         self.served = start
-        return True
 
     cdef Start begun(self):
         """What an optimum of the problem leaves behind that is found otherwise; None: nothing."""

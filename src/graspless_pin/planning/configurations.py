@@ -96,14 +96,18 @@ class Configurations:
     @cached_property
     def without_limits(self) -> Configurations:
         """The same states, and those in which joints are outside their limits."""
-        hand = self._hand
-        if hand is None:
-            return self
-        most = np.full(len(hand.joint_names), np.finfo(float).max)
-        tree = changed(hand.tree, tolerated=(-most, most))
-        free = Configurations(self.scene.with_changes(hand=changed(hand, tree=tree)))
+        free = Configurations(unlimited(self.scene))
         free.pins = self.pins
         return free
+
+    def answered_at(
+        self,
+        q: Configuration | None,
+        T_world_object: ArrayLike | None,
+        twist: ArrayLike | Motion | None,
+    ) -> Scene:
+        """Return the scene in one state as it is solved."""
+        return self.scene_at(q, T_world_object, twist)
 
     def scene_at(
         self,
@@ -148,3 +152,13 @@ def _pinned(scene: Scene, pins: Sequence[Pin]) -> Scene:
     """Return a scene with its contacts where the pins are."""
     points = pinned_points(scene, pins)
     return scene.with_changes(given_contacts=[one.contact for one in points])
+
+
+def unlimited(scene: Scene) -> Scene:
+    """Return a scene whose joints may go anywhere."""
+    hand = scene.hand
+    if hand is None:
+        return scene
+    most = np.full(len(hand.joint_names), np.finfo(float).max)
+    tree = changed(hand.tree, tolerated=(-most, most))
+    return scene.with_changes(hand=changed(hand, tree=tree))

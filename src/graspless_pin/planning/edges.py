@@ -13,10 +13,12 @@ import numpy as np
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.poses import as_pose, transformed
+from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.evaluation import StateStatus
+from graspless_pin.planning.many_states import Solver
 from graspless_pin.planning.screw_motion import ScrewMotion
-from graspless_pin.planning.state_solver import LookedAt, StateSolver
+from graspless_pin.planning.state_solver import LookedAt
 from graspless_pin.planning.validity import StateValidity, state_validity
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.records import Brief
@@ -86,7 +88,7 @@ class EdgeState(NamedTuple):
     fraction: float
     valid: bool
     contacts: tuple[Any, ...]
-    query: tuple[FloatArray, FloatArray, FloatArray]
+    query: tuple[FloatArray, FloatArray | None, FloatArray | None]
     looked_at: LookedAt
 
 
@@ -99,7 +101,7 @@ class Edge:
 
     def __init__(
         self,
-        solver: StateSolver,
+        solver: Solver,
         configurations: tuple[Configuration | None, Configuration | None],
         poses: tuple[Any, Any],
         required: float,
@@ -119,6 +121,10 @@ class Edge:
         self._start, end = (at.array({} if q is None else q) for q in configurations)
         self._way = end - self._start
         first, last = poses
+        self._carried = isinstance(at, AttachedConfigurations)
+        for given in poses:
+            if self._carried and given is not None:
+                at.scene_at(None, given, None)  # says that q alone tells where the object is
         T0 = moved.T_world_object if first is None else as_pose("T0_world_object", first)
         T1 = T0 if last is None else as_pose("T1_world_object", last)
         self._screw = ScrewMotion.between(T0, T1, moved.center_of_mass)
@@ -189,7 +195,7 @@ class Edge:
         return self._solver.margin_of(scene, problem, self._required)[0]
 
     def _look(self, fraction: float) -> EdgeState:
-        pose, twist = self._screw.at(fraction)
+        pose, twist = (None, None) if self._carried else self._screw.at(fraction)
         query = self._start + fraction * self._way, pose, twist
         solver, solve = self._solver, self._required >= 0.0
         found = solver.looked_at(*query, solve=solve)

@@ -13,6 +13,8 @@ from graspless_pin.algorithms.named_objectives import objective_and_options
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
+from graspless_pin.planning.attached_solver import AttachedSolver
+from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.edges import RESOLUTION, Edge, MotionFault, MotionMargins
 from graspless_pin.planning.evaluated_states import (
@@ -21,7 +23,7 @@ from graspless_pin.planning.evaluated_states import (
     feasible_states,
 )
 from graspless_pin.planning.evaluation import Evaluation
-from graspless_pin.planning.many_states import Progress, checked_states
+from graspless_pin.planning.many_states import Progress, Solver, checked_states
 from graspless_pin.planning.pinned_contacts import PinnedState, pinned_state
 from graspless_pin.planning.pins import PinEntry
 from graspless_pin.planning.state_solver import StateSolver
@@ -54,6 +56,7 @@ class Evaluator:
     Attributes:
         scene: The scene that the states are of.
         required_margin: Margin that Algorithm 2 and `is_feasible` ask for, N.
+        attached_to: The link that the object moves with; None: with none.
 
     Examples:
         >>> from graspless_pin import Evaluator, load_scene
@@ -75,6 +78,7 @@ class Evaluator:
         need_hand: bool = True,
         position_limits: bool = True,
         pins: Sequence[PinEntry] | None = None,
+        attached_to: str | None = None,
         **options: Unpack[SolveKeywords],
     ) -> None:
         """Take the scene and the options of all solves; what is not given is the scene's own.
@@ -98,10 +102,15 @@ class Evaluator:
                 the second body's axes, points out of the face of it that counts. Where a pair
                 touches along a face or a line in the scene itself, the corners of that stay where
                 they are on the first body. None: what touches is found in each state.
+            attached_to: Name of the link that the object moves with, in a hand that alone holds it
+                as in the scene; None: it moves with none. States are then configurations of all
+                joints but those behind the link.
             options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
-            ArgumentError: If an option is not known or a figure out of range.
+            ArgumentError: If an option is not known or a figure out of range; if there is no link
+                ``attached_to``, it stands still, or not all that touches the object moves with it.
+            SceneError: If the object shall move with a link and the scene has no contacts.
             SolverUnavailableError: If the solver is not installed.
         """
         checked_scene(scene)
@@ -116,10 +125,24 @@ class Evaluator:
         chosen = {**scene.solve_options, **stated}
         self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
+        self.attached_to = attached_to
         how = objective_and_options(**chosen)
-        at = Configurations(scene, pins)
+        checks = StateChecks(collisions, need_hand)
+        at: Configurations
+        if attached_to is None:
+            at = Configurations(scene, pins)
+        elif pins is None:
+            at = AttachedConfigurations(scene, attached_to)
+        else:
+            raise ArgumentError(
+                "pins", "are given beside attached_to, whose contacts move with the link; give one"
+            )
         at = at if position_limits else at.without_limits
-        self._solver = StateSolver(at, *how, StateChecks(collisions, need_hand))
+        self._solver: Solver
+        if isinstance(at, AttachedConfigurations):
+            self._solver = AttachedSolver(at, *how, checks)
+        else:
+            self._solver = StateSolver(at, *how, checks)
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -158,8 +181,7 @@ class Evaluator:
         objective = self._solver.objective.with_figure("regularization", epsilon)
         if objective.regularization != epsilon:
             raise ArgumentError("regularization", f"is none of the figures of {objective.name!r}")
-        own = self._solver
-        other._solver = StateSolver(own.configurations, objective, own.options, own.checks)
+        other._solver = self._solver.with_objective(objective)
         return other
 
     def evaluate(

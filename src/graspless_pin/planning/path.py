@@ -184,6 +184,12 @@ def evaluate_path(
     """
     if isinstance(evaluator, Scene):
         evaluator = Evaluator(evaluator)
+    if evaluator.attached_to is not None:
+        raise ArgumentError(
+            "evaluator",
+            f"its object moves with link {evaluator.attached_to!r} and slides nowhere; give the "
+            "path's configurations to its evaluate_many",
+        )
     evaluator = evaluator.with_regularization(regularization)
     if not len(waypoints):
         raise ArgumentError("waypoints", "is empty; a path has at least one")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.batch_optimum import WarmOptimum, optima_of_states, state_optimum
+from graspless_pin.algorithms.batch_optimum import optima_of_states, state_optimum
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import CLOSED, closeness
 from graspless_pin.algorithms.warm_start import reaches_margin
@@ -41,19 +41,26 @@ class SolvedStates(NamedTuple):
         contact_counts: (K,).
         faults: (K,) the number of the status of each state that has a serious finding; elsewhere
             that of `StateStatus.FOUND`.
+        joint_names: L names of the torques.
     """
 
     figures: FloatArray
     torques: FloatArray
     contact_counts: NDArray[np.int32]
     faults: NDArray[np.uint8]
+    joint_names: tuple[str, ...]
 
     @classmethod
-    def room(cls, count: int, joint_count: int) -> SolvedStates:
+    def room(cls, count: int, joint_names: tuple[str, ...]) -> SolvedStates:
         """Return room for states."""
-        figures = np.full((count, 6), np.nan)
-        torques, counts = np.full((count, joint_count), np.nan), np.zeros(count, np.int32)
-        return cls(figures, torques, counts, np.full(count, _FOUND, np.uint8))
+        figures, torques = np.full((count, 6), np.nan), np.full((count, len(joint_names)), np.nan)
+        faults = np.full(count, _FOUND, np.uint8)
+        return cls(figures, torques, np.zeros(count, np.int32), faults, joint_names)
+
+    @property
+    def sound(self) -> NDArray[np.bool_]:
+        """(K,) which states have no serious finding."""
+        return self.faults == _FOUND
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -109,8 +116,16 @@ class StateSolver:
         plain = PlainProblems(self.configurations.scene, collisions=self.checks.collisions)
         return {**self.__dict__, "_starts": WarmStarts(), "_plain": plain}
 
+    def with_objective(self, objective: Objective) -> StateSolver:
+        """Return one for another objective, that has learned nothing."""
+        return StateSolver(self.configurations, objective, self.options, self.checks)
+
     def optima_of_states(
-        self, q: FloatArray | None, objective: Objective, alone: Callable[[int], object]
+        self,
+        q: FloatArray | None,
+        objective: Objective,
+        alone: Callable[[int], object],
+        enough: float | None = None,  # noqa: ARG002 - here optima are as cheap
     ) -> SolvedStates | None:
         """Solve many states by warm starts in loops alone, and others one by one as they come.
 
@@ -120,15 +135,16 @@ class StateSolver:
             objective: What is optimised.
             alone: Called with the number of each state that has to be solved by itself, so that
                 what is learned there serves those after it.
+            enough: Margin of which it is enough to know whether it is reached, N; None: optima are
+                looked for.
 
         Returns:
             What was found; None: nothing can be, and nothing was called.
         """
-        states = None if q is None else self._plain.at(q)
-        if states is None or q is None:
+        states, hand = None if q is None else self._plain.at(q), self.configurations.scene.hand
+        if states is None or q is None or hand is None:
             return None
-        count, joints = states.weights.shape
-        found = SolvedStates.room(count, joints)
+        found = SolvedStates.room(len(q), hand.joint_names)
         for shapes, order in states.groups():
             order = self._sound(shapes, order, q, states, found.faults)
             begin = 0
@@ -212,12 +228,8 @@ class StateSolver:
         solved = self._solved(q, T_world_object, twist)
         if isinstance(solved, Evaluation):
             return solved
-        scene, (problem, optimum) = solved
-        answer = WarmAnswer(
-            self.objective, self.options.rules, optimum, problem.margin_of(optimum.forces),
-            problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques,
-            problem.joint_names, problem.joint_units,
-        )  # fmt: skip
+        scene, state = solved
+        answer = answer_of(state, self.objective, self.options)
         return Evaluation(StateStatus.FOUND, "", scene, answer)
 
     def _batch_of_one(self, q: Any, objective: Objective) -> WarmAnswer | None:
@@ -254,7 +266,7 @@ class StateSolver:
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
         found = self._optimum(scene, problem, self.objective)
-        return _evaluation(scene, found) if isinstance(found, TorqueSolution) else (scene, found)
+        return evaluation_of(scene, found) if isinstance(found, TorqueSolution) else (scene, found)
 
     def _optimum(
         self, scene: Scene, problem: QuasistaticProblem, objective: Objective
@@ -283,25 +295,14 @@ class StateSolver:
         Returns:
             The margin, -inf where there are no torques, and `StateStatus.FOUND` if it is enough.
         """
-        found = self._optimum(scene, problem, Margin())
-        if isinstance(found, WarmState):
-            margin, enough = problem.margin_of(found.optimum.forces), _reaches(found[1], required)
-            return margin, StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
-        slack = CLOSED * max(problem.scales.force, required)
-        if found.found and found.margin >= required - slack:
-            return found.margin, StateStatus.FOUND
-        if found.status in UNDECIDED and not found.certificate.bound < required - slack:
-            status = StateStatus.UNDECIDED
-        else:
-            status = StateStatus.BELOW_MARGIN if found.found else StateStatus.INFEASIBLE
-        return found.margin if found.found else -np.inf, status
+        return told_margin(self._optimum(scene, problem, Margin()), required)
 
     def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
         """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`."""
         if T_world_object is None and twist is None and margin >= 0.0:
             answer = self._batch_of_one(q, Margin())
             if answer is not None:
-                return _reaches(answer.optimum, margin)
+                return is_reached(answer.optimum.value, answer.optimum.unit, margin)
         return self.holds(self.looked_at(q, T_world_object, twist, solve=margin >= 0.0), margin)
 
     def holds(self, state: LookedAt, margin: float) -> bool:
@@ -324,7 +325,7 @@ class StateSolver:
             self._starts.learn(*what, learned)
             self._plain.learn(scene, problem)
             return bool(reached)
-        return _reaches(found.optimum, margin)
+        return is_reached(found.optimum.value, found.optimum.unit, margin)
 
     def looked_at(
         self, q: Any, T_world_object: Any, twist: Any, *, solve: bool = True, whole: bool = False
@@ -339,31 +340,9 @@ class StateSolver:
                 problem, which is a fault then.
             whole: Whether all faults are looked for; otherwise one is enough.
         """
-        at, checks = self.configurations, self.checks
-        problem: QuasistaticProblem | None = None
-        faults: list[tuple[StateStatus, str]] = []
-        try:
-            scene = at.scene_at(q, T_world_object, twist)
-        except JointLimitError as error:
-            faults.append((StateStatus.OUTSIDE_LIMITS, str(error)))
-            if not whole:
-                return LookedAt(at.scene_at(None, T_world_object, twist), None, tuple(faults))
-            scene = at.without_limits.scene_at(q, T_world_object, twist)
-        try:
-            if solve:
-                problem = scene.problem()
-            elif checks.collisions or checks.need_hand:
-                contacts_of(scene)
-        except StateError as error:
-            status = StateStatus(error.kind.value)
-            counts = {StateStatus.OVERLAP: checks.collisions}
-            counts |= dict.fromkeys((StateStatus.NO_CONTACT, StateStatus.PARTED), checks.need_hand)
-            if solve or counts.get(status, False):
-                faults.append((status, str(error)))
-            checks = checks._replace(need_hand=False)
-        if not faults or whole:
-            faults += [(StateStatus.of(one), one.message) for one in state_findings(scene, checks)]
-        return LookedAt(scene, problem, tuple(faults))
+        return looked_at(
+            self.configurations, self.checks, (q, T_world_object, twist), solve=solve, whole=whole
+        )
 
     def _rest(self, scene: Scene) -> RestModel | None:
         return rest_model_of(scene) if self.options.strong else None
@@ -378,13 +357,86 @@ class StateSolver:
         return False
 
 
-def _reaches(optimum: WarmOptimum, margin: float) -> bool:
-    """Return whether the largest margin is one at least, N."""
-    goal = margin / abs(optimum.unit)
-    return optimum.value <= closeness(goal) - goal
+def looked_at(
+    at: Configurations,
+    checks: StateChecks,
+    state: tuple[Any, Any, Any],
+    *,
+    solve: bool,
+    whole: bool,
+) -> LookedAt:
+    """Return the scene in a state, its problem, and what is wrong with it.
+
+    Args:
+        at: The states.
+        checks: What they are refused for.
+        state: What `Evaluator.evaluate` is given.
+        solve: See `StateSolver.looked_at`.
+        whole: See there.
+    """
+    problem: QuasistaticProblem | None = None
+    faults: list[tuple[StateStatus, str]] = []
+    try:
+        scene = at.answered_at(*state)
+    except JointLimitError as error:
+        faults.append((StateStatus.OUTSIDE_LIMITS, str(error)))
+        if not whole:
+            return LookedAt(at.scene_at(None, *state[1:]), None, tuple(faults))
+        scene = at.without_limits.answered_at(*state)
+    try:
+        if solve:
+            problem = scene.problem()
+        elif checks.collisions or checks.need_hand:
+            contacts_of(scene)
+    except StateError as error:
+        status = StateStatus(error.kind.value)
+        counts = {StateStatus.OVERLAP: checks.collisions}
+        counts |= dict.fromkeys((StateStatus.NO_CONTACT, StateStatus.PARTED), checks.need_hand)
+        if solve or counts.get(status, False):
+            faults.append((status, str(error)))
+        checks = checks._replace(need_hand=False)
+    if not faults or whole:
+        faults += [(StateStatus.of(one), one.message) for one in state_findings(scene, checks)]
+    return LookedAt(scene, problem, tuple(faults))
 
 
-def _evaluation(scene: Scene, solution: TorqueSolution) -> Evaluation:
+def told_margin(found: WarmState | TorqueSolution, required: float) -> tuple[float, StateStatus]:
+    """Return the margin of an optimum, and what is said of it: see `StateSolver.margin_of`."""
+    if isinstance(found, WarmState):
+        problem, optimum = found
+        enough = is_reached(optimum.value, optimum.unit, required)
+        status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
+        return problem.margin_of(optimum.forces), status
+    slack = CLOSED * max(found.problem.scales.force, required)
+    if found.found and found.margin >= required - slack:
+        return found.margin, StateStatus.FOUND
+    if found.status in UNDECIDED and not found.certificate.bound < required - slack:
+        status = StateStatus.UNDECIDED
+    else:
+        status = StateStatus.BELOW_MARGIN if found.found else StateStatus.INFEASIBLE
+    return found.margin if found.found else -np.inf, status
+
+
+def is_reached(value: float, unit: float, margin: float) -> bool:
+    """Return whether a margin is reached, N, by the value of Algorithm 1's program and its unit."""
+    goal = margin / abs(unit)
+    return value <= closeness(goal) - goal
+
+
+def answer_of(state: WarmState, objective: Objective, options: SolveOptions) -> WarmAnswer:
+    """Return the answer for a state whose optimum a warm start led to."""
+    problem, optimum = state
+    torques = problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques
+    margin, names, units = (
+        problem.margin_of(optimum.forces),
+        problem.joint_names,
+        problem.joint_units,
+    )
+    return WarmAnswer(objective, options.rules, optimum, margin, torques, names, units)
+
+
+def evaluation_of(scene: Scene, solution: TorqueSolution) -> Evaluation:
+    """Return the answer for a state that a search has solved."""
     if solution.found:
         return Evaluation(StateStatus.FOUND, "", scene, solution)
     undecided = solution.status in UNDECIDED

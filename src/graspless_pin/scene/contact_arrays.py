@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
+from graspless_pin.caching import Latest
 from graspless_pin.errors import SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.finding import contact_arrays
 from graspless_pin.geometry.contact.motion import checked_twist, classified, contacts_that_stay
+from graspless_pin.records import changed
 from graspless_pin.scene.fields import SceneFields, label_of, place_of
 from graspless_pin.scene.motion_and_contacts import (
     Motion,
@@ -18,6 +21,8 @@ from graspless_pin.scene.motion_and_contacts import (
     body_velocities,
     given_arrays,
 )
+
+_Scene = TypeVar("_Scene", bound=SceneFields)
 
 
 def touching_of(scene: SceneFields) -> ContactArrays:
@@ -55,14 +60,38 @@ def touching_of(scene: SceneFields) -> ContactArrays:
         bodies = kept.of("support bodies", (*each,), lambda: PlacedBodies.joined(each))
         return found(bodies, BodyKind.SUPPORT)
 
-    on_supports = kept.of("on supports", (placed, *each, *limits), found_on_supports)
+    of_supports, of_all = _sources(scene)
+    on_supports = kept.of("on supports", of_supports, found_on_supports)
     if hand is None:
         return found((), BodyKind.HAND).followed_by(on_supports)
     return kept.of(
         "touching",
-        (hand.positions, hand.tree, placed, on_supports, *limits),
+        (*of_all, on_supports),
         lambda: found(hand.placed_bodies, BodyKind.HAND).followed_by(on_supports),
     )
+
+
+def with_touching(scene: _Scene, touching: ContactArrays) -> _Scene:
+    """Return a scene of which it is known what touches: nothing is looked for until bodies move.
+
+    Args:
+        scene: The scene, with a hand.
+        touching: All contacts, none of them with a support.
+    """
+    known = changed(scene, *scene._DERIVED, _kept=Latest())
+    of_supports, of_all = _sources(known)
+    none = known._kept.of("on supports", of_supports, lambda: ContactArrays.of(()))
+    known._kept.of("touching", (*of_all, none), lambda: touching)
+    return known
+
+
+def _sources(scene: SceneFields) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return what contacts with supports depend on, and what all of them do beside those."""
+    hand, placed = scene.hand, scene.object.placed_bodies
+    limits = scene.contact_tolerance, scene.max_penetration, scene.points_per_patch
+    each = [support.placed_bodies for support in scene.supports]
+    own = () if hand is None else (hand.positions, hand.tree)
+    return (placed, *each, *limits), (*own, placed, *limits)
 
 
 def contacts_of(scene: SceneFields) -> SceneContacts:

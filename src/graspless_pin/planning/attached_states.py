@@ -1,0 +1,280 @@
+"""States of a scene whose object a hand carries along: they move with one link as one body.
+
+In the frame of that link the contacts stay where they are, and so does what they do at the joints
+that hold the object. A state turns gravity there, and tells what the joints before the link bear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
+from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.hand.joint_columns import JointColumns
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.tree import unknown_name
+from graspless_pin.geometry.poses import invert
+from graspless_pin.planning.configurations import Configuration, Configurations, unlimited
+from graspless_pin.planning.turned import turned_problem
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.scene import Scene
+from graspless_pin.scene.contact_arrays import touching_of, with_touching
+from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
+
+_AXES = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+"""Which tangents lie along where a scene states none: pyramids with 4 k edges are the same."""
+
+
+class AttachedConfigurations(Configurations):
+    """The states of a scene whose object moves with a link.
+
+    The joints behind the link hold the object and stay as they are in the scene; a configuration is
+    of all others.
+
+    Attributes:
+        link: Name of the link.
+        joint: The Pinocchio joint that carries it.
+        held: Names of the independent joints behind it.
+        touching: M contacts in the scene, all of the hand.
+    """
+
+    def __init__(self, scene: Scene, link: str) -> None:
+        """Take the scene.
+
+        Args:
+            scene: The scene; its contacts are those of all states.
+            link: Name of a link of its hand.
+
+        Raises:
+            ArgumentError: If there is no such link, it stands still, or not all that touches the
+                object moves with it; if the scene declares a motion; if a joint that holds the
+                object follows one that does not.
+            StateError: If nothing touches the object.
+            SceneError: If the scene cannot be used.
+        """
+        axes = scene.tangent_axes or _AXES
+        super().__init__(scene if scene.tangent_axes else scene.with_changes(tangent_axes=axes))
+        self.link = link
+        self.joint = joint = self._joint_of(link)
+        tree = self.hand.tree
+        behind = tree.supports[1:, joint - 1].copy()
+        behind[joint - 1] = False
+        leaders = np.array(tree.coupling.leaders, dtype=np.intp)
+        self._free = np.flatnonzero(~behind[leaders])
+        self._start = self.hand.positions[leaders]
+        self.held = tuple([self.joint_names[k] for k in np.flatnonzero(behind[leaders])])
+        self._refuse_followers(np.flatnonzero(behind))
+        self.joint_names = tuple([self.joint_names[k] for k in self._free])
+        self.joint_units = tuple([self.joint_units[k] for k in self._free])
+        lower, upper = self.joint_limits
+        self.joint_limits = read_only(lower[self._free]), read_only(upper[self._free])
+        self._refuse_motion()
+        self.touching = self._carried_contacts()
+        self._T_start_world = invert(self.hand.pose_of(link))
+
+    @cached_property
+    def without_limits(self) -> AttachedConfigurations:
+        """The same states, and those in which joints are outside their limits."""
+        return AttachedConfigurations(unlimited(self.scene), self.link)
+
+    @property
+    def hand(self) -> Hand:
+        """The hand as it is in the scene."""
+        hand = self.scene.hand
+        if hand is None:
+            raise ArgumentError("attached_to", "the scene has no hand that could carry its object")
+        return hand
+
+    def _joint_of(self, link: str) -> int:
+        tree = self.hand.tree
+        if not isinstance(link, str) or link not in tree.link_frames:
+            raise unknown_name("attached_to", "link", str(link), self.hand.link_names)
+        joint = tree.link_joints[link]
+        if joint == 0:
+            raise ArgumentError(
+                "attached_to",
+                f"link {link!r} stands still, whatever the joints do; name the link that the "
+                "fingers are on",
+            )
+        return joint
+
+    def _refuse_followers(self, behind: NDArray[np.intp]) -> None:
+        """Refuse joints that hold the object and would move with those that carry it."""
+        names, coupling = self.hand.tree.joint_names, self.hand.tree.coupling
+        follows = coupling.S[np.ix_(behind, self._free)].any(axis=1)
+        for joint in behind[follows].tolist():
+            raise ArgumentError(
+                "attached_to",
+                f"joint {names[joint]!r}, which is behind link {self.link!r}, follows one that is "
+                "not: the hand would not hold the object in the same way in all states",
+            )
+
+    def _refuse_motion(self) -> None:
+        motion = self.scene.motion
+        if motion is not None and (motion.object_twist.any() or motion.hand is not None):
+            raise ArgumentError(
+                "attached_to",
+                "the scene declares a motion, and an object that moves with a link rests in the "
+                "hand; take the scene with motion=None",
+            )
+
+    def _carried_contacts(self) -> ContactArrays:
+        """Return what touches the object; refuse what does not move with the link."""
+        touching, tree = touching_of(self.scene), self.hand.tree
+        _ = self.scene.contacts  # says what is wrong where nothing touches
+        for name, kind in zip(touching.bodies, touching.kinds, strict=True):
+            if kind is BodyKind.SUPPORT:
+                raise ArgumentError(
+                    "attached_to",
+                    f"support {name!r} touches the object and does not move with link "
+                    f"{self.link!r}; start where the hand alone holds the object",
+                )
+            if not tree.supports[tree.link_joints[name], self.joint - 1]:
+                raise ArgumentError(
+                    "attached_to",
+                    f"link {name!r} touches the object and does not move with link {self.link!r}; "
+                    "name a link that carries all that touches the object",
+                )
+        return touching
+
+    def scene_at(
+        self,
+        q: Configuration | None,
+        T_world_object: ArrayLike | None,
+        twist: ArrayLike | Motion | None,
+    ) -> Scene:
+        """Return the scene in one state: see `Evaluator.scene_at`."""
+        for name, given in (("T_world_object", T_world_object), ("twist", twist)):
+            if given is not None:
+                raise ArgumentError(
+                    name,
+                    f"the object moves with link {self.link!r} (attached_to): q alone tells where "
+                    "it is, and it rests in the hand; leave it out",
+                )
+        scene = self.scene
+        if q is None:
+            return scene
+        hand = self.hand_at(q)
+        move = self._move(hand)
+        fields: dict[str, Any] = {
+            "hand": hand,
+            "object": scene.object.with_pose(move @ scene.object.T_world_object),
+            "tangent_axes": tuple([read_only(move[:3, :3] @ one) for one in scene.tangent_axes]),
+        }
+        if scene.given_contacts is not None:
+            fields["given_contacts"] = tuple([_moved(one, move) for one in scene.given_contacts])
+        return scene._changed(fields)
+
+    def answered_at(self, q: Any, T_world_object: Any, twist: Any) -> Scene:
+        """Return the scene in one state, with the contacts that the answer is for."""
+        scene = self.scene_at(q, T_world_object, twist)
+        if scene is self.scene or scene.given_contacts is not None or scene.hand is None:
+            return scene
+        move, own = self._move(scene.hand), self.touching
+        R, t = move[:3, :3], move[:3, 3]
+        moved = ContactArrays.of_own(
+            own.bodies, own.kinds, own.positions @ R.T + t, own.normals @ R.T, own.distances
+        )
+        return with_touching(scene, moved)
+
+    def _move(self, hand: Hand) -> FloatArray:
+        """Return (4, 4) how the object has moved since the scene, world axes, m."""
+        return hand.pose_of(self.link) @ self._T_start_world
+
+    def hand_at(self, q: Configuration) -> Hand:
+        """Return the hand at a configuration: see `Configurations.hand_at`."""
+        if isinstance(q, Mapping):
+            return self.hand.with_configuration(self._named(q))
+        positions = self._start.copy()
+        positions[self._free] = self._values(q)
+        return self.hand.with_configuration(positions)
+
+    def _named(self, q: Mapping[str, float]) -> dict[str, float]:
+        for name in q:
+            if name in self.held:
+                raise ArgumentError(
+                    "q",
+                    f"joint {name!r} holds the object, which moves with link {self.link!r} "
+                    "(attached_to), and stays as it is in the scene; leave it out",
+                )
+        return super()._named(q)
+
+    def coupling(self) -> tuple[FloatArray, FloatArray]:
+        """Return (n, a) and (n,) matrix and offset from a configuration to all positions."""
+        S, offset = self.hand.tree.coupling.S, self.hand.tree.coupling.offset
+        held = np.setdiff1d(np.arange(len(self._start)), self._free)
+        return S[:, self._free], offset + S[:, held] @ self._start[held]
+
+    @cached_property
+    def beside(self) -> NDArray[np.bool_]:
+        """(G,) which of the hand's collision shapes do not move with the link."""
+        carriers, _ = self.hand.tree.shape_placements
+        return ~self.hand.tree.supports[carriers, self.joint - 1]
+
+    @cached_property
+    def motors_carry(self) -> bool:
+        """Whether joints under force control carry the link."""
+        carriers = self.hand.tree.supports[self.joint]
+        return bool(self.hand.actuation.from_joints[carriers].any())
+
+    def axes_at(self, scene: Scene) -> FloatArray:
+        """Return (3, 3) the axes of the joint that carries the link in a state, as columns."""
+        hand = scene.hand or self.hand
+        return hand.tree.kinematics(hand.positions).T_world_joint[self.joint, :3, :3]
+
+    def carried_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
+        """Return the problem of a state in the axes of the joint that carries the link.
+
+        But for its wrench and weights it is that of all states. Whatever contact forces balance the
+        wrench, the joints that carry the link bear the same: that counts as a weight, and they have
+        no part in J.
+
+        Args:
+            scene: The scene in this state.
+            problem: Its problem.
+        """
+        R = self.axes_at(scene)
+        if not self.motors_carry:
+            return turned_problem(problem, R.T)
+        hand, center, joint = scene.hand or self.hand, scene.object.center_of_mass_world, self.joint
+        columns, motors = JointColumns(hand), hand.actuation.from_joints
+        twists = np.vstack([columns.velocity(joint, center), columns.rotation(joint)])
+        J, weights, count = problem.jacobian.copy(), problem.gravity_torques.copy(), motors.shape[1]
+        links = (self.link,) * len(problem.positions)
+        J[:, :count] -= hand.contact_jacobian(links, problem.positions + center)
+        weights[:count] -= problem.external_wrench @ twists @ motors
+        return turned_problem(problem, R.T, jacobian=J, gravity_torques=weights)
+
+    def overlap(self, scene: Scene) -> str:
+        """Return what the object is in deeper than ``max_penetration``; empty: in nothing.
+
+        The links that hold it are as deep in it as they are in the evaluator's scene.
+        """
+        depth, placed = scene.max_penetration, scene.object.placed_bodies
+        hand = scene.hand or self.hand
+        around = [
+            (one.placed_bodies, np.ones(len(one.placed_bodies), bool)) for one in scene.supports
+        ]
+        for bodies, counts in [*around, (hand.placed_bodies, self.beside)]:
+            others = solids_of(bodies.shapes)
+            for p, k in near_solids(placed, solids_of(placed.shapes), bodies, others, -depth):
+                deep = -separation(placed[p], bodies[k]).distance if counts[k] else 0.0
+                if deep > depth:
+                    return (
+                        f"object {scene.object.name!r} and {bodies[k].name!r} overlap by "
+                        f"{deep * 1e3:.2f} mm"
+                    )
+        return ""
+
+
+def _moved(contact: GivenContact, move: FloatArray) -> GivenContact:
+    R, t = move[:3, :3], move[:3, 3]
+    return GivenContact(contact.body, R @ contact.position + t, R @ contact.normal)
