@@ -9,8 +9,13 @@ import pytest
 from planning_scenes import example
 
 from graspless_pin import Scene, maximize_margin
-from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.planning import PathTiming, TimingLimit, fastest_timing
+from graspless_pin.errors import ArgumentError, NoSolutionError, SceneError
+from graspless_pin.planning import (
+    PathTiming,
+    TimingLimit,
+    fastest_timing,
+    joint_trajectory,
+)
 from graspless_pin.scene import Acceleration, Load
 
 PATH = [{}, {"panda_joint1": 0.4}, {"panda_joint1": 1.0, "panda_joint2": 0.3}]
@@ -121,6 +126,28 @@ def test_joint_torques_are_kept() -> None:
     assert worst.max() > 0.97
 
 
+def test_joint_accelerations_are_kept() -> None:
+    found = fastest_timing(
+        carried(), PATH, velocity_limits=FAST, acceleration_limits={"panda_joint1": 5.0}, points=40
+    )
+    first = found.joint_names.index("panda_joint1")
+    assert np.abs(found.accelerations[:, first]).max() == pytest.approx(5.0, rel=1e-2)
+    assert TimingLimit.ACCELERATION in found.limits
+    assert found.duration > 1.5 * timing().duration
+
+
+def test_a_timing_is_a_trajectory() -> None:
+    found = timing(-60.0)
+    message = joint_trajectory(found)
+    assert message["joint_names"] == list(found.joint_names)
+    last = message["points"][-1]
+    seconds = last["time_from_start"]["sec"] + 1e-9 * last["time_from_start"]["nanosec"]
+    assert seconds == pytest.approx(found.duration, abs=1e-8)
+    assert last["velocities"] == found.velocities[-1].tolist()
+    with pytest.raises(NoSolutionError, match="no timing to send"):
+        joint_trajectory(timing(-5.0))
+
+
 def test_loads_count() -> None:
     heavy = carried().with_changes(loads=[Load("bag", mass=0.3, at=[0.0, 0.0, -0.1])])
     slower = fastest_timing(heavy, PATH, velocity_limits=FAST, torques=[-100.0], points=40)
@@ -130,8 +157,8 @@ def test_loads_count() -> None:
 def test_too_little_force_has_no_timing() -> None:
     found = timing(-5.0)
     assert not found.found and np.isnan(found.duration)
-    assert "nothing holds the object at rest at the start" in found.reason
-    assert str(found).startswith("no timing: nothing holds")
+    assert "do not hold the object at rest at the start" in found.reason
+    assert str(found).startswith("no timing: the torques do not hold")
 
 
 def test_what_is_wrong_is_said() -> None:
@@ -144,6 +171,18 @@ def test_what_is_wrong_is_said() -> None:
         fastest_timing(scene, PATH, velocity_limits={"elbow": 1.0})
     with pytest.raises(ArgumentError, match=r"velocity_limits: is 0"):
         fastest_timing(scene, PATH, velocity_limits=0.0)
+    with pytest.raises(ArgumentError, match=r"path\[1\]: .*is 60, outside the joint's limits"):
+        fastest_timing(scene, [{}, {"panda_joint1": 60.0}], velocity_limits=1.0)
+    with pytest.raises(ArgumentError, match=r"torques\['panda_finger_joint1'\]: is -200, outside"):
+        fastest_timing(scene, PATH, velocity_limits=1.0, torques=[-200.0])
+    with pytest.raises(ArgumentError, match="needs one of each: panda_finger_joint1"):
+        fastest_timing(scene, PATH, velocity_limits=1.0, torques={"gripper": -60.0})
+    with pytest.raises(ArgumentError, match="needs one of each: panda_finger_joint1"):
+        fastest_timing(scene, PATH, velocity_limits=1.0, torques=[-60.0, 0.0])
+    by_name = fastest_timing(
+        scene, PATH, velocity_limits=FAST, torques={"panda_finger_joint1": -60.0}, points=40
+    )
+    assert by_name.duration == pytest.approx(timing(-60.0).duration)
     with pytest.raises(ArgumentError, match="against each other"):
         fastest_timing(scene, [{}, {"panda_finger_joint1": 0.02}], velocity_limits=1.0)
     with pytest.raises(SceneError, match="acceleration: is stated"):

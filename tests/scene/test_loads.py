@@ -204,7 +204,7 @@ def test_files_say_loads_and_are_written_again(tmp_path: Path) -> None:
     assert [str(load) for load in scene.loads] == [
         "cable: force [0, 0, 0.5] N of the object, at [0, 0, 0.02] m", "water: 0.05 kg",
     ]  # fmt: skip
-    assert str(scene.acceleration) == "base: [0.5, 0, 0] m/s^2, joints accelerate"
+    assert str(scene.acceleration) == "base: [0.5, 0, 0] m/s^2, joints accelerate [joint_1.0 0]"
     assert "load      water: 0.05 kg" in str(scene)
     again = load_scene(scene.save(tmp_path / "again.yaml"))
     np.testing.assert_array_equal(again.problem().external_wrench, scene.problem().external_wrench)
@@ -230,13 +230,18 @@ def test_documents_state_loads_and_are_verified(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"loads": [{"name": "a"}, {"name": "a"}]}, r"loads\[1\].name: 'a' names another load"),
+        (
+            {"loads": [{"name": "a", "mass": 1}, {"name": "a", "mass": 2}]},
+            r"loads\[1\].name: 'a' names another load",
+        ),
         ({"loads": [{"name": "a", "force": [0, 0]}]}, r"loads\[0\].force"),
         ({"loads": [{"name": "a", "mass": -1}]}, r"loads\[0\].mass"),
         ({"loads": [{"name": "a", "push": 1}]}, r"loads\[0\].push"),
+        ({"loads": [{"name": "a", "at": [0, 0, 0]}]}, "found none of 'force', 'moment', 'mass'"),
         ({"acceleration": {"joint_velocities": {"elbow": 1.0}}}, "unknown independent joint"),
         ({"acceleration": {"of": "object", "joint_velocities": {"joint_1.0": 1.0}}}, "object"),
         ({"acceleration": {"of": "arm"}}, r"acceleration.of"),
+        ({"acceleration": {"of": "object"}}, "says of what, and not how"),
     ],
 )
 def test_files_that_are_wrong_name_the_key(

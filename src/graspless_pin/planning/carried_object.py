@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +50,9 @@ class CarriedObject(NamedTuple):
     limits: tuple[FloatArray, FloatArray]
 
     @classmethod
-    def of(cls, scene: Scene, torques: ArrayLike | None, margin: float) -> CarriedObject:
+    def of(
+        cls, scene: Scene, torques: ArrayLike | Mapping[str, float] | None, margin: float
+    ) -> CarriedObject:
         """Take a scene; refuse one in which the object does not go with a hand."""
         where = label_of(scene)
         if scene.motion is not None or scene.acceleration is not None:
@@ -70,7 +72,7 @@ class CarriedObject(NamedTuple):
         problem = scene.problem()
         limits = problem.lower_torque, problem.upper_torque
         if torques is not None:
-            constant = finite_array("torques", torques, (problem.joint_count,))
+            constant = _of_motors(problem, torques)
             limits = constant, constant
         return cls(scene, scene.hand, problem, links, margin, limits)
 
@@ -93,6 +95,33 @@ class CarriedObject(NamedTuple):
         return self.scene.with_changes(
             hand=hand, object=made.with_pose(steps[0] @ made.T_world_object)
         )
+
+
+def _of_motors(problem: QuasistaticProblem, torques: ArrayLike | Mapping[str, float]) -> FloatArray:
+    """Return (L,) torques within the motors' limits.
+
+    Raises:
+        ArgumentError: Naming the motors.
+    """
+    names = problem.joint_names
+    listed = ", ".join(names)
+    if isinstance(torques, Mapping):
+        if set(torques) != set(names):
+            found = ", ".join(map(str, torques))
+            raise ArgumentError("torques", f"names {found}; needs one of each: {listed}")
+        torques = [torques[name] for name in names]
+    given = np.atleast_1d(np.asarray(torques))
+    if given.shape != (len(names),):
+        raise ArgumentError("torques", f"has shape {given.shape}; needs one of each: {listed}")
+    constant = finite_array("torques", given, (len(names),))
+    for name, torque, low, high in zip(
+        names, constant, problem.lower_torque, problem.upper_torque, strict=True
+    ):
+        if not low <= torque <= high:
+            raise ArgumentError(
+                f"torques[{name!r}]", f"is {torque:g}, outside its limits [{low:g}, {high:g}]"
+            )
+    return constant
 
 
 class ContactProgram:

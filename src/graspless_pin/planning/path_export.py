@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.path import PathProfile
+from graspless_pin.planning.path_timing import PathTiming
 
 _NANOSECONDS = 1_000_000_000
 
@@ -87,21 +88,22 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
         raise ArgumentError("path", f"cannot write '{path}': {error.strerror}") from error
 
 
-def joint_trajectory(profile: PathProfile) -> dict[str, Any]:
-    """Return a profile in the form of a ``trajectory_msgs/JointTrajectory``.
+def joint_trajectory(profile: PathProfile | PathTiming) -> dict[str, Any]:
+    """Return a profile or a timing in the form of a ``trajectory_msgs/JointTrajectory``.
 
-    The joints are the hand's independent ones. The effort of a joint is its motor's torque; a
+    The joints are the hand's independent ones. A timing has velocities and accelerations, and no
+    efforts. The effort of a joint is its motor's torque; a
     joint without a motor under force control (position-controlled, or moved by tendons) has the
     effort 0. Times count from the first waypoint.
 
     Args:
-        profile: A profile with torques at every waypoint.
+        profile: A profile with torques at every waypoint, or a timing of `fastest_timing`.
 
     Returns:
         Plain dicts, lists, numbers and strings, as ROS 2 names them and JSON takes them.
 
     Raises:
-        NoSolutionError: If a waypoint has no torques.
+        NoSolutionError: If a waypoint has no torques, or there is no timing.
 
     Examples:
         >>> from graspless_pin import Waypoint, evaluate_path, load_scene
@@ -111,6 +113,15 @@ def joint_trajectory(profile: PathProfile) -> dict[str, Any]:
         >>> len(joint_trajectory(profile)["points"])
         2
     """
+    if isinstance(profile, PathTiming):
+        if not profile.found:
+            raise NoSolutionError(f"there is no timing to send ({profile.reason})")
+        rows = zip(profile.positions, profile.velocities, profile.accelerations, strict=True)
+        points = [
+            _point(time, q.tolist(), rate.tolist(), change.tolist(), [])
+            for time, (q, rate, change) in zip(profile.times.tolist(), rows, strict=True)
+        ]
+        return _message(list(profile.joint_names), points)
     if not profile.found:
         first = profile.failures[0]
         raise NoSolutionError(
@@ -128,19 +139,32 @@ def joint_trajectory(profile: PathProfile) -> dict[str, Any]:
         np.nan_to_num(profile.torques).tolist(),
         strict=True,
     ):
-        seconds, nanoseconds = divmod(round(time * _NANOSECONDS), _NANOSECONDS)
-        points.append(
-            {
-                "positions": positions,
-                "velocities": [],
-                "accelerations": [],
-                "effort": [0.0 if column is None else torques[column] for column in columns],
-                "time_from_start": {"sec": seconds, "nanosec": nanoseconds},
-            }
-        )
+        effort = [0.0 if column is None else torques[column] for column in columns]
+        points.append(_point(time, positions, [], [], effort))
+    return _message(list(profile.position_names), points)
+
+
+def _point(
+    time: float,
+    positions: list[float],
+    velocities: list[float],
+    accelerations: list[float],
+    effort: list[float],
+) -> dict[str, Any]:
+    seconds, nanoseconds = divmod(round(time * _NANOSECONDS), _NANOSECONDS)
+    return {
+        "positions": positions,
+        "velocities": velocities,
+        "accelerations": accelerations,
+        "effort": effort,
+        "time_from_start": {"sec": seconds, "nanosec": nanoseconds},
+    }
+
+
+def _message(names: list[str], points: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
-        "joint_names": list(profile.position_names),
+        "joint_names": names,
         "points": points,
     }
 

@@ -37,6 +37,7 @@ class TimingLimit(StrEnum):
     """What keeps a path from being followed faster. See the example of `fastest_timing`."""
 
     VELOCITY = "joint velocity"
+    ACCELERATION = "joint acceleration"
     TORQUE = "joint torque"
     CONTACTS = "contacts"
     NOTHING = "nothing"
@@ -100,9 +101,10 @@ def fastest_timing(
     path: ArrayLike | Sequence[Configuration],
     *,
     velocity_limits: float | Mapping[str, float],
+    acceleration_limits: float | Mapping[str, float] | None = None,
     torque_limits: Mapping[str, float] | None = None,
     margin: float = 0.0,
-    torques: ArrayLike | None = None,
+    torques: ArrayLike | Mapping[str, float] | None = None,
     points: int = 100,
 ) -> PathTiming:
     """Find the shortest time along an arm's path in which what the hand holds stays in it.
@@ -110,7 +112,8 @@ def fastest_timing(
     The path is a cubic spline through the configurations; it begins and ends at rest. The object
     moves with the links that touch it, with the contacts that it has in the scene. Contact forces
     have to exist that keep the margin under plain Coulomb friction: any force inside the cones is
-    believed, whether or not a virtual sliding calls for it. Loads of the scene count.
+    believed, whether or not a virtual sliding calls for it. Loads of the scene count. Obstacles do
+    not: `Evaluator.first_invalid` looks for collisions.
 
     Args:
         scene: A scene at rest in which a hand alone holds the object.
@@ -118,18 +121,20 @@ def fastest_timing(
             or one as `Evaluator.evaluate` takes it each. Links that touch must not move against
             each other.
         velocity_limits: Largest velocity of all joints, or by independent joint, rad/s or m/s.
+        acceleration_limits: Likewise, rad/s^2 or m/s^2; None: no limit.
         torque_limits: Largest torque by independent joint, N m or N, of arm joints that J has no
             column for; None: only the hand's motors are limited.
         margin: That contact forces keep, N.
-        torques: (L,) the motors' torques, which stay constant; None: any within their limits.
+        torques: (L,) the motors' torques, which stay constant, or by name, N m or N; None: any
+            within their limits.
         points: On the path, at which all limits are kept.
 
     Returns:
         The timing, or why there is none.
 
     Raises:
-        ArgumentError: If a joint is unknown or outside its limits, a number out of range, a shape
-            wrong, or links that touch move against each other.
+        ArgumentError: If a joint is unknown or outside its limits, a number out of range, a torque
+            beyond its limits, a shape wrong, or links that touch move against each other.
         SceneError: If supports touch the object, no link does, or the scene moves or accelerates.
         GrasplessPinError: If TOPP-RA is not installed.
 
@@ -148,14 +153,22 @@ def fastest_timing(
     carried = CarriedObject.of(scene, torques, real_number("margin", margin, 0.0))
     configurations = Configurations(carried.scene)
     names = configurations.joint_names
-    fastest = _by_joint("velocity_limits", velocity_limits, names)
-    strongest = _by_joint("torque_limits", torque_limits or {}, names)
+    no_limit: Mapping[str, float] = {}
+    limits = _JointLimits(
+        _by_joint("velocity_limits", velocity_limits, names),
+        _by_joint(
+            "acceleration_limits",
+            no_limit if acceleration_limits is None else acceleration_limits,
+            names,
+        ),
+        _by_joint("torque_limits", torque_limits or no_limit, names),
+    )
     knots = _waypoints(configurations, path)
     ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
     where = np.linspace(0.0, ways[-1], whole_number("points", points, 3))
     spline = CubicSpline(ways, knots, bc_type="natural")
     program = ContactProgram(carried)
-    along = [_point(carried, program, spline, s, fastest, strongest) for s in where]
+    along = [_point(carried, program, spline, s, limits) for s in where]
     positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
     nothing = np.full(len(where), np.nan)
     blank = PathTiming(
@@ -165,14 +178,15 @@ def fastest_timing(
     for k, point in enumerate(along):
         if point is None:
             q = ", ".join(f"{value:.4g}" for value in positions[k].tolist())
-            return replace(blank, reason=f"nothing holds the object at point {k}, q = [{q}]")
+            why = f"no torques within the limits hold the object at point {k}, q = [{q}]"
+            return replace(blank, reason=f"{why}, whatever the speed")
     told = [point for point in along if point is not None]
     for end, point in (("start", told[0]), ("end", told[-1])):
         at_rest, _ = program.margin(point.wrench, point.torques, 0.0, 0.0)
         if not at_rest >= margin - _LOST * carried.problem.scales.force:
-            return replace(
-                blank, reason=f"nothing holds the object at rest at the {end} with that margin"
-            )
+            asked = f" with a margin of {margin:g} N" if margin else ""
+            why = f"the torques do not hold the object at rest at the {end}{asked}"
+            return replace(blank, reason=why)
     speeds = _fastest_speeds(told, where, knots, ways)
     if speeds is None:
         return replace(blank, reason="no timing keeps all limits from rest to rest")
@@ -202,6 +216,20 @@ def fastest_timing(
         ),
         limiting_contacts=limiting,
     )
+
+
+class _JointLimits(NamedTuple):
+    """What a independent joints may do; infinite where there is no limit.
+
+    Attributes:
+        velocity: (a,) rad/s or m/s.
+        acceleration: (a,) rad/s^2 or m/s^2.
+        torque: (a,) N m or N.
+    """
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
 
 
 class _PathPoint(NamedTuple):
@@ -238,8 +266,7 @@ def _point(
     program: ContactProgram,
     spline: CubicSpline,
     s: float,
-    fastest: FloatArray,
-    strongest: FloatArray,
+    limits: _JointLimits,
 ) -> _PathPoint | None:
     """Return the limits at a point of a path; None where nothing holds the object at any speed."""
     q, slope, bend = (np.asarray(spline(s, order)) for order in range(3))
@@ -270,7 +297,7 @@ def _point(
     hybrid = np.zeros((carried.problem.joint_count - len(hand.actuated_joint_names), 3))
     motors = np.vstack([hand.actuation.from_joints.T @ own, hybrid])
     with np.errstate(divide="ignore"):
-        most = float(np.min((fastest / np.abs(slope)) ** 2))
+        most = float(np.min((limits.velocity / np.abs(slope)) ** 2))
     polygon = program.polygon(turned, motors, most)
     if polygon is None:
         return None
@@ -283,12 +310,17 @@ def _point(
     about_origin = wrenches.copy()
     about_origin[3:] += np.cross(center, wrenches[:3], axis=0)
     joints = tree.coupling.S.T @ (own - (J * tree.moves[carrier]).T @ about_origin)
-    for joint in np.flatnonzero(np.isfinite(strongest)):
-        still, *parts = joints[joint]
-        for sign in (1.0, -1.0):
-            rows.append(sign * np.array(parts))
-            sides.append(strongest[joint] - sign * still)
-            kinds.append(TimingLimit.TORQUE)
+    of_path = np.column_stack([np.zeros(len(slope)), slope, bend])
+    for kind, most_of, parts in (
+        (TimingLimit.TORQUE, limits.torque, joints),
+        (TimingLimit.ACCELERATION, limits.acceleration, of_path),
+    ):
+        for joint in np.flatnonzero(np.isfinite(most_of)):
+            still, *moving = parts[joint]
+            for sign in (1.0, -1.0):
+                rows.append(sign * np.array(moving))
+                sides.append(most_of[joint] - sign * still)
+                kinds.append(kind)
     return _PathPoint(turned, motors, np.array(rows), np.array(sides), tuple(kinds))
 
 
@@ -341,6 +373,11 @@ def _fastest_speeds(
 def _waypoints(configurations: Configurations, path: Any) -> FloatArray:
     """Return (K, a) positions of different configurations that follow each other."""
     ways = np.array([configurations.array(q) for q in path], dtype=float)
+    for k, q in enumerate(ways):
+        try:
+            configurations.hand_at(q)
+        except ArgumentError as error:
+            raise ArgumentError(f"path[{k}]", str(error)) from error
     steps = np.linalg.norm(np.diff(ways, axis=0), axis=1) if len(ways) > 1 else np.zeros(0)
     if not len(steps) or not steps.all():
         found = "two that follow each other and are the same" if len(steps) else str(len(ways))

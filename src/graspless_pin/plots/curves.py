@@ -300,6 +300,7 @@ def timing_plot(timing: PathTiming, ax: Axes | None = None) -> Axes:
     marks = {
         TimingLimit.CONTACTS: ("o", Role.FRICTION_AT_LIMIT),
         TimingLimit.VELOCITY: ("s", Role.NORMAL_FORCE),
+        TimingLimit.ACCELERATION: ("D", Role.SLIDING),
         TimingLimit.TORQUE: ("^", Role.FRICTION_FORCE),
         TimingLimit.NOTHING: (".", Role.TOTAL_FORCE),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from math import inf
+from math import hypot, inf
 from textwrap import fill
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
@@ -11,6 +11,7 @@ from graspless_pin.findings import Severity
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.scene import Scene
+from graspless_pin.scene.load_wrenches import object_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
 from graspless_pin.solution.tables import COLUMNS, figure, headed
@@ -45,7 +46,8 @@ def scene_solution_text(
     if scene.loads:
         facts += f", {_count(len(scene.loads), 'load')}"
     if scene.acceleration is not None:
-        facts += ", accelerating"
+        a = object_motion(scene).acceleration_of(scene.object.center_of_mass_world)
+        facts += f", accelerating by {hypot(*a):.3g} m/s^2"
     title = headed(scene.name, facts)
     title = f"{_serious(solution)}{title}"
     if verdict:

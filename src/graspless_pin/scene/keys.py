@@ -88,6 +88,7 @@ def _item(items: list[Any], name: str, key: str) -> int:
         return names.index(name)
     known = [*filter(None, names)]
     words = names_in_words(name, known) if known else "known: none, so give an index"
+    words = words if items else "it is empty"
     raise ArgumentError(key, f"has no item called {name!r}; {words}")
 
 

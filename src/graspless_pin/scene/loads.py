@@ -182,7 +182,7 @@ class Acceleration(Brief, PickledByFields):
             if value.any()
         ]
         told += [
-            f"joints {kind}"
+            f"joints {kind} {_named(value)}"
             for kind, value in (
                 ("move", self.joint_velocities),
                 ("accelerate", self.joint_accelerations),
@@ -197,6 +197,10 @@ class Acceleration(Brief, PickledByFields):
         turns = self.angular.any() or self.angular_velocity.any()
         joints = any([*self.joint_velocities.values(), *self.joint_accelerations.values()])
         return not (turns or joints)
+
+
+def _named(values: Mapping[str, float]) -> str:
+    return f"[{', '.join(f'{name} {value:.4g}' for name, value in values.items())}]"
 
 
 def _numbers(values: FloatArray) -> str:

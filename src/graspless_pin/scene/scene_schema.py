@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, figure_types
 from graspless_pin.bounds import MOST_CONE_EDGES
@@ -90,6 +90,12 @@ class LoadEntry(Entry):
         default="world", description="of force and moment; object: they turn with it"
     )
 
+    @model_validator(mode="after")
+    def _is_something(self) -> LoadEntry:
+        if not self.model_fields_set & {"force", "moment", "mass", "field"}:
+            raise ValueError("found none of 'force', 'moment', 'mass' and 'field'; needs one")
+        return self
+
 
 class AccelerationEntry(Entry):
     """How object and hand accelerate: the moment at which an arm starts, turns or stops."""
@@ -112,6 +118,12 @@ class AccelerationEntry(Entry):
         description="base: of the hand's base, with hand, object and supports as one; object: of "
         "the object alone",
     )
+
+    @model_validator(mode="after")
+    def _is_something(self) -> AccelerationEntry:
+        if self.model_fields_set <= {"of", "at"}:
+            raise ValueError("says of what, and not how; give 'linear', 'angular' or joints")
+        return self
 
 
 _Entry = TypeVar("_Entry", bound=Entry)
