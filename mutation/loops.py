@@ -35,6 +35,7 @@ OF_OPTIMA = (
     "tests/compiled",
     "tests/core/test_loaded_optima.py",
     "tests/holding/test_outcome_bounds.py",
+    "tests/planning/test_attached.py",
     "tests/planning/test_batch_optimum.py",
     "tests/planning/test_many_states.py",
 )
@@ -87,6 +88,7 @@ FRAMES, MOTIONS, SHARED = "contact_frames", "virtual_motions", "shared"
 SEARCH, PAIRS, CHAINS, STATES = "contact_search", "body_pairs", "kinematic_chains", "hand_states"
 ASSEMBLY, STARTS, WARM = "paper_programs", "optimum_starts", "warm_optima"
 COLD, LOADED, CALLER = "cold_optima", "loaded_states", "../algorithms/batch_optimum.py"
+CARRIED, MODES = "carried_states", "mode_programs"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
 MISTAKES = tuple(
     Mistake(*one)
@@ -125,8 +127,8 @@ MISTAKES = tuple(
          "target = self.lower[v]"),
         (SIMPLEX, "step = self.upper[v] - self.lower[v]", "step = INFINITY"),
         (TABLES, "self._move(self.m - 1 - (i - first), k)", "self._move(self.m - 1, k)"),
-        (SIMPLEX, "data(marginals)[i] = 0.0 if k >= 0 else self.slopes[-1 - k]",
-         "data(marginals)[i] = 0.0 if k >= 0 else self.tilted[-1 - k]"),
+        (SIMPLEX, "marginals[i] = 0.0 if k >= 0 else self.slopes[-1 - k]",
+         "marginals[i] = 0.0 if k >= 0 else self.tilted[-1 - k]"),
         (TABLES, "out[-1 - at] += row[s]", "out[-1 - at] = row[s]"),
         (ASSEMBLY, "out[3 + k] /= self.length", "pass"),
         (ASSEMBLY, "if top else self.lower[j]) - self.gravity[j]",
@@ -140,7 +142,7 @@ MISTAKES = tuple(
         (STATES, "or times[links.bodies[k]] != 1", ""),
         (CHAINS, "step[1] -= s * axis[5]", "step[1] += s * axis[5]"),
         (WARM, "starts.insert(0, starts.pop(place))", "pass"),
-        (WARM, "if self.value > self.cutoff:", "if False:"),
+        (WARM, "self.close and self.value <= self.cutoff", "self.close"),
         (WARM, "friction * start.signs", "-friction * start.signs"),
         (ASSEMBLY, "residual = max(residual, at if i >= 6 else fabs(at))",
          "residual = max(residual, at)"),
@@ -172,6 +174,12 @@ MISTAKES = tuple(
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
         (FRAMES, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),
         (SHARED, "C[4 * i + 3] += A[4 * i + 3]", "pass"),
+        (CARRIED, "turn_back(T, data(self._wrench) + i, load + i)",
+         "turn(T, data(self._wrench) + i, load + i)"),
+        (CARRIED, "torque[j] -= (", "torque[j] += ("),
+        (MODES, "self.bounds[c] = 0.0 if sign <= 0.0 else -INFINITY",
+         "self.bounds[c] = -INFINITY"),
+        (MODES, "lowest = min(lowest, self.bound)", "lowest = self.bound"),
         (SHARED, "other[j] = (other[j] - inner(other, row, j)) / row[j]",
          "other[j] = other[j] / row[j]"),
     )

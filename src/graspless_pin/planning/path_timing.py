@@ -7,6 +7,7 @@ point of the path the pairs for which contact forces exist are a polygon: the ro
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -333,10 +334,13 @@ def _fastest_speeds(
         GrasplessPinError: If it is not installed.
     """
     try:
-        import toppra
-        from toppra.algorithm import TOPPRA
-        from toppra.constraint import DiscretizationType, LinearConstraint
-        from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
+        with warnings.catch_warnings():
+            # Its docstrings have backslashes that Python warns of where it is first compiled.
+            warnings.simplefilter("ignore")
+            import toppra
+            from toppra.algorithm import TOPPRA
+            from toppra.constraint import DiscretizationType, LinearConstraint
+            from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
     except ImportError as error:
         raise GrasplessPinError(
             f"timings need TOPP-RA ({error}); install it with pip install 'graspless-pin[planning]'"
