@@ -109,6 +109,13 @@ def test_joint_velocities_are_kept() -> None:
     assert np.abs(by_name.velocities[:, first]).max() == pytest.approx(0.8, rel=1e-6)
 
 
+def test_joints_that_do_not_move_limit_nothing() -> None:
+    """A joint that stands still has no share in the speed along the path, whatever its limit."""
+    found = fastest_timing(carried(), PATH, velocity_limits={"panda_joint7": 0.1}, points=40)
+    assert found.duration == pytest.approx(timing().duration, rel=1e-3)
+    assert TimingLimit.VELOCITY not in found.limits
+
+
 def test_joint_torques_are_kept() -> None:
     """Against the torques of an arm under force control, with what it carries as contacts."""
     limits = {"panda_joint1": 20.0, "panda_joint2": 45.0}

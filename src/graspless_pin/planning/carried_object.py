@@ -18,7 +18,7 @@ from graspless_pin.scene.fields import label_of
 from graspless_pin.solvers.simplex import Simplex
 
 _AS_ONE = 1e-6  # m and rad: links that move against each other by less move as one
-_LOST = 1e-6
+LOST = 1e-6
 """Of the load: margins and balances may be off by so much."""
 _NEAR = 1e-3
 """Of the ranges of u and x: corners that are left out of a polygon."""
@@ -201,14 +201,14 @@ class ContactProgram:
         scale = problem.scales.force
         units = np.concatenate([np.ones(3), np.full(3, problem.scales.length)])
         unbalanced = np.abs(problem.W @ forces + load) / units
-        if unbalanced.max() > _LOST * max(scale, float(np.abs(load / units).max())):
+        if unbalanced.max() > LOST * max(scale, float(np.abs(load / units).max())):
             return -np.inf, ()
         local = forces.reshape(-1, 3)
         pressed = np.einsum("ij,ij->i", problem.normals, local)
         rooms = np.minimum(pressed, problem.max_normal_force - pressed)
         rooms = np.minimum(rooms, problem.room_in_cones(local))
         margin = float(rooms.min())
-        return margin, tuple(np.flatnonzero(rooms <= margin + _LOST * scale).tolist())
+        return margin, tuple(np.flatnonzero(rooms <= margin + LOST * scale).tolist())
 
     def _between(
         self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _DEEPEST

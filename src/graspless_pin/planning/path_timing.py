@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.geometry.hand.inertial_forces import STILL, hand_motions
 from graspless_pin.geometry.pickling import Record
-from graspless_pin.planning.carried_object import CarriedObject, ContactProgram
+from graspless_pin.planning.carried_object import LOST, CarriedObject, ContactProgram
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 from graspless_pin.scene import Scene
@@ -28,8 +28,8 @@ from graspless_pin.scene.fields import checked_scene
 from graspless_pin.scene.load_wrenches import object_wrench
 from graspless_pin.suggestions import names_in_words
 
-_LOST = 1e-6
-"""Of the load: margins and balances may be off by so much."""
+_FASTEST = 1e3
+"""Along the path, rad/s: where no joint that moves has a limit."""
 _AT_LIMIT = 1e-3
 """Of a limit, or of the box around the polygon: what is nearer limits."""
 
@@ -184,7 +184,7 @@ def fastest_timing(
     told = [point for point in along if point is not None]
     for end, point in (("start", told[0]), ("end", told[-1])):
         at_rest, _ = program.margin(point.wrench, point.torques, 0.0, 0.0)
-        if not at_rest >= margin - _LOST * carried.problem.scales.force:
+        if not at_rest >= margin - LOST * carried.problem.scales.force:
             asked = f" with a margin of {margin:g} N" if margin else ""
             why = f"the torques do not hold the object at rest at the {end}{asked}"
             return replace(blank, reason=why)
@@ -199,7 +199,7 @@ def fastest_timing(
         for point, u, x in zip(told, changes, squared, strict=True)
     ]
     margins, limiting = zip(*found, strict=True)
-    if not min(margins) >= carried.margin - _LOST * carried.problem.scales.force:
+    if not min(margins) >= carried.margin - LOST * carried.problem.scales.force:
         lost = int(np.argmin(margins))
         return replace(blank, reason=f"no contact forces were found at point {lost} of the timing")
     last = len(where) - 1
@@ -282,7 +282,6 @@ def _point(
     wrenches = np.column_stack(
         [at_rest, *(object_wrench(scene, one.joints[carrier]) - at_rest for one in (by_u, by_x))]
     )
-    no_weight = np.zeros(len(tree.joint_names))
     own = np.column_stack(
         [
             tree.gravity_torques(hand.positions, scene.gravity),
@@ -291,14 +290,14 @@ def _point(
         ]
     )
     if not scene.count_own_weight:
-        own = np.column_stack([no_weight] * 3)
+        own = np.zeros_like(own)
     # The start's axes: contacts are there as they were.
     R = carried.scene.object.T_world_object[:3, :3] @ scene.object.T_world_object[:3, :3].T
     turned = np.vstack([R @ wrenches[:3], R @ wrenches[3:]])
     hybrid = np.zeros((carried.problem.joint_count - len(hand.actuated_joint_names), 3))
     motors = np.vstack([hand.actuation.from_joints.T @ own, hybrid])
     with np.errstate(divide="ignore"):
-        most = float(np.min((limits.velocity / np.abs(slope)) ** 2))
+        most = float(np.min(limits.velocity / np.abs(slope), initial=_FASTEST)) ** 2
     polygon = program.polygon(turned, motors, most)
     if polygon is None:
         return None
