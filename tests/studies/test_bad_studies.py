@@ -25,7 +25,7 @@ GRID = "{method: grid}"
 LOADING = {
     "scene: SCENE\n": {"": ":1: scene: is missing; needs text"},
     "SCENE": {"cuboid.yaml": ":1: scene: there is no file"},
-    "sampling:": {"samping:": ":6: samping: unknown key; did you mean 'sampling'? known: compute,"},
+    "sampling:": {"samping:": ":6: samping: unknown key; did you mean 'sampling'? known: close,"},
     "steps: 3": {
         "step: 3": ":3: vary['friction.default'].step: unknown key; did you mean 'steps'?",
         "steps: 1": ":3: vary['friction.default']: one step has",

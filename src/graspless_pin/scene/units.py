@@ -83,6 +83,7 @@ _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths
     "moment": ("torque",),
     "field": ("acceleration",),
     "at": ("length",),
+    "point": ("length",),
     "angular_velocity": ("angular velocity",),
     "joint_accelerations": ("angular acceleration", "acceleration"),
 }

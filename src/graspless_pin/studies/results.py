@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
+from graspless_pin.studies.posing import NOT_PLACED
 from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE, OBJECTIVE_VALUE
 from graspless_pin.studies.sample_evaluation import Failure
 from graspless_pin.studies.study import Study
@@ -24,9 +25,11 @@ if TYPE_CHECKING:
 KEY = "graspless_pin"
 """Name of the metadata in Parquet files and in ``DataFrame.attrs``."""
 _COUNTS = ("contacts", "nodes")
+_OF_HANDS = ("place_rank", "places_found", "open_fingers")
 _FIRST = ("status", "found", "margin_N")
 _LARGEST = tuple(f"{LARGEST_TORQUE}{unit}" for unit in ("Nm", "N"))
 _LAST = (
+    *_OF_HANDS,
     OBJECTIVE_VALUE,
     "verdict",
     "holding",
@@ -44,7 +47,9 @@ _LAST = (
     "error",
 )
 _ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")
-_TEXT = ("status", "verdict", "holding", "mode", FINDINGS, "reason", "error")
+_TEXT = (
+    "status", "verdict", "holding", "mode", "open_fingers", FINDINGS, "reason", "error",
+)  # fmt: skip
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 CSV_MARK = f"# {KEY} "
@@ -145,7 +150,7 @@ def _part(study: Study, numbers: range, results: dict[str, list[Any]]) -> pd.Dat
 def _type(name: str) -> str:
     if name == "found":
         return "bool"
-    if name in _COUNTS:
+    if name in (*_COUNTS, "place_rank", "places_found"):
         return "Int64"
     return "str" if name in _TEXT else "float64"
 
@@ -363,7 +368,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     parts: Iterable[Any] = [table]
     if isinstance(table, str | Path):
         parts = results_parts(table)
-    failures, count, found, serious = dict.fromkeys(Failure, 0), 0, 0, 0
+    failures, count, found, serious, unplaced = dict.fromkeys(Failure, 0), 0, 0, 0, 0
     largest: Any = None
     smallest: Any = None
     failure: Any = None
@@ -372,6 +377,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     for part in parts:
         count += len(part)
         found += int(part["found"].sum())
+        unplaced += int((part["status"] == NOT_PLACED).sum())
         for why in Failure:
             failures[why] += int((part["status"] == why.value).sum())
         has_findings = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
@@ -390,7 +396,8 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     lines = [f"{count} {'samples' if count > 1 else 'sample'}: {found} found"]
     if serious:
         lines[0] += f" ({serious} of them with serious findings)"
-    lines[0] += f", {count - found - sum(failures.values())} infeasible"
+    lines[0] += f", {count - found - unplaced - sum(failures.values())} infeasible"
+    lines[0] += f", {unplaced} not placed" if unplaced else ""
     for why, times in failures.items():
         if times or why is Failure.FAILED:
             lines[0] += f", {times} {why.value.replace('_', ' ')}"

@@ -40,6 +40,8 @@ from graspless_pin.scene.validation_errors import validated
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
+from graspless_pin.studies.posing import NOT_PLACED, parted, try_to_place
+from graspless_pin.studies.posing_schema import PosingEntry
 from graspless_pin.studies.results import (
     check_columns,
     format_of,
@@ -110,9 +112,11 @@ def check_study(study: Study) -> None:
 
 
 def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
+    of_scene, own = parted(tree)
     try:
-        validated(replace(study.scene, data=tree), SceneEntry)
-    except SceneError as error:
+        validated(replace(study.scene, data=of_scene), SceneEntry)
+        validated(replace(study.source, data=own), PosingEntry)
+    except (SceneError, StudyError) as error:
         raise study.source.error(("vary", name), f"at {value!r}: {error}") from None
 
 
@@ -126,7 +130,9 @@ def _check_any_touches(study: Study) -> None:
     for number in dict.fromkeys(spread):
         sample = study.samples[number]
         try:
-            study.scene_at(sample, parts).problem()
+            _try_out(study, sample, parts)
+        except StudyError:
+            raise
         except GrasplessPinError as error:
             failure = failure or (sample, error)
         except Exception:  # the sample's row will tell
@@ -146,6 +152,19 @@ def _check_any_touches(study: Study) -> None:
         )
 
 
+def _try_out(study: Study, sample: Sample, parts: SampleParts) -> None:
+    """Make a sample's problem; where the hand is placed, of one candidate.
+
+    Raises:
+        GrasplessPinError: If there is none.
+    """
+    if study.entry.place is None:
+        study.scene_at(sample, parts).problem()
+        return
+    scene, tree = study.unposed_at(sample, parts), study.tree_at(sample, parts)
+    study.source.at(("place",), lambda: try_to_place(scene, tree))
+
+
 def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
     """Return the error of the variable that sets what no scene is made of, such as an unknown name.
 
@@ -155,7 +174,7 @@ def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
     def error_of(tree: Tree) -> GrasplessPinError | None:
         try:
             with capture():
-                build_scene(Scene, replace(study.scene, data=tree))
+                build_scene(Scene, replace(study.scene, data=parted(tree)[0]))
         except GrasplessPinError as error:
             return error
         return None
@@ -295,7 +314,7 @@ def _unrecorded(study: Study, rows: Iterable[Row]) -> set[int]:
     """Return samples with a solution that the study's record lacks; without a record: none."""
     if study.record is None:
         return set()
-    failures = {why.value for why in Failure}
+    failures = {*(why.value for why in Failure), NOT_PLACED}
     return {
         row["sample"]
         for row in rows

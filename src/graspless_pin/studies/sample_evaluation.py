@@ -234,6 +234,19 @@ def evaluate_each(
     Raises:
         StudyError: If the study's record cannot keep a solution.
     """
+    of_hands: dict[int, Row] = {}
+    for row in _evaluated(study, samples, of_hands, one_by_one=one_by_one):
+        yield row | of_hands.pop(row["sample"], {})
+
+
+def _evaluated(
+    study: Study,
+    samples: Sequence[tuple[int, Sample]],
+    of_hands: dict[int, Row],
+    *,
+    one_by_one: bool,
+) -> Iterator[Row]:
+    """Yield the rows of `evaluate_each`; what they tell of where hands went is put beside them."""
     parts, compute = _parts_of(study.fingerprint), study.entry.compute
     asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
     alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
@@ -245,16 +258,20 @@ def evaluate_each(
             yield from block.rest()
             at, block, starts = number // study.block, _block(study), WarmStarts()
         try:
-            scene = study.scene_at(sample, parts)
-            found = state_findings(scene, checks) if alone else ()
-            stated = None if alone else stated_sample(scene, limits, checks, stated)
+            scene, of_hands[number] = study.posed_at(sample, parts)
+            if scene is not None:
+                found = state_findings(scene, checks) if alone else ()
+                stated = None if alone else stated_sample(scene, limits, checks, stated)
         except StudyError:
             raise
         except Exception as error:
             yield from block.rest()
             yield _failed(study, number, error)
             continue
-        if stated is None:
+        if scene is None:
+            yield from block.rest()
+            yield {"sample": number}
+        elif stated is None:
             yield _row(study, number, scene, found, starts)
         else:
             yield from block.rows(number, stated)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from graspless_pin.caching import Bounded
+from graspless_pin.planning.hand_placement import HandPlacement
 from graspless_pin.scene.build_cache import SceneParts
 from graspless_pin.scene.keys import Tree, copied
 from graspless_pin.scene.load import FIELDS_BY_KEY
@@ -16,6 +18,7 @@ from graspless_pin.studies.keys import MOVABLE, Variable, movable_part, with_par
 Sample = tuple[Any, ...]
 """The value of every variable."""
 _MOST_FIELDS = 4096
+_MOST_PLACEMENTS = 16
 
 
 @dataclass(eq=False)
@@ -24,8 +27,14 @@ class SampleParts(SceneParts):
 
     Two samples share all of their trees that no variable has changed from one to the other. That is
     how the stages of the next scene are known to be the same.
+
+    Attributes:
+        placements: Places of the hand by all that they depend on; the last few.
     """
 
+    placements: Bounded[str, HandPlacement] = field(
+        default_factory=lambda: Bounded(_MOST_PLACEMENTS)
+    )
     _last: tuple[Sample, Scene] | None = None
     _fields: dict[tuple[int, str], tuple[str, Any]] = field(default_factory=dict)
     _names: tuple[str, ...] = ()

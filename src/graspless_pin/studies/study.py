@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from graspless_pin.algorithms.named_objectives import useless
-from graspless_pin.errors import StudyError
+from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
 from graspless_pin.scene.keys import Tree, copied
@@ -22,6 +22,8 @@ from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Variable, make_variable
+from graspless_pin.studies.posing import PosedScene, parted, posed
+from graspless_pin.studies.posing_schema import PosingEntry
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import StudyEntry
@@ -107,20 +109,36 @@ class Study:
         return parts.moved(self.placed_at(sample, parts), self.variables, sample)
 
     def scene_at(self, sample: Sample, parts: SampleParts | None = None) -> Scene:
-        """Return the scene at one sample.
+        """Return the scene at one sample, its hand placed or closed where the study says so.
 
         Args:
             sample: The values of all variables, e.g. one of `samples`.
             parts: What scenes of earlier samples left.
 
         Raises:
-            SceneError: If the scene cannot be used with these values.
+            SceneError: If the scene cannot be used with these values, or the hand has no place.
+            ArgumentError: If the hand cannot be placed or closed with these options.
         """
+        made = self.posed_at(sample, parts)
+        if made.scene is None:
+            raise SceneError(f"{self.scene.path}: {made.row['reason']}")
+        return made.scene
+
+    def posed_at(self, sample: Sample, parts: SampleParts | None = None) -> PosedScene:
+        """Return the scene of `scene_at`, and what a row of results tells of the hand's place."""
         parts = parts or SampleParts()
+        scene = self.unposed_at(sample, parts)
+        if self.entry.place is None and self.entry.close is None:
+            return PosedScene(scene, {})
+        return posed(scene, self.tree_at(sample, parts), parts)
+
+    def unposed_at(self, sample: Sample, parts: SampleParts) -> Scene:
+        """Return the scene at one sample with the hand where the scene file has it."""
         scene = parts.known(sample)
         if scene is None:
             file = self.scene
-            content = YamlSource(file.path, self.tree_at(sample, parts), file.kind, file.lines)
+            tree = parted(self.tree_at(sample, parts))[0]
+            content = YamlSource(file.path, tree, file.kind, file.lines)
             scene = build_scene(Scene, content, parts)
             parts.learn(self.variables, sample)
         return scene
@@ -156,10 +174,12 @@ def _made(source: YamlSource, folder: Path) -> Study:
         raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
     scene = YamlSource.read(file)
     usual = validated(scene, SceneEntry)
-    defaults = usual.model_dump()
+    _check_posing(entry, usual, fail)
     tree = in_radians(scene.data)
     options = entry.compute.solve_options()
     tree["solve"] = {**(tree.get("solve") or {}), **options}
+    tree |= copied(parted(source.data)[1])
+    defaults = usual.model_dump() | entry.model_dump(include={*PosingEntry.model_fields})
     variables = tuple(
         make_variable(
             name,
@@ -170,7 +190,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
         )
         for name, item in entry.vary.items()
     )
-    _check_targets(variables, options, fail)
+    _check_targets(entry, variables, options, fail)
     _check_materials(usual, variables, fail)
     _check_algorithm(tree, variables, options, fail)
     choose = samples_of if entry.sampling.method != "adaptive" else adaptive_samples
@@ -200,11 +220,35 @@ def _block(entry: StudyEntry, tree: Tree, variables: tuple[Variable, ...], count
     return max(1, min(_LARGEST_BLOCK, count // _BLOCKS))
 
 
-def _check_targets(variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any) -> None:
-    """Refuse two variables that set the same key, or a key inside another one's."""
+def _check_posing(entry: StudyEntry, scene: SceneEntry, fail: Any) -> None:
+    """Refuse to place or close a hand that there is not, or whose contacts stay where they are."""
+    for key in PosingEntry.model_fields:
+        if getattr(entry, key) is not None and scene.hand is None:
+            raise fail((key,), "the scene has no hand; add one to it, or leave this out")
+        if getattr(entry, key) is not None and scene.contacts is not None:
+            raise fail(
+                (key,),
+                "the scene gives its contacts, which would stay where they are; leave 'contacts' "
+                "out of the scene to have them found",
+            )
+
+
+def _check_targets(
+    entry: StudyEntry, variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any
+) -> None:
+    """Refuse two variables that set the same key, or a key inside another one's.
+
+    Refuse options of placing or closing where neither is asked for, too.
+    """
     taken = {("solve", name): "compute" for name in options}
     for variable in variables:
         for location, _, _ in variable.targets:
+            key = str(location[0])
+            if key in PosingEntry.model_fields and getattr(entry, key) is None:
+                raise fail(
+                    ("vary", variable.name),
+                    f"sets {key_text(location)}, and the study does not {key}; add '{key}: {{}}'",
+                )
             for other, name in taken.items():
                 shared = min(len(location), len(other))
                 if location[:shared] == other[:shared]:

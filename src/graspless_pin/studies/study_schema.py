@@ -24,18 +24,13 @@ from graspless_pin.intake.fields import (
 )
 from graspless_pin.scene.body_schema import Direction, Vector
 from graspless_pin.scene.scene_schema import AlgorithmName, with_figures
-
-
-def _listed(value: Any) -> Any:
-    """Let one name stand for a list of one."""
-    return [value] if isinstance(value, str) else value
-
+from graspless_pin.studies.posing_schema import PosingEntry, listed
 
 _AS_SOLVE = "as in the scene's solve"
 Scalar = bool | int | float | str
 What = Annotated[
     Few[Name],
-    BeforeValidator(_listed),
+    BeforeValidator(listed),
     Field(
         min_length=1,
         description="object, hand, a support, a mount's prefix, gravity, tangent_axes, motion, or "
@@ -236,7 +231,7 @@ class ComputeEntry(Entry):
         return self.model_dump(exclude_none=True, exclude=beside)
 
 
-class StudyEntry(Entry):
+class StudyEntry(PosingEntry):
     """A whole study."""
 
     name: Name = Field(default="", description="title of what is printed")
