@@ -29,7 +29,7 @@ PINNED ?= 100
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips timings mistakes clean hands place states pinned dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips timings mistakes clean hands place states pinned published-plan dense wheel frozen size
 
 install: $(STAMP)
 
@@ -142,6 +142,10 @@ states: install
 
 pinned: install
 	$(BIN)/python -m tests.oracles.pinned_states $(PINNED)
+
+# CLONE: a clone of github.com/XianyiCheng/HiDex.
+published-plan: install
+	$(BIN)/python -m tests.oracles.published_plan $(CLONE)
 
 dense: install
 	$(BIN)/python -m tests.oracles.dense_meshes $(DENSE)

@@ -43,6 +43,13 @@ def test_a_study_brings_its_scene(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_a_scene_brings_the_table_of_its_plan(tmp_path: Path) -> None:
+    copied = copy_example(example_files()["pivot_against_wall"], tmp_path)
+    assert [str(path) for path in copied] == [
+        "pivot_against_wall.yaml", "pivot_against_wall.csv", "robots/point_finger.urdf",
+    ]  # fmt: skip
+
+
 def test_nothing_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "meshes").mkdir()

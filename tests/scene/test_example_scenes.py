@@ -61,6 +61,7 @@ SCENES = {
     "panda_carry_bar": Expected(PADS, "table", 0),
     "panda_arm_drag_board": Expected(PADS, "table", 2, slides=True),
     "panda_stop_with_board": Expected(PADS, "", 0),
+    "pivot_against_wall": Expected({"tip": 1}, "floor", 4, other_supports={"wall": 4}),
     "two_hands_slide_crate": Expected(BOTH, "table", 4, slides=True),
     "trihand_slide_and_pivot": Expected(TRIHAND, "slope", 4, slides=True),
 }

@@ -90,6 +90,9 @@ def _with_named(file: Path) -> Iterator[Path]:
     yield file
     if file.suffix != ".yaml":
         return
+    table = file.with_suffix(".csv")  # the plan that begins with the scene
+    if table.is_file():
+        yield table
     for word in _words(parse_yaml(file.read_text()).data):
         named = (file.parent / word).resolve()
         if named.is_file():

@@ -11,6 +11,7 @@ from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.path import ContactChange, PathProfile, Waypoint, evaluate_path
 from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
+from graspless_pin.planning.path_table import read_path_csv
 from graspless_pin.planning.path_timing import PathTiming, TimingLimit, fastest_timing
 from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
 from graspless_pin.planning.placing import place_hand
@@ -54,6 +55,7 @@ __all__ = [
     "fastest_timing",
     "joint_trajectory",
     "place_hand",
+    "read_path_csv",
     "squeeze_window",
     "write_path_csv",
 ]
