@@ -23,13 +23,14 @@ DIRECTIONS ?= --turned 1000 --listed 100
 TAMPERING ?= 1000
 HOLDING ?= --count 5
 GUARANTEED ?= --count 20
+UNCERTAIN ?= --count 10000
 WHEEL_VENV ?= .venv-wheel
 WHEEL_TESTS ?= tests/compiled tests/core
 PINNED ?= 100
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips timings mistakes clean hands place states pinned published-plan dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips uncertain timings mistakes clean hands place states pinned published-plan dense wheel frozen size
 
 install: $(STAMP)
 
@@ -114,6 +115,9 @@ holding: install
 
 real-grips: install
 	$(BIN)/python -m benchmarks.real_grips $(REAL_GRIPS)
+
+uncertain: install
+	$(BIN)/python -m tests.oracles.uncertain_members $(UNCERTAIN)
 
 timings: install
 	$(BIN)/python -m benchmarks.timing_runs

@@ -20,11 +20,13 @@ from .algorithms.margin_torque_curve import margin_torque_curve as margin_torque
 from .algorithms.minimum_friction import MinimumFriction as MinimumFriction
 from .algorithms.minimum_friction import minimum_friction as minimum_friction
 from .algorithms.options import SolveOptions as SolveOptions
+from .algorithms.robust_torques import RobustSolution as RobustSolution
 from .algorithms.robustness import Robustness as Robustness
 from .algorithms.robustness import robustness as robustness
 from .algorithms.torque import maximize_margin as maximize_margin
 from .algorithms.torque import minimize_torque as minimize_torque
 from .algorithms.torque import optimize as optimize
+from .algorithms.uncertainty import Uncertainty as Uncertainty
 from .algorithms.what_would_hold import HoldingChange as HoldingChange
 from .algorithms.what_would_hold import HoldingChanges as HoldingChanges
 from .algorithms.what_would_hold import what_would_hold as what_would_hold

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack, overload
 
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import choice
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.solution import TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.algorithms.robust_torques import Feedback, RobustSolution
+    from graspless_pin.algorithms.uncertainty import Uncertainty
 
 
 class TorqueScale(StrEnum):
@@ -35,13 +40,38 @@ def torque_objective(
     return (TorqueShare if by_limits else Torque)(margin, regularization)
 
 
+@overload
 def maximize_margin(
     problem: QuasistaticProblem,
     *,
     regularization: float = 0.0,
     mode: SlidingMode | None = None,
+    uncertainty: None = None,
     **options: Unpack[SolveKeywords],
-) -> TorqueSolution:
+) -> TorqueSolution: ...
+
+
+@overload
+def maximize_margin(
+    problem: QuasistaticProblem,
+    *,
+    regularization: float = 0.0,
+    mode: SlidingMode | None = None,
+    uncertainty: Uncertainty,
+    feedback: Feedback | None = None,
+    **options: Unpack[SolveKeywords],
+) -> RobustSolution: ...
+
+
+def maximize_margin(
+    problem: QuasistaticProblem,
+    *,
+    regularization: float = 0.0,
+    mode: SlidingMode | None = None,
+    uncertainty: Uncertainty | None = None,
+    feedback: Feedback | None = None,
+    **options: Unpack[SolveKeywords],
+) -> TorqueSolution | RobustSolution:
     """Algorithm 1 (44): the joint torques with the largest margin e over all feasible (B, S).
 
     Several sets of torques may have it; `minimize_torque` at that margin returns the smallest.
@@ -51,10 +81,12 @@ def maximize_margin(
         regularization: Epsilon >= 0 of the QP that minimises -e/F + (epsilon/2) |f/F|^2 with F the
             load: the external force, or the moment over the contacts' size.
         mode: Solve this (B, S) only.
+        uncertainty: What is not known exactly: then one vector of torques serves its whole set.
+        feedback: Joint stiffness that adds to those torques, N m/rad (N/m), or a controller.
         options: See `SolveOptions.parse`.
 
     Returns:
-        A solution; ``found`` is False where nothing is feasible.
+        A solution, or a `RobustSolution`; ``found`` is False where nothing is feasible.
 
     Raises:
         ArgumentError: If an option is not known.
@@ -67,7 +99,34 @@ def maximize_margin(
         >>> print(f"{solution.margin:.4f} N, {solution.torques.round(4)} N m")
         1.6504 N, [-4.835  4.835] N m
     """
-    return optimize(problem, Margin(regularization), mode=mode, **options)
+    return _solved(problem, Margin(regularization), mode, uncertainty, feedback, options)
+
+
+@overload
+def minimize_torque(
+    problem: QuasistaticProblem,
+    margin: float,
+    *,
+    scale: str = "absolute",
+    regularization: float = 0.0,
+    mode: SlidingMode | None = None,
+    uncertainty: None = None,
+    **options: Unpack[SolveKeywords],
+) -> TorqueSolution: ...
+
+
+@overload
+def minimize_torque(
+    problem: QuasistaticProblem,
+    margin: float,
+    *,
+    scale: str = "absolute",
+    regularization: float = 0.0,
+    mode: SlidingMode | None = None,
+    uncertainty: Uncertainty,
+    feedback: Feedback | None = None,
+    **options: Unpack[SolveKeywords],
+) -> RobustSolution: ...
 
 
 def minimize_torque(
@@ -77,8 +136,10 @@ def minimize_torque(
     scale: str = "absolute",
     regularization: float = 0.0,
     mode: SlidingMode | None = None,
+    uncertainty: Uncertainty | None = None,
+    feedback: Feedback | None = None,
     **options: Unpack[SolveKeywords],
-) -> TorqueSolution:
+) -> TorqueSolution | RobustSolution:
     """Algorithm 2 (45): the smallest largest torque for a margin e_0 over all feasible (B, S).
 
     Unlike (45) as printed, the problem's own torque limits hold too: a torque that no motor can
@@ -94,10 +155,12 @@ def minimize_torque(
             torque over what the load makes on the longest lever (or the largest share over that
             torque's, at most 1).
         mode: Solve this (B, S) only.
+        uncertainty: What is not known exactly: then one vector of torques serves its whole set.
+        feedback: Joint stiffness that adds to those torques, N m/rad (N/m), or a controller.
         options: See `SolveOptions.parse`.
 
     Returns:
-        A solution; ``found`` is False where nothing is feasible.
+        A solution, or a `RobustSolution`; ``found`` is False where nothing is feasible.
 
     Raises:
         ArgumentError: If an option is not known or the margin is negative.
@@ -111,7 +174,30 @@ def minimize_torque(
         0.9618 N m
     """
     objective = torque_objective(margin, scale, regularization)
-    return optimize(problem, objective, mode=mode, **options)
+    return _solved(problem, objective, mode, uncertainty, feedback, options)
+
+
+@overload
+def optimize(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    *,
+    mode: SlidingMode | None = None,
+    uncertainty: None = None,
+    **options: Unpack[SolveKeywords],
+) -> TorqueSolution: ...
+
+
+@overload
+def optimize(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    *,
+    mode: SlidingMode | None = None,
+    uncertainty: Uncertainty,
+    feedback: Feedback | None = None,
+    **options: Unpack[SolveKeywords],
+) -> RobustSolution: ...
 
 
 def optimize(
@@ -119,18 +205,22 @@ def optimize(
     objective: Objective,
     *,
     mode: SlidingMode | None = None,
+    uncertainty: Uncertainty | None = None,
+    feedback: Feedback | None = None,
     **options: Unpack[SolveKeywords],
-) -> TorqueSolution:
+) -> TorqueSolution | RobustSolution:
     """Find the best contact forces for an objective over all feasible (B, S).
 
     Args:
         problem: Contacts, wrench, joints and limits.
         objective: What is optimised: one of the paper's, or one of your own.
         mode: Solve this (B, S) only.
+        uncertainty: What is not known exactly: then one vector of torques serves its whole set.
+        feedback: Joint stiffness that adds to those torques, N m/rad (N/m), or a controller.
         options: See `SolveOptions.parse`.
 
     Returns:
-        A solution; ``found`` is False where nothing is feasible.
+        A solution, or a `RobustSolution`; ``found`` is False where nothing is feasible.
 
     Raises:
         ArgumentError: If an argument is none of its kind or an option is not known.
@@ -142,5 +232,32 @@ def optimize(
         >>> print(f"{optimize(problem, Torque(required_margin=0.1)).max_torque:.4f} N m")
         0.9618 N m
     """
+    return _solved(problem, objective, mode, uncertainty, feedback, options)
+
+
+def _solved(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    mode: SlidingMode | None,
+    uncertainty: Uncertainty | None,
+    feedback: Feedback | None,
+    options: SolveKeywords,
+) -> TorqueSolution | RobustSolution:
     how = SolveOptions.parse(**options) if options else DEFAULT_OPTIONS
-    return solve_problem(problem, objective, how, mode=mode)
+    if uncertainty is None:
+        need_uncertainty(feedback)
+        return solve_problem(problem, objective, how, mode=mode)
+    # Loaded here: what is known exactly goes without.
+    from graspless_pin.algorithms.robust_torques import solve_robust
+
+    return solve_robust(problem, objective, uncertainty, how, feedback=feedback, mode=mode)
+
+
+def need_uncertainty(feedback: object) -> None:
+    """Refuse feedback beside what is known exactly.
+
+    Raises:
+        ArgumentError: If there is some.
+    """
+    if feedback is not None:
+        raise ArgumentError("feedback", "adds to torques for an uncertainty; give one, too")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.algorithms.named_objectives import objective_and_options, useless
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.torque import need_uncertainty
 from graspless_pin.errors import (
     ArgumentError,
     GrasplessPinError,
@@ -40,6 +41,10 @@ from graspless_pin.scene.scene_stability import rest_model_of, verdict_of
 from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.suggestions import what_to_pass
+
+if TYPE_CHECKING:
+    from graspless_pin.algorithms.robust_torques import RobustSolution
+    from graspless_pin.algorithms.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,20 +148,44 @@ class Scene(SceneFields):
         """
         return problem_of(self)
 
-    def solve(self, algorithm: str | None = None, **options: Any) -> TorqueSolution:
+    @overload
+    def solve(
+        self, algorithm: str | None = None, *, uncertainty: None = None, **options: Any
+    ) -> TorqueSolution: ...
+
+    @overload
+    def solve(
+        self, algorithm: str | None = None, *, uncertainty: Uncertainty, **options: Any
+    ) -> RobustSolution: ...
+
+    def solve(
+        self,
+        algorithm: str | None = None,
+        *,
+        uncertainty: Uncertainty | None = None,
+        **options: Any,
+    ) -> TorqueSolution | RobustSolution:
         """Solve the scene's problem with its own options, or with others.
 
         Args:
             algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
                 name; None: the scene's.
-            options: Options of `maximize_margin`, `minimize_torque` or the other objective.
+            uncertainty: What is not known exactly: then one vector of torques serves its whole set.
+            options: Options of `maximize_margin`, `minimize_torque` or the other objective; beside
+                an uncertainty `feedback`, too.
 
         Raises:
             ArgumentError: If an option is not known or not one of this algorithm.
             SceneError: See `contacts`; or if the scene's own solver is not installed.
         """
-        mode = options.pop("mode", None)
+        mode, feedback = options.pop("mode", None), options.pop("feedback", None)
         objective, how = self.asked(algorithm, **options)
+        if uncertainty is not None:
+            # Loaded here: what is known exactly goes without.
+            from graspless_pin.scene.uncertain import solve_uncertain
+
+            return solve_uncertain(self, objective, how, uncertainty, feedback=feedback, mode=mode)
+        need_uncertainty(feedback)
         rest = rest_model_of(self) if how.strong else None
         found = solve_problem(self.problem(), objective, how, mode=mode, rest=rest)
         unused = [] if algorithm else [*unused_figures(self.solve_options, self._stated)]

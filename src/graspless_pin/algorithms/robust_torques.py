@@ -1,0 +1,450 @@
+"""One vector of torques for all members of a set: the robust counterpart of Algorithms 1 and 2.
+
+With one scenario for each corner of the set, see Ben-Tal, El Ghaoui and Nemirovski, Robust
+Optimization, 2009. Contact forces and modes differ from member to member as they like.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.uncertainty import (
+    Uncertainty,
+    Weight,
+    members_of,
+    nominal_member,
+)
+from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.holding.controller import Controller, gain_shares
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.members import Member, feedback_torques, joined, under_commands
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
+from graspless_pin.records import Brief
+from graspless_pin.solution import Status, TorqueSolution
+
+_AT_ONCE, _MORE = 16, 6
+"""Members of the first joined problem, and how many join it at a time."""
+_NODES = 12
+"""Of the search over modes of all members, unless another limit is given."""
+_AS_GOOD = 1e-6
+"""Of an optimum, or of the load: values that differ by less are one."""
+_SHARE = 1e-3
+
+
+Feedback = float | ArrayLike | Controller
+"""Joint stiffness that adds to torques: one or (L,), N m/rad (N/m), or a controller's."""
+
+
+class Coverage(StrEnum):
+    """Which members an answer is proven for."""
+
+    WHOLE_SET = "the whole set"
+    """Forces of any member are means of those of the corners, in one mode."""
+    CORNERS = "the corners of the set"
+    """Modes differ from corner to corner: between them nothing is proven."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RobustSolution(Brief):
+    """Torques that serve a whole set of problems, and the forces of its corners.
+
+    See the example of `Uncertainty`.
+
+    Attributes:
+        solution: Of the joined problem of the members that were needed: its certificate proves the
+            answer.
+        coverage: Which members it is proven for.
+        bound: No torques for all corners are better than this, in the unit of the objective's
+            value: N for Algorithm 1, N m or N for Algorithm 2.
+        members: K corners of the set, those of the solution first.
+        joint_names: L names.
+        conflict: Numbers of members that no torques serve together, and any fewer of them do. Empty
+            where torques were found, or where it is not proven that there are none.
+        feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
+            constant.
+    """
+
+    solution: TorqueSolution
+    coverage: Coverage
+    bound: float
+    members: tuple[Member, ...]
+    joint_names: tuple[str, ...]
+    conflict: tuple[int, ...] = ()
+    feedback: FloatArray | None = None
+
+    @property
+    def status(self) -> Status:
+        """What is known of the joined problem."""
+        return self.solution.status
+
+    @property
+    def found(self) -> bool:
+        """Whether there are torques."""
+        return self.solution.found
+
+    @property
+    def margin(self) -> float:
+        """The margin that all members keep, N; NaN where nothing was found."""
+        return self.solution.margin
+
+    @property
+    def max_torque(self) -> float:
+        """The largest |torque| that is commanded in any member; NaN where nothing was found."""
+        return self.solution.max_torque
+
+    @property
+    def commands(self) -> FloatArray:
+        """(J, L) commanded torques of the solution's J members, N m (N).
+
+        They are the same but for what feedback adds.
+
+        Raises:
+            NoSolutionError: If nothing was found.
+        """
+        forces = self.contact_forces
+        commanded = [
+            member.commanded(member.problem.J.T @ force.ravel())
+            for member, force in zip(self.members, forces, strict=False)
+        ]
+        return np.array(commanded if self.feedback is not None else commanded[:1] * len(forces))
+
+    @property
+    def torques(self) -> FloatArray:
+        """(L,) torques to command, N m (N); with feedback those of the nominal problem."""
+        return self.commands[0]
+
+    @property
+    def deflections(self) -> FloatArray:
+        """(J, L) how far each joint gives way in each member to make the feedback, rad (m).
+
+        Raises:
+            NoSolutionError: If nothing was found, or there is no feedback.
+        """
+        if self.feedback is None:
+            raise NoSolutionError("Constant torques have no deflections: give the feedback.")
+        differences = self.commands - self.torques
+        return np.divide(
+            -differences, self.feedback, out=np.zeros_like(differences), where=self.feedback > 0.0
+        )
+
+    @property
+    def contact_forces(self) -> FloatArray:
+        """(J, M, 3) forces of the solution's J members, N, world axes."""
+        count = self.members[0].problem.contact_count
+        return self.solution.contact_forces.reshape(-1, count, 3)
+
+    def __str__(self) -> str:
+        """Return what was found, for which members, or which are in conflict."""
+        if not self.found:
+            lines = [f"no torques for the whole set: {self.status.message}"]
+            if self.conflict:
+                lines.append("these members cannot be served together:")
+                lines += [f"  {self.members[number].words}" for number in self.conflict]
+            return "\n".join(lines)
+        unit = self.solution.max_torque_unit
+        return (
+            f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} {unit}, proven for "
+            f"{self.coverage}"
+        )
+
+
+def solve_robust(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    uncertainty: Uncertainty,
+    options: SolveOptions,
+    *,
+    weight: Weight | None = None,
+    feedback: Feedback | None = None,
+    fingers: Mapping[str, str] = MappingProxyType({}),
+    mode: SlidingMode | None = None,
+) -> RobustSolution:
+    """Find torques that serve all members of a set.
+
+    Under plain Coulomb friction, or in one mode, the loads that torques bear are convex, and the
+    corners of a set prove all of it. Under other rules a common mode of all corners is looked for
+    first, among the modes of each corner's own optimum; then modes that differ, for the corners
+    alone.
+
+    Args:
+        problem: The nominal one.
+        objective: What is optimised, over the torques and forces of all members together.
+        uncertainty: The set.
+        options: How; the search over modes of all corners ends after 12 nodes without a limit.
+        weight: See `members_of`.
+        feedback: Joint stiffness that adds to the torques, one or (L,), N m/rad (N/m), or a
+            controller whose stiffness does; None: none.
+        fingers: The finger of each joint that belongs to one, for a controller that names them.
+        mode: The one mode for all members.
+
+    Raises:
+        ArgumentError: If an argument is none of its kind, or the set has too many corners.
+    """
+    if not isinstance(uncertainty, Uncertainty):
+        raise ArgumentError("uncertainty", f"is {uncertainty!r:.80}; it must be an Uncertainty")
+    options.need_weak("the argument uncertainty", "ask `stability` of the torques at each member")
+    members = members_of(problem, uncertainty, weight)
+    directions = stiffness = None
+    if feedback is not None:
+        stiffness = _stiffness(problem, feedback, fingers)
+        directions = feedback_torques(problem, stiffness)
+        members = (nominal_member(problem), *members)
+    modes = [] if mode is None else [mode]
+    at_once = _AT_ONCE
+    if not isinstance(objective, Margin | Torque | TorqueShare):
+        at_once = len(members)  # of others it is not known when further members fit
+    chosen, others = _spread(members, at_once)
+    while True:
+        together = joined(chosen, directions)
+        found = _best(together, objective, options, chosen, modes)
+        lacking = (
+            []
+            if not found[0].found
+            else _lacking(found[0], objective, options, chosen, others, directions)
+        )
+        if not lacking:
+            break
+        chosen += [others[number] for number in lacking]
+        others = [one for number, one in enumerate(others) if number not in lacking]
+    solution, coverage, bound = found
+    conflict: tuple[int, ...] = ()
+    if solution.status is Status.INFEASIBLE_FORCES:
+        conflict = _conflict(chosen, objective, options, directions)
+    return RobustSolution(
+        solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness
+    )
+
+
+def _stiffness(
+    problem: QuasistaticProblem, feedback: Feedback, fingers: Mapping[str, str]
+) -> FloatArray:
+    """Return (L,) the stiffness of each joint.
+
+    Raises:
+        ArgumentError: If it is negative, no number, of another number of joints, or not stated.
+    """
+    if isinstance(feedback, Controller) or np.ndim(feedback) == 0:
+        controller = Controller.of("feedback", feedback)
+        if not controller.is_stated or controller.holds_joints:
+            raise ArgumentError("feedback", "states no stiffness; give one, N m/rad")
+        controller.check(problem.joint_names, (*set(fingers.values()),))
+        shares = gain_shares([unit is JointUnit.FORCE for unit in problem.joint_units])
+        return controller.gains(problem.joint_names, shares, fingers)[0]
+    given = finite_array("feedback", feedback, (problem.joint_count,))
+    if (given < 0.0).any():
+        raise ArgumentError("feedback", f"is {given.min():.4g}; stiffness is not negative")
+    return given
+
+
+def _best(
+    together: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    members: Sequence[Member],
+    modes: Sequence[SlidingMode],
+) -> tuple[TorqueSolution, Coverage, float]:
+    """Return the best torques for some members, whom they serve, and the bound over all modes."""
+    count = len(members)
+    if modes:
+        solution = _in_common_mode(together, objective, options, count, modes[0])
+        return solution, Coverage.WHOLE_SET, solution.certificate.bound
+    if count == 1 or options.rules.static_friction is StaticFriction.COULOMB:
+        solution = solve_problem(together, objective, options)
+        return solution, Coverage.WHOLE_SET, solution.certificate.bound
+    limited = options if options.node_limit else replace(options, node_limit=_NODES)
+    of_all = solve_problem(together, objective, limited)
+    bound = of_all.certificate.bound
+    if not of_all.found and of_all.status is not Status.NOT_FOUND_IN_LIMIT:
+        return of_all, Coverage.CORNERS, bound
+    tried: dict[bytes, TorqueSolution] = {}
+    for one in _modes_of(of_all, members, objective, options):
+        key = one.selection.tobytes() + one.signs.tobytes()
+        if key not in tried:
+            solution = _in_common_mode(together, objective, options, count, one)
+            if solution.found and _reaches(solution, bound):
+                return solution, Coverage.WHOLE_SET, bound
+            tried[key] = solution
+    common = [solution for solution in tried.values() if solution.found]
+    if common:
+        sign = -1.0 if objective.maximizes else 1.0
+        return min(common, key=lambda one: sign * one.value), Coverage.WHOLE_SET, bound
+    return of_all, Coverage.CORNERS, bound
+
+
+def _modes_of(
+    of_all: TorqueSolution,
+    members: Sequence[Member],
+    objective: Objective,
+    options: SolveOptions,
+) -> Iterator[SlidingMode]:
+    """Yield modes that may serve all members: those of the optimum, then of each member's own."""
+    if of_all.found:
+        size = members[0].problem.contact_count
+        for start in range(0, size * len(members), size):
+            own = slice(start, start + size)
+            yield SlidingMode(of_all.mode.selection[own], of_all.mode.signs[own])
+    for member in members:
+        alone = solve_problem(joined([member]), objective, options)
+        if alone.found:
+            yield alone.mode
+
+
+def _in_common_mode(
+    together: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    count: int,
+    mode: SlidingMode,
+) -> TorqueSolution:
+    every = SlidingMode(np.tile(mode.selection, count), np.tile(mode.signs, (count, 1)))
+    return solve_problem(together, objective, options, mode=every)
+
+
+def _reaches(solution: TorqueSolution, bound: float) -> bool:
+    return abs(solution.value - bound) <= _AS_GOOD * max(abs(bound), abs(solution.value))
+
+
+def _spread(members: Sequence[Member], most: int) -> tuple[list[Member], list[Member]]:
+    """Return members to begin with, each as far from those before it as can be, and the others."""
+    if len(members) <= most:
+        return list(members), []
+    problem = members[0].problem
+    force, length, joints = problem.scales
+    sizes = np.concatenate([np.where(problem.passive_turns, force * length, force), joints])
+    points = np.array(
+        [
+            np.concatenate([one.problem.external_wrench, one.commanded(np.zeros_like(joints))])
+            / sizes
+            for one in members
+        ]
+    )
+    distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    chosen = [0]  # the nominal one, where feedback is from there
+    distances = np.minimum(distances, np.linalg.norm(points - points[0], axis=1))
+    for _ in range(most - 1):
+        chosen.append(int(distances.argmax()))
+        distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        distances[chosen] = -1.0
+    rest = [one for number, one in enumerate(members) if number not in set(chosen)]
+    return [members[number] for number in chosen], rest
+
+
+def _lacking(
+    solution: TorqueSolution,
+    objective: Objective,
+    options: SolveOptions,
+    chosen: Sequence[Member],
+    others: Sequence[Member],
+    directions: FloatArray | None,
+) -> list[int]:
+    """Return which other members the torques do not serve, the worst few."""
+    needed = solution.margin if objective.maximizes else objective.required_margin
+    force = chosen[0].problem.scales.force
+    commanded = chosen[0].commanded(
+        chosen[0].problem.J.T @ solution.contact_forces[: chosen[0].problem.contact_count].ravel()
+    )
+    mode = None
+    if solution.given_mode is not None:  # what is proven in one mode has to hold in that one
+        size = chosen[0].problem.contact_count
+        given = solution.given_mode
+        mode = SlidingMode(given.selection[:size], given.signs[:size])
+    margins = np.array(
+        [
+            margin_of_member(one, commanded, options, directions=directions, mode=mode)
+            for one in others
+        ]
+    )
+    lacking = np.flatnonzero(margins < needed - _AS_GOOD * force)
+    return lacking[np.argsort(margins[lacking])][:_MORE].tolist()
+
+
+def margin_of_member(
+    member: Member,
+    commanded: FloatArray,
+    options: SolveOptions,
+    *,
+    directions: FloatArray | None = None,
+    mode: SlidingMode | None = None,
+) -> float:
+    """Return the largest margin of a member under commanded torques, N.
+
+    Args:
+        member: The member.
+        commanded: (L,) N m (N).
+        options: How it is looked for.
+        directions: What feedback may add, see `feedback_torques`.
+        mode: The one mode in which it is; None: any.
+
+    Returns:
+        The margin; negative where forces balance beyond the cones alone, -inf where none do.
+    """
+    problem = under_commands(member, commanded, directions)
+    found = solve_problem(problem, Margin(), options, mode=mode)
+    return found.margin if found.found else -math.inf
+
+
+def _conflict(
+    members: Sequence[Member],
+    objective: Objective,
+    options: SolveOptions,
+    directions: FloatArray | None,
+) -> tuple[int, ...]:
+    """Return members that no forces serve together, none of which can be left out.
+
+    A deletion filter (Chinneck): under Coulomb's law at most rank(J) + 1 are left, by Helly.
+    """
+    coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
+    kept = list(range(len(members)))
+    for number in range(len(members)):
+        fewer = [one for one in kept if one != number]
+        if not fewer:
+            break
+        together = joined([members[one] for one in fewer], directions)
+        if solve_problem(together, objective, coulomb).status is Status.INFEASIBLE_FORCES:
+            kept = fewer
+    return tuple(kept)
+
+
+def served_share(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    uncertainty: Uncertainty,
+    options: SolveOptions,
+    *,
+    weight: Weight | None = None,
+    feedback: Feedback | None = None,
+) -> float:
+    """Return the largest share of a set's figures, about the same middle, that torques serve.
+
+    By bisection over nested sets, to a thousandth. The arguments are those of `solve_robust`.
+
+    Returns:
+        From 0 to 1; NaN where not even the nominal problem is served.
+    """
+
+    def served(share: float) -> bool:
+        return solve_robust(
+            problem, objective, uncertainty.scaled(share), options, weight=weight, feedback=feedback
+        ).found
+
+    if served(1.0):
+        return 1.0
+    if not served(0.0):
+        return math.nan
+    low, high = 0.0, 1.0
+    while high - low > _SHARE:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if served(middle) else (low, middle)
+    return low

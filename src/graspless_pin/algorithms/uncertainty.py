@@ -1,0 +1,349 @@
+"""What is not known exactly of a problem, and the members of the set that prove something of it."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import product
+from math import cos, pi, prod, sin
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull, QhullError
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
+from graspless_pin.problem.members import Member
+from graspless_pin.records import Brief
+
+MOST_MEMBERS = 20_000
+"""Corners that a set may have before its hull."""
+_SIDES = 12
+"""Of the polygon around the circle of gravity's tilt: it is 3.5 % wider at its corners."""
+_SAME = 1e-9
+"""Of the load: directions in which loads differ by less are none."""
+_MOST_DIMENSIONS = 6
+"""Of loads whose hull is taken; in more, it has nearly all of them."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Uncertainty(Brief):
+    """By how much a load, friction and motors may differ from what a problem says, each by itself.
+
+    Attributes:
+        mass: The object's may be smaller or larger by this share.
+        center_of_mass: (3,) m, how far it may be off along each axis, of the object in a scene
+            and of the world for arrays.
+        tilt: rad, how far gravity may be off its direction, to all sides, links included.
+        force: (3,) N on the centre of mass that may push along each world axis, either way.
+        moment: (3,) N m about each world axis.
+        friction: Shares by which coefficients may be smaller or larger: one, or (M,).
+        torque: Shares by which joints may make less or more torque than commanded: one, or (L,).
+        torque_offset: N m (N) that may be added to each joint's torque, either way: one, or (L,).
+        effort: Shares of their limits that motors may lack: one, or (L,).
+
+    Raises:
+        ArgumentError: If a figure is negative or not finite, a share 1 or more, or a tilt 45
+            degrees or more.
+
+    Examples:
+        >>> from graspless_pin import Uncertainty, load_scene, minimize_torque
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> unknown = Uncertainty(mass=0.2, center_of_mass=0.01)  # m
+        >>> nominal = minimize_torque(problem, 0.1, static_friction="coulomb")
+        >>> robust = minimize_torque(
+        ...     problem, 0.1, static_friction="coulomb", uncertainty=unknown
+        ... )
+        >>> print(f"{nominal.max_torque:.3f} N m, for the whole set {robust.max_torque:.3f} N m")
+        0.870 N m, for the whole set 1.035 N m
+    """
+
+    mass: float
+    center_of_mass: FloatArray
+    tilt: float
+    force: FloatArray
+    moment: FloatArray
+    friction: FloatArray
+    torque: FloatArray
+    torque_offset: FloatArray
+    effort: FloatArray
+
+    def __init__(
+        self,
+        *,
+        mass: float = 0.0,
+        center_of_mass: ArrayLike = 0.0,
+        tilt: float = 0.0,
+        force: ArrayLike = 0.0,
+        moment: ArrayLike = 0.0,
+        friction: ArrayLike = 0.0,
+        torque: ArrayLike = 0.0,
+        torque_offset: ArrayLike = 0.0,
+        effort: ArrayLike = 0.0,
+    ) -> None:
+        """Check the figures and copy them: see the attributes; one number stands for all axes."""
+        shares = {"friction": friction, "torque": torque, "effort": effort}
+        vectors = {"center_of_mass": center_of_mass, "force": force, "moment": moment}
+        vars(self).update(
+            mass=float(_share("mass", np.array(real_number("mass", mass, 0.0)))),
+            tilt=real_number("tilt", tilt, 0.0),
+            torque_offset=_amounts("torque_offset", torque_offset),
+            **{name: _share(name, _amounts(name, value)) for name, value in shares.items()},
+            **{name: _vector(name, value) for name, value in vectors.items()},
+        )
+        if self.tilt >= pi / 4.0:
+            raise ArgumentError("tilt", f"is {self.tilt:.4g} rad; it must be below 45 degrees")
+
+    @property
+    def is_of_load(self) -> bool:
+        """Whether anything but friction and motors is uncertain."""
+        pushed = self.center_of_mass.any() or self.force.any() or self.moment.any()
+        return bool(self.mass > 0.0 or self.tilt > 0.0 or pushed)
+
+    def scaled(self, share: float) -> Uncertainty:
+        """Return the set with all its figures times a share, about the same middle."""
+        return Uncertainty(**{name: share * value for name, value in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Weight(Brief):
+    """Which part of a problem's load and torques is whose weight.
+
+    Attributes:
+        force: (3,) N, the object's weight.
+        steady: (3,) N, what else is proportional to its mass, and does not turn with gravity.
+        lever: (3,) m, from the reference point to the centre of mass.
+        axes: (3, 3) columns: the axes of `Uncertainty.center_of_mass` in the world's.
+        other: (6, 3) times a unit vector along gravity: the wrench of what else weighs.
+        links: (L, 3) times that vector: the torques that carry the links; None: not known.
+    """
+
+    force: FloatArray
+    steady: FloatArray
+    lever: FloatArray
+    axes: FloatArray
+    other: FloatArray
+    links: FloatArray | None
+
+    @property
+    def down(self) -> FloatArray:
+        """(3,) unit vector along gravity; zero where the object has no weight."""
+        size = np.linalg.norm(self.force)
+        return self.force / size if size > 0.0 else np.zeros(3)
+
+    def wrench(self, mass: float, off: FloatArray, down: FloatArray) -> FloatArray:
+        """Return the (6,) wrench of all weight under gravity along another vector.
+
+        Args:
+            mass: Share by which the object's is larger.
+            off: (3,) m, how far its centre of mass is off, in `axes`.
+            down: (3,) gravity over its nominal size, world axes.
+        """
+        force = (1.0 + mass) * (np.linalg.norm(self.force) * down + self.steady)
+        moment = np.cross(self.lever + self.axes @ off, force)
+        return np.concatenate([force, moment]) + self.other @ down
+
+
+_NO_WEIGHT = Weight(np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3), np.zeros((6, 3)), None)
+
+
+def weight_of_arrays(problem: QuasistaticProblem) -> Weight:
+    """Return the weight where a problem's external wrench is all that is known: it counts as such.
+
+    Raises:
+        ArgumentError: If the problem is not one of one free object, or has no force.
+    """
+    if problem.passive_count != 6 or problem.wrench_matrix is not None:
+        raise ArgumentError(
+            "uncertainty", "is of one free object, and the problem has a wrench_matrix"
+        )
+    force, moment = problem.external_wrench[:3], problem.external_wrench[3:]
+    lever = np.cross(force, moment) / max(float(force @ force), np.finfo(float).tiny)
+    links = None if problem.gravity_torques.any() else np.zeros((problem.joint_count, 3))
+    return Weight(force, np.zeros(3), lever, np.eye(3), np.zeros((6, 3)), links)
+
+
+def members_of(
+    problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None = None
+) -> tuple[Member, ...]:
+    """Return the members of a set of which all others are means, once each.
+
+    Wrench and torques are multi-affine in mass, centre of mass, gravity's vector and pushes, so
+    that those of a product of polytopes lie in the hull of its corners' (a polygon stands around
+    the circle of tilts). Of static friction the lower end counts: each cone contains it. Kinetic
+    coefficients of several contacts are intervals each by itself, of which corners are enough: with
+    the others fixed, those for which forces exist are an interval.
+
+    Args:
+        problem: The nominal one.
+        uncertainty: What is not known of it.
+        weight: Which part of its load is weight; None: all of its external wrench.
+
+    Raises:
+        ArgumentError: If the set has too many corners, or asks for what the problem does not tell.
+    """
+    count, joints = problem.contact_count, problem.joint_count
+    of_load = uncertainty.is_of_load
+    if weight is None:
+        weight = weight_of_arrays(problem) if of_load else _NO_WEIGHT
+    friction = _per("friction", uncertainty.friction, count, "contacts")
+    factors = _per("torque", uncertainty.torque, joints, "joints")
+    offsets = _per("torque_offset", uncertainty.torque_offset, joints, "joints")
+    effort = _per("effort", uncertainty.effort, joints, "joints")
+    idle = ~problem.jacobian.any(axis=0)  # errors of these joints move no contact force
+    factors, offsets = np.where(idle, 0.0, factors), np.where(idle, 0.0, offsets)
+    sliding = np.flatnonzero(problem.is_sliding & (friction > 0.0))
+    ends = {
+        "mass": _ends(np.array([uncertainty.mass])),
+        "center_of_mass": _ends(uncertainty.center_of_mass),
+        "tilt": _gravities(weight, uncertainty.tilt),
+        "force": _ends(uncertainty.force),
+        "moment": _ends(uncertainty.moment),
+        "friction": _ends(friction[sliding]),
+        "torque": _ends(factors),
+        "torque_offset": _ends(offsets),
+    }
+    corners = prod(map(len, ends.values()))
+    if corners > MOST_MEMBERS:
+        told = ", ".join(f"{name} {len(many)}" for name, many in ends.items() if len(many) > 1)
+        raise ArgumentError(
+            "uncertainty",
+            f"has {corners} corners ({told}); at most {MOST_MEMBERS} are looked at: let fewer "
+            "joints or axes be uncertain",
+        )
+    less = np.where(problem.is_sliding, problem.friction, (1.0 - friction) * problem.friction)
+    limits = (
+        np.where(problem.lower_torque < 0.0, 1.0 - effort, 1.0) * problem.lower_torque,
+        np.where(problem.upper_torque > 0.0, 1.0 - effort, 1.0) * problem.upper_torque,
+    )
+    base = problem.with_changes(friction=less, torque_limits=limits)
+    apart = problem.external_wrench
+    if of_load:
+        apart = apart - weight.wrench(0.0, np.zeros(3), weight.down)
+    links = np.zeros((joints, 3)) if weight.links is None else weight.links
+    found: list[Member] = []
+    for kinetic, factor in product(ends["friction"], ends["torque"]):
+        own = base
+        if kinetic.any():
+            coefficients = less.copy()
+            coefficients[sliding] *= 1.0 + kinetic
+            own = base.with_changes(friction=coefficients)
+        loads = []
+        for mass, off, down, force, moment, offset in product(
+            *(ends[name] for name in ("mass", "center_of_mass", "tilt", "force", "moment")),
+            ends["torque_offset"],
+        ):
+            wrench = apart
+            if of_load:
+                push = np.concatenate([force, moment])
+                wrench = apart + weight.wrench(float(mass[0]), off, down) + push
+            carried = problem.gravity_torques + links @ (down - weight.down)
+            words = _words(mass, off, down - weight.down, force, moment, kinetic, factor, offset)
+            loads.append((wrench, carried, offset, words))
+        kept = _hull(problem, np.array([np.concatenate([w, g - o]) for w, g, o, _ in loads]))
+        for wrench, carried, offset, words in (loads[number] for number in kept):
+            changed = own.with_changes(external_wrench=wrench, gravity_torques=carried)
+            found.append(Member(changed, 1.0 + factor, offset, words))
+    return tuple(found)
+
+
+def nominal_member(problem: QuasistaticProblem) -> Member:
+    """Return a problem as it is, as a member."""
+    ones = np.ones(problem.joint_count)
+    return Member(problem, ones, np.zeros_like(ones), "nominal")
+
+
+def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
+    """Return which loads (K, P + L) are corners of the hull of all."""
+    forces, moments, joints = problem.scales
+    sizes = np.concatenate([np.where(problem.passive_turns, moments, forces), joints])
+    idle = ~problem.jacobian.any(axis=0)
+    scaled = np.where(
+        np.concatenate([np.zeros(problem.passive_count, dtype=bool), idle]), 0.0, loads / sizes
+    )
+    scaled, kept = np.unique(scaled.round(12), axis=0, return_index=True)
+    _, shares, directions = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
+    rank = int((shares > _SAME * np.sqrt(len(scaled))).sum())
+    points = scaled @ directions[:rank].T
+    if rank == 1:
+        kept = kept[[int(points.argmin()), int(points.argmax())]]
+    elif 1 < rank <= _MOST_DIMENSIONS and len(points) > rank + 1:
+        with suppress(QhullError):  # nearly flat: all of them serve as well
+            kept = kept[ConvexHull(points).vertices]
+    return sorted(kept.tolist())
+
+
+def _gravities(weight: Weight, tilt: float) -> FloatArray:
+    """Return corners of a prism around gravity's unit vector tilted to all sides."""
+    down = weight.down
+    if tilt == 0.0:
+        return down[None]
+    if not down.any():
+        raise ArgumentError("tilt", "needs gravity, and the object has no weight")
+    if weight.links is None:
+        raise ArgumentError(
+            "tilt", "turns the links' weight, which arrays do not tell; ask it of a scene"
+        )
+    across = np.linalg.svd(down[None])[2][1:]
+    angles = 2.0 * pi * np.arange(_SIDES) / _SIDES
+    ring = (sin(tilt) / cos(pi / _SIDES)) * np.array([np.cos(angles), np.sin(angles)]).T @ across
+    return np.concatenate([ring + height * down for height in (cos(tilt), 1.0)])
+
+
+def _ends(halves: FloatArray) -> FloatArray:
+    """Return the corners of a box about zero, without the directions in which it is flat."""
+    wide = np.flatnonzero(halves)
+    corners = np.zeros((2 ** len(wide), len(halves)))
+    corners[:, wide] = list(product((-1.0, 1.0), repeat=len(wide)))
+    return corners * halves
+
+
+def _words(
+    mass: FloatArray, off: FloatArray, tilted: FloatArray, force: FloatArray, moment: FloatArray,
+    kinetic: FloatArray, factor: FloatArray, offset: FloatArray,
+) -> str:  # fmt: skip
+    told = [f"mass {100.0 * mass[0]:+.3g} %"] if mass.any() else []
+    for name, value, unit in (
+        ("centre of mass", off, "m"), ("gravity", tilted, "of its size"), ("push", force, "N"),
+        ("moment", moment, "N m"), ("kinetic friction", kinetic, "of each"),
+        ("torques", factor, "of each"), ("torques", offset, "N m"),
+    ):  # fmt: skip
+        if value.any():
+            told.append(f"{name} [{', '.join(f'{x:+.3g}' for x in value.tolist())}] {unit}")
+    return ", ".join(told) or "nominal"
+
+
+def _vector(name: str, value: ArrayLike) -> FloatArray:
+    return _positive(name, np.broadcast_to(finite_array(name, *_shaped(value, 3)), (3,)))
+
+
+def _amounts(name: str, value: ArrayLike) -> FloatArray:
+    return _positive(name, finite_array(name, *_shaped(value, None)))
+
+
+def _shaped(value: ArrayLike, length: int | None) -> tuple[ArrayLike, tuple[int | None, ...]]:
+    return value, (() if np.ndim(value) == 0 else (length,))
+
+
+def _positive(name: str, value: FloatArray) -> FloatArray:
+    if (value < 0.0).any():
+        raise ArgumentError(name, f"is {value.min():.4g}; it must not be negative")
+    return read_only(np.array(value))
+
+
+def _share(name: str, value: FloatArray) -> FloatArray:
+    if (value >= 1.0).any():
+        raise ArgumentError(name, f"is {np.max(value):.4g}, a share; it must be below 1")
+    return value
+
+
+def _per(name: str, value: FloatArray, count: int, of: str) -> FloatArray:
+    """Return a figure for each joint or contact.
+
+    Raises:
+        ArgumentError: If there are some for another number of them.
+    """
+    if value.ndim and len(value) != count:
+        raise ArgumentError(name, f"has {len(value)} entries, and there are {count} {of}")
+    return np.broadcast_to(value, (count,))

@@ -1,0 +1,185 @@
+"""Problems that share one vector of torques, as one problem of more coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, null_space
+
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.records import Brief
+
+_IDLE = 1e-12
+"""Of the longest lever: joints on shorter ones bear no contact force."""
+_RANK = 1e-9
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Member(Brief):
+    """One of the problems that may turn out to be the true one.
+
+    Attributes:
+        problem: Contacts, wrench and joints.
+        factors: (L,) what the joints really make of a commanded torque, beside 1.
+        offsets: (L,) what is added to it, N m (N).
+        words: What is different from the nominal problem.
+    """
+
+    problem: QuasistaticProblem
+    factors: FloatArray
+    offsets: FloatArray
+    words: str = ""
+
+    def commanded(self, contact_torques: FloatArray) -> FloatArray:
+        """Return (L,) the commands c with factors * c + offsets = J^T f + g."""
+        return (contact_torques + self.problem.gravity_torques - self.offsets) / self.factors
+
+
+def feedback_torques(problem: QuasistaticProblem, stiffness: FloatArray) -> FloatArray:
+    """Return (L, d) what joint stiffness adds to torques in motions that no contact resists.
+
+    A motion n with [W^T, J] n = 0 leaves all contacts as they are; those that slide anyway or have
+    no friction only have to keep touching. Equilibrium picks how far the object and the joints go
+    along each, and the joints' deflections times the stiffness are torques that no friction has to
+    give.
+
+    Args:
+        problem: Contacts and joints.
+        stiffness: (L,) N m/rad (N/m) of each joint.
+    """
+    along = np.ones((problem.contact_count, 3), dtype=bool)
+    along[~problem.has_cone, 1:] = False
+    rows = contact_map(problem)[along]
+    length = problem.scales.length
+    sizes = np.ones(rows.shape[1])
+    sizes[: problem.passive_count] = np.where(problem.passive_turns, 1.0, length)
+    motions = sizes[:, None] * null_space(rows * sizes, rcond=_RANK)
+    return stiffness[:, None] * motions[problem.passive_count :]
+
+
+def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> QuasistaticProblem:
+    """Return the problem of torques that serve all members: each has contact forces of its own.
+
+    With P passive coordinates each, K members have K P of them. Commanded torques of two members
+    are the same, J_k^T f_k - J_0^T f_0 = g_0 - g_k where motors are exact, so that each joint of
+    each further member is a passive coordinate, too: one that forces balance and that no motor
+    holds. A virtual motion of all of them is one of each member by itself.
+
+    Args:
+        members: At least one, with the same joints and numbers of contacts.
+        feedback: (L, d) torques by which the commands of members may differ, see
+            `feedback_torques`; None: by none. With some, each member's joints are driven ones.
+
+    Returns:
+        A problem of K M contacts, member by member. Its joints are those of the first member, or
+        with feedback those of all.
+    """
+    problems = [member.problem for member in members]
+    first, count = problems[0], len(members)
+    maps = [one.problem.jacobian / one.factors for one in members]  # J_k of commands
+    carried = [one.commanded(np.zeros(first.joint_count)) for one in members]
+    names, units = first.joint_names, first.joint_units
+    shared, coupled = _coupling(first, maps, feedback)
+    driven, drives = (maps[:1], 1) if feedback is None else (maps, count)
+    rows = len(shared)
+    coupling = np.zeros(((count - 1) * rows, 3 * sum(one.contact_count for one in problems)))
+    loads, start = [], 3 * first.contact_count
+    for number in range(1, count):
+        own = slice((number - 1) * rows, number * rows)
+        stop = start + 3 * problems[number].contact_count
+        coupling[own, : 3 * first.contact_count] = -shared @ maps[0].T
+        coupling[own, start:stop] = shared @ maps[number].T
+        loads.append(shared @ (carried[number] - carried[0]))
+        start = stop
+    jacobian = np.zeros((coupling.shape[1], drives * len(names)))
+    jacobian[: 3 * sum(one.contact_count for one in problems[:drives])] = _blocks(driven)
+    each = [np.concatenate([getattr(one, name) for one in problems]) for name in _BY_CONTACT]
+    values = dict(zip(_BY_CONTACT, each, strict=True))
+    return QuasistaticProblem(
+        values.pop("positions"),
+        values.pop("normals"),
+        np.concatenate([*(one.external_wrench for one in problems), *loads]),
+        jacobian,
+        **values,
+        torque_limits=(
+            np.concatenate([one.lower_torque for one in problems[:drives]]),
+            np.concatenate([one.upper_torque for one in problems[:drives]]),
+        ),
+        cone_edges=first.cone_edges,
+        cone=first.cone,
+        joint_names=names
+        if drives == 1
+        else [f"{name} of member {k}" for k in range(count) for name in names],
+        joint_units=units * drives,
+        gravity_torques=np.concatenate(carried[:drives]),
+        wrench_matrix=np.concatenate([_blocks([one.W for one in problems]), coupling]),
+        passive_units=[*first.passive_units * count, *coupled * (count - 1)],
+    )
+
+
+def under_commands(
+    member: Member, commanded: FloatArray, feedback: FloatArray | None = None
+) -> QuasistaticProblem:
+    """Return the problem of a member under commanded torques: those of joints balance, too.
+
+    Args:
+        member: The member.
+        commanded: (L,) N m (N).
+        feedback: See `joined`.
+
+    Returns:
+        A problem without joints, or with feedback with those of the member.
+    """
+    problem = member.problem
+    made = problem.jacobian / member.factors
+    carried = member.commanded(np.zeros(problem.joint_count))
+    shared, coupled = _coupling(problem, [made], feedback)
+    joints = {} if feedback is None else {
+        "jacobian": made,
+        "gravity_torques": carried,
+        "torque_limits": (problem.lower_torque, problem.upper_torque),
+        "joint_names": problem.joint_names,
+        "joint_units": problem.joint_units,
+    }  # fmt: skip
+    return QuasistaticProblem(
+        problem.positions,
+        problem.normals,
+        np.concatenate([problem.external_wrench, shared @ (carried - commanded)]),
+        friction=problem.friction,
+        tangents=problem.tangents,
+        sliding=problem.sliding,
+        max_normal_force=problem.max_normal_force,
+        cone_edges=problem.cone_edges,
+        cone=problem.cone,
+        wrench_matrix=np.vstack([problem.W, shared @ made.T]),
+        passive_units=[*problem.passive_units, *coupled],
+        **joints,
+    )
+
+
+def _coupling(
+    problem: QuasistaticProblem, maps: Sequence[FloatArray], feedback: FloatArray | None
+) -> tuple[FloatArray, list[JointUnit]]:
+    """Return which sums of commands are the same for all members, as rows, and their units."""
+    units = problem.joint_units
+    if feedback is None:
+        levers = np.max([np.abs(one).max(axis=0, initial=0.0) for one in maps], axis=0)
+        # What carries the links of joints that bear no contact force is their own.
+        loaded = np.flatnonzero(levers > _IDLE * levers.max(initial=0.0))
+        return np.eye(len(units))[loaded], [units[joint] for joint in loaded.tolist()]
+    shared = null_space(feedback.T, rcond=_RANK).T if feedback.size else np.eye(len(units))
+    turning = np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
+    turns = (shared[:, turning] ** 2).sum(axis=1) >= 0.5
+    return shared, [JointUnit.TORQUE if turn else JointUnit.FORCE for turn in turns]
+
+
+def _blocks(matrices: Sequence[FloatArray]) -> FloatArray:
+    return np.asarray(block_diag(*matrices), dtype=float)
+
+
+_BY_CONTACT = ("positions", "normals", "friction", "tangents", "sliding", "max_normal_force")

@@ -1,0 +1,84 @@
+"""Torques for what is not known exactly of a scene: its own weight, motors and fingers."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.robust_torques import Feedback, RobustSolution, solve_robust
+from graspless_pin.algorithms.uncertainty import Uncertainty, Weight
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.hand.inertial_forces import STILL
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem.matrices import wrench_map
+from graspless_pin.programs.objectives import Objective
+from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.joints import fingers_of_motors
+from graspless_pin.scene.load_wrenches import acting_forces, object_motion
+from graspless_pin.scene.problem_data import problem_of
+
+
+def solve_uncertain(
+    scene: SceneFields,
+    objective: Objective,
+    options: SolveOptions,
+    uncertainty: Uncertainty,
+    *,
+    feedback: Feedback | None = None,
+    mode: SlidingMode | None = None,
+) -> RobustSolution:
+    """Return torques that serve all that a scene may be: see `Scene.solve`.
+
+    Args:
+        scene: The scene as it is meant to be.
+        objective: What is optimised.
+        options: How.
+        uncertainty: The set.
+        feedback: See `minimize_torque`.
+        mode: The one mode for all members.
+
+    Raises:
+        ArgumentError: See `solve_robust`, and `weight_of`.
+    """
+    problem = problem_of(scene)
+    return solve_robust(
+        problem,
+        objective,
+        uncertainty,
+        options,
+        weight=weight_of(scene, problem.joint_count),
+        feedback=feedback,
+        fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
+        mode=mode,
+    )
+
+
+def weight_of(scene: SceneFields, links: int) -> Weight:
+    """Return which part of a scene's load and torques is weight, for what is uncertain of it.
+
+    Args:
+        scene: The scene.
+        links: L, the number of its problem's joints.
+
+    Raises:
+        ArgumentError: If something turns as it accelerates: then mass is not all that counts.
+    """
+    made, size = scene.object, float(np.linalg.norm(scene.gravity))
+    motion = object_motion(scene)
+    if motion.velocity[3:].any() or motion.acceleration[3:].any():
+        raise ArgumentError("uncertainty", "is of scenes that do not turn as they accelerate")
+    fields = sum((load.field for load in scene.loads), np.zeros(3))
+    steady = made.mass * (fields - motion.acceleration[:3])
+    payloads = [one for one in acting_forces(scene, STILL) if one.of_gravity]
+    other = sum(
+        (np.linalg.norm(one.force) * wrench_map(one.lever[None]) for one in payloads),
+        np.zeros((6, 3)),
+    )
+    carried = np.zeros((links, 3))
+    if scene.hand is not None and scene.count_own_weight:
+        own = np.array([scene.hand.gravity_torques(size * axis) for axis in np.eye(3)]).T
+        carried[: len(own)] = own
+    axes = made.T_world_object[:3, :3]
+    return Weight(made.mass * scene.gravity, steady, np.zeros(3), axes, other, carried)

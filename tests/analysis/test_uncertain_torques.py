@@ -1,0 +1,275 @@
+"""Torques for what is not known exactly, against figures, changed scenes and enumerated modes."""
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.oracles.uncertain_members import BALANCED, drawn_problem, imbalance, unbalanced, yielding
+
+from graspless_pin import (
+    Controller,
+    QuasistaticProblem,
+    SlidingMode,
+    Uncertainty,
+    enumerate_modes,
+    load_scene,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.robust_torques import Coverage, served_share
+from graspless_pin.algorithms.uncertainty import members_of
+from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.problem.members import joined
+from graspless_pin.programs.objectives import Torque
+
+CORNERS = Uncertainty(mass=0.2, center_of_mass=0.01)
+
+
+def contacts_alone(name, edges=16):
+    problem = load_scene(f"examples/{name}.yaml").problem()
+    idle = np.zeros(problem.joint_count)
+    return problem.with_changes(cone_edges=edges, gravity_torques=idle)
+
+
+@pytest.mark.parametrize(
+    ("name", "nominal", "robust"),
+    [
+        ("paper/cuboid_at_rest", 0.882, 1.0532),
+        ("allegro_mug_against_wall", 0.0899, 0.14557),
+        ("allegro_box_on_slope", 0.0200, 0.02158),
+    ],
+)
+def test_the_least_torques_of_sixteen_corners(name, nominal, robust):
+    """Figures of an independent program over all 16 corners."""
+    problem = contacts_alone(name)
+    alone = minimize_torque(problem, 0.1, static_friction="coulomb")
+    found = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=CORNERS)
+    assert alone.max_torque == pytest.approx(nominal, rel=5e-3)
+    assert found.max_torque == pytest.approx(robust, rel=5e-4)
+    assert found.bound == pytest.approx(found.max_torque, rel=1e-6)
+    assert found.coverage is Coverage.WHOLE_SET
+    assert len(found.members) == 8  # the 16 corners are the corners of a hull of 8
+    assert found.margin >= 0.1 - 1e-6
+
+
+def test_an_object_that_rolls_away_is_served_by_feedback_alone():
+    problem = contacts_alone("allegro_sphere_on_slope")
+    coulomb = SolveOptions.parse(static_friction="coulomb")
+    found = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=CORNERS)
+    assert not found.found
+    assert len(found.conflict) == 2
+    assert "cannot be served together" in str(found)
+    assert served_share(problem, Torque(0.1), CORNERS, coulomb) == 0.0
+    held = minimize_torque(
+        problem, 0.1, static_friction="coulomb", uncertainty=CORNERS, feedback=1.0
+    )
+    assert held.max_torque == pytest.approx(0.159, rel=5e-3)
+    # The deflections times the stiffness are what differs from the torques that are commanded.
+    np.testing.assert_allclose(held.torques - held.deflections, held.commands, atol=1e-12)
+    for member, forces, commands in zip(
+        held.members, held.contact_forces, held.commands, strict=True
+    ):
+        made = member.problem.J.T @ forces.ravel() + member.problem.gravity_torques
+        np.testing.assert_allclose(made, commands, atol=1e-7)
+    stiff = minimize_torque(
+        problem, 0.1, static_friction="coulomb", uncertainty=CORNERS, feedback=Controller(2.0)
+    )
+    np.testing.assert_allclose(stiff.max_torque, held.max_torque, rtol=1e-5)
+    with pytest.raises(NoSolutionError, match="feedback"):
+        assert minimize_torque(
+            contacts_alone("paper/cuboid_at_rest"), 0.1, uncertainty=Uncertainty(mass=0.1)
+        ).deflections.any()
+
+
+def test_the_largest_part_of_a_set_that_is_served():
+    problem = contacts_alone("paper/sphere_on_slope")
+    coulomb = SolveOptions.parse(static_friction="coulomb")
+    share = served_share(problem, Torque(0.1), CORNERS, coulomb)
+    assert share == pytest.approx(0.84, abs=0.01)
+    for scale, served in ((share, True), (share + 0.002, False)):
+        found = minimize_torque(
+            problem, 0.1, static_friction="coulomb", uncertainty=CORNERS.scaled(scale)
+        )
+        assert found.found is served
+
+
+def test_members_in_conflict_are_served_without_any_one_of_them():
+    problem = contacts_alone("paper/sphere_on_slope")
+    found = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=CORNERS)
+    conflict = [found.members[number] for number in found.conflict]
+    assert not minimize_torque(joined(conflict), 0.1, static_friction="coulomb").found
+    for left_out in range(len(conflict)):
+        fewer = [one for number, one in enumerate(conflict) if number != left_out]
+        assert minimize_torque(joined(fewer), 0.1, static_friction="coulomb").found
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "feedback"),
+    [
+        ("paper/cuboid_at_rest", {"mass": 0.1, "center_of_mass": 0.004, "force": 0.1}, None),
+        ("paper/cuboid_at_rest", {"tilt": 0.03, "friction": 0.1}, None),
+        ("paper/cuboid_sliding_up", {"friction": 0.15, "mass": 0.1}, None),
+        ("allegro_box_on_slope", {"force": (0.2, 0.1, 0.1), "moment": 0.003}, None),
+        ("allegro_sphere_on_slope", {"mass": 0.2, "tilt": 0.02}, 1.0),
+    ],
+)
+def test_changed_scenes_balance_under_the_torques(name, given, feedback):
+    """A slice of `make uncertain`."""
+    scene = load_scene(f"examples/{name}.yaml")
+    found = scene.solve(
+        "torque",
+        margin=0.02,
+        uncertainty=Uncertainty(**given),
+        static_friction="coulomb",
+        feedback=feedback,
+    )
+    assert found.coverage is Coverage.WHOLE_SET
+    added = None if feedback is None else yielding(scene.problem())
+    assert max(unbalanced(scene, given, found, 15, 3, added)) < BALANCED
+
+
+def test_nominal_torques_do_not_serve_the_corners():
+    """So the test above can fail."""
+    scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+    torques = scene.solve("torque", margin=0.02, static_friction="coulomb").torques
+    rng = np.random.default_rng(0)
+    given = {"mass": 0.2, "center_of_mass": 0.01}
+    off = [imbalance(drawn_problem(scene, given, rng, 1.0), torques) for _ in range(20)]
+    assert max(off) > 1e-3
+
+
+def test_errors_of_torques_are_borne():
+    problem = contacts_alone("paper/cuboid_at_rest")
+    unknown = Uncertainty(torque=0.1, torque_offset=0.02)
+    found = minimize_torque(problem, 0.05, static_friction="coulomb", uncertainty=unknown)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        factors = 1.0 + 0.1 * rng.uniform(-1.0, 1.0, 2)
+        offsets = 0.02 * rng.uniform(-1.0, 1.0, 2)
+        assert imbalance(problem, factors * found.torques + offsets) < BALANCED
+    alone = minimize_torque(problem, 0.05, static_friction="coulomb")
+    assert found.max_torque > 1.05 * alone.max_torque
+
+
+@pytest.mark.parametrize("rule", ["strict", "nonzero"])
+def test_modes_of_each_corner_against_all_of_them(rule):
+    """Brute force: every choice of a mode for each of two corners."""
+    rng = np.random.default_rng(5)
+    for _ in range(2):
+        problem = QuasistaticProblem(
+            [[-0.04, 0.0, 0.0], [0.04, 0.0, 0.0]], [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]],
+            [0.0, 0.0, -3.0, 0.0, 0.0, 0.0], rng.normal(scale=0.05, size=(6, 3)),
+            friction=0.9, cone_edges=8, max_normal_force=40.0,
+        )  # fmt: skip
+        unknown = Uncertainty(mass=0.1)
+        found = minimize_torque(problem, 0.01, uncertainty=unknown, sign_rule=rule, node_limit=400)
+        members = members_of(problem, unknown)
+        assert len(members) == 2
+        modes = list(enumerate_modes(problem, sign_rule=rule))
+        common, best = np.inf, np.inf
+        for one, other in product(modes, repeat=2):
+            both = SlidingMode(
+                np.concatenate([one.selection, other.selection]),
+                np.concatenate([one.signs, other.signs]),
+            )
+            value = minimize_torque(joined(members), 0.01, mode=both, sign_rule=rule).max_torque
+            best = min(best, np.nan_to_num(value, nan=np.inf))
+            if one is other:
+                common = min(common, np.nan_to_num(value, nan=np.inf))
+        if not np.isfinite(best):
+            assert not found.found
+            continue
+        assert found.bound <= best * (1.0 + 1e-6)
+        if found.coverage is Coverage.WHOLE_SET and found.found:
+            assert best * (1.0 - 1e-6) <= found.max_torque
+            assert found.max_torque >= common * (1.0 - 1e-6)
+        elif found.found:
+            assert found.max_torque >= best * (1.0 - 1e-6)
+
+
+def two_sliding_contacts(friction):
+    """Two contacts that slide in opposite ways, on two coordinates that no motor holds.
+
+    With one coefficient for both, forces exist up to 0.2 and from 0.5 on, up to 0.7.
+    """
+    across = np.array([[0.0, 1.0, 0.0]] * 2)
+    return QuasistaticProblem(
+        [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]],
+        [[0.0, 0.0, 1.0]] * 2,
+        [0.0, -1.0],
+        friction=friction,
+        sliding=across,
+        wrench_matrix=[[0.0, 0.0, 1.0, 0.0, -1.0, -0.7], [0.0, 1.0, 0.0, 0.0, 0.0, 0.1]],
+        passive_units=["N", "N"],
+        max_normal_force=1e3,
+    )
+
+
+def test_both_ends_of_one_coefficient_prove_nothing_between_them():
+    for coefficient, balanced in ((0.1, True), (0.19, True), (0.35, False), (0.6, True)):
+        assert maximize_margin(two_sliding_contacts(coefficient)).found is balanced
+    wide = maximize_margin(two_sliding_contacts(0.35), uncertainty=Uncertainty(friction=0.7))
+    assert not wide.found
+    narrow = maximize_margin(two_sliding_contacts(0.12), uncertainty=Uncertainty(friction=0.1))
+    assert narrow.found
+    assert narrow.coverage is Coverage.WHOLE_SET
+
+
+def test_a_set_without_width_is_the_nominal_problem():
+    problem = contacts_alone("allegro_mug_against_wall", 8)
+    alone = maximize_margin(problem, static_friction="coulomb")
+    found = maximize_margin(problem, static_friction="coulomb", uncertainty=Uncertainty())
+    assert len(found.members) == 1
+    assert found.margin == pytest.approx(alone.margin, rel=1e-6)
+
+
+def test_more_members_than_are_solved_at_once_are_all_served():
+    problem = contacts_alone("paper/cuboid_at_rest", 8)
+    unknown = Uncertainty(mass=0.1, center_of_mass=0.004, force=0.2, moment=0.01)
+    found = minimize_torque(problem, 0.05, static_friction="coulomb", uncertainty=unknown)
+    assert len(found.members) > len(found.contact_forces)
+    together = minimize_torque(joined(found.members), 0.05, static_friction="coulomb")
+    assert found.max_torque == pytest.approx(together.max_torque, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"mass": -0.1}, "mass"),
+        ({"mass": 1.0}, "below 1"),
+        ({"center_of_mass": [0.1, 0.2]}, "center_of_mass"),
+        ({"tilt": 1.0}, "45 degrees"),
+        ({"friction": [0.1]}, "6 contacts"),
+        ({"torque": [0.1, 0.1, 0.1]}, "2 joints"),
+        ({"force": np.nan}, "force"),
+    ],
+)
+def test_what_is_no_uncertainty(given, words):
+    problem = contacts_alone("paper/cuboid_at_rest")
+    with pytest.raises(ArgumentError, match=words):
+        maximize_margin(problem, uncertainty=Uncertainty(**given))
+
+
+def test_what_does_not_go_with_uncertainty():
+    problem = contacts_alone("paper/cuboid_at_rest")
+    alone: Any = {"feedback": 1.0}
+    share: Any = 0.2
+    with pytest.raises(ArgumentError, match="uncertainty"):
+        maximize_margin(problem, **alone)
+    with pytest.raises(ArgumentError, match="uncertainty"):
+        load_scene("examples/paper/cuboid_at_rest.yaml").solve(feedback=1.0)
+    with pytest.raises(ArgumentError, match="Uncertainty"):
+        maximize_margin(problem, uncertainty=share)
+    with pytest.raises(ArgumentError, match="stability"):
+        maximize_margin(problem, uncertainty=CORNERS, stability="strong")
+    with pytest.raises(ArgumentError, match="stiffness"):
+        maximize_margin(problem, uncertainty=CORNERS, feedback=Controller())
+    with pytest.raises(ArgumentError, match="corners"):
+        unknown = Uncertainty(mass=0.1, center_of_mass=0.01, force=1.0, moment=1.0, tilt=0.1)
+        hand = load_scene("examples/allegro_box_on_slope.yaml")
+        hand.solve(uncertainty=unknown, feedback=1.0)
+    with pytest.raises(ArgumentError, match="links' weight"):
+        heavy = problem.with_changes(gravity_torques=[0.1, 0.0])
+        maximize_margin(heavy, uncertainty=Uncertainty(tilt=0.1))
