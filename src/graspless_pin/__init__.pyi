@@ -23,6 +23,9 @@ from .algorithms.options import SolveOptions as SolveOptions
 from .algorithms.robust_torques import RobustSolution as RobustSolution
 from .algorithms.robustness import Robustness as Robustness
 from .algorithms.robustness import robustness as robustness
+from .algorithms.tolerances import Tolerance as Tolerance
+from .algorithms.tolerances import Tolerances as Tolerances
+from .algorithms.tolerances import tolerances as tolerances
 from .algorithms.torque import maximize_margin as maximize_margin
 from .algorithms.torque import minimize_torque as minimize_torque
 from .algorithms.torque import optimize as optimize

@@ -198,7 +198,7 @@ def solve_robust(
     members = members_of(problem, uncertainty, weight)
     directions = stiffness = None
     if feedback is not None:
-        stiffness = _stiffness(problem, feedback, fingers)
+        stiffness = joint_stiffness(problem, feedback, fingers)
         directions = feedback_torques(problem, stiffness)
         members = (nominal_member(problem), *members)
     modes = [] if mode is None else [mode]
@@ -227,10 +227,10 @@ def solve_robust(
     )
 
 
-def _stiffness(
+def joint_stiffness(
     problem: QuasistaticProblem, feedback: Feedback, fingers: Mapping[str, str]
 ) -> FloatArray:
-    """Return (L,) the stiffness of each joint.
+    """Return (L,) the stiffness of each joint; the arguments are those of `solve_robust`.
 
     Raises:
         ArgumentError: If it is negative, no number, of another number of joints, or not stated.

@@ -44,6 +44,7 @@ from graspless_pin.suggestions import what_to_pass
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_torques import RobustSolution
+    from graspless_pin.algorithms.tolerances import Tolerances
     from graspless_pin.algorithms.uncertainty import Uncertainty
 
 
@@ -219,6 +220,17 @@ class Scene(SceneFields):
         have that force.
         """
         return verdict_of(self, torques, **options)
+
+    def tolerances(self, torques: ArrayLike, **options: Any) -> Tolerances:
+        """Tell how far mass, pushes, friction and the like may be off with motor torques (L,).
+
+        Args:
+            torques: N m (N).
+            options: Those of `graspless_pin.tolerances`; others are as in `solve`.
+        """
+        from graspless_pin.scene.uncertain import tolerances_of
+
+        return tolerances_of(self, torques, **options)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a scene file that loads to the same problem, and return its path.

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_torques import Feedback, RobustSolution, solve_robust
+from graspless_pin.algorithms.tolerances import Tolerances, tolerances
 from graspless_pin.algorithms.uncertainty import Uncertainty, Weight
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.inertial_forces import STILL
@@ -18,6 +21,8 @@ from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
 from graspless_pin.scene.problem_data import problem_of
+
+_OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")
 
 
 def solve_uncertain(
@@ -52,6 +57,33 @@ def solve_uncertain(
         feedback=feedback,
         fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
         mode=mode,
+    )
+
+
+def tolerances_of(
+    scene: SceneFields, torques: ArrayLike, feedback: Feedback | None = None, **options: Any
+) -> Tolerances:
+    """Return how far each thing may be off: see `Scene.tolerances`.
+
+    Args:
+        scene: The scene as it is meant to be.
+        torques: (L,) N m (N).
+        feedback: See `tolerances`.
+        options: See `tolerances`; rules and solver are the scene's unless they say otherwise.
+
+    Raises:
+        ArgumentError: See `tolerances`, and `weight_of`.
+        NoSolutionError: See `tolerances`.
+    """
+    problem = problem_of(scene)
+    own = {key: scene.solve_options[key] for key in _OPTIONS if key in scene.solve_options}
+    return tolerances(
+        problem,
+        torques,
+        feedback=feedback,
+        weight=weight_of(scene, problem.joint_count),
+        fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
+        **{**own, **options},
     )
 
 

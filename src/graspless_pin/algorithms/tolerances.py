@@ -1,0 +1,356 @@
+"""How far each thing that is not known exactly may be off under given torques, in its own unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+from tabulate import tabulate
+
+from graspless_pin.algorithms.disturbances import disturbance_margin
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness, margin_of_member
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.uncertainty import (
+    Uncertainty,
+    Weight,
+    members_of,
+    nominal_member,
+    weight_of_arrays,
+)
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.problem import QuasistaticProblem, checked_problem
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.problem.members import feedback_torques, under_commands
+from graspless_pin.programs.objectives import Margin
+from graspless_pin.records import Brief
+from graspless_pin.solution.active_limits import limiting_contacts
+
+_CLOSE = 0.01
+"""Of a bracket: how near what is borne and what fails have to be."""
+_ROUNDS = 12
+_CERTAIN = 1e-6
+"""Of the load: a margin that is not below minus this is none that failed."""
+_MOST_TILT = 0.6  # rad
+
+
+class Quantity(StrEnum):
+    """What may be off. See the example of `tolerances`."""
+
+    MASS_MORE = "more mass"
+    MASS_LESS = "less mass"
+    CENTER = "centre of mass"
+    TILT = "gravity's direction"
+    FRICTION = "friction"
+    """Of each contact by itself: less at those that stick, either at those that slide."""
+    PUSH = "push"
+    MOMENT = "moment"
+    TORQUE_MORE = "all torques larger"
+    TORQUE_LESS = "all torques smaller"
+    JOINT = "one joint's torque"
+
+
+_UNITS = {
+    Quantity.MASS_MORE: (100.0, "%"), Quantity.MASS_LESS: (100.0, "%"),
+    Quantity.CENTER: (100.0, "cm"), Quantity.TILT: (180.0 / np.pi, "deg"),
+    Quantity.FRICTION: (100.0, "%"), Quantity.PUSH: (1.0, "N"), Quantity.MOMENT: (1.0, "N m"),
+    Quantity.TORQUE_MORE: (100.0, "%"), Quantity.TORQUE_LESS: (100.0, "%"),
+    Quantity.JOINT: (1.0, "N m"),
+}  # fmt: skip
+"""What a figure is multiplied by where it is printed, and the unit then."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tolerance(Brief):
+    """How far one quantity may be off, all others being as they are meant to be.
+
+    See the example of `tolerances`.
+
+    Attributes:
+        quantity: Which.
+        borne: Up to this all of it is borne: a share of mass, friction or torques, m, rad, N or
+            N m. Proven under plain Coulomb friction; under other rules what was tried.
+        failing: The smallest that was found to fail; inf where none was.
+        direction: (3,) unit vector of the change that fails there, world axes; of torques (L,);
+            None where there is but one.
+        contacts: The contacts at which it fails.
+        boundary: (K, 3) changes that are just borne, one in each direction that was looked at, in
+            the unit of `borne`; their hull is borne.
+    """
+
+    quantity: Quantity
+    borne: float
+    failing: float
+    direction: FloatArray | None = None
+    contacts: tuple[int, ...] = ()
+    boundary: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tolerances(Brief):
+    """What given torques bear of everything that may be off, one at a time.
+
+    See the example of `tolerances`.
+
+    Attributes:
+        problem: The problem.
+        torques: (L,) N m (N).
+        each: One for each quantity that the problem tells of.
+    """
+
+    problem: QuasistaticProblem
+    torques: FloatArray
+    each: tuple[Tolerance, ...]
+
+    def of(self, quantity: Quantity | str) -> Tolerance:
+        """Return the tolerance of a quantity.
+
+        Raises:
+            KeyError: If the problem does not tell of it.
+        """
+        return {one.quantity: one for one in self.each}[Quantity(quantity)]
+
+    def __str__(self) -> str:
+        """Return a table: how much is borne, which way it fails first, and where."""
+        rows = []
+        for one in self.each:
+            scale, unit = _UNITS[one.quantity]
+            fails = (
+                f"{scale * one.failing:.3g} {unit}" if np.isfinite(one.failing) else "none found"
+            )
+            contacts = ", ".join(map(str, one.contacts))
+            rows.append(
+                (one.quantity, f"{scale * one.borne:.3g} {unit}", fails, self._way(one), contacts)
+            )
+        return tabulate(rows, headers=("off", "borne", "fails at", "direction", "at contact"))
+
+    def _way(self, one: Tolerance) -> str:
+        if one.direction is None:
+            return ""
+        if one.quantity is Quantity.JOINT:
+            joint = int(np.abs(one.direction).argmax())
+            more = "larger" if one.direction[joint] > 0.0 else "smaller"
+            return f"{self.problem.joint_names[joint]} {more}"
+        return f"[{', '.join(f'{x:+.2f}' for x in one.direction.tolist())}]"
+
+
+def tolerances(
+    problem: QuasistaticProblem,
+    torques: ArrayLike,
+    *,
+    feedback: Feedback | None = None,
+    weight: Weight | None = None,
+    fingers: Mapping[str, str] = MappingProxyType({}),
+    **options: Unpack[SolveKeywords],
+) -> Tolerances:
+    """Tell how far mass, centre of mass, pushes, friction and torques may be off, each by itself.
+
+    Torques stay as they are, contact forces are the best that there are. Loads and torques that are
+    borne are a convex set under plain Coulomb friction: rays into it give its boundary, and the
+    hull of their ends what is proven (Bretl and Lall, Testing Static Equilibrium for Legged Robots,
+    2008). Friction and gravity's direction are found by bisection over `Uncertainty`.
+
+    Args:
+        problem: Contacts, load and joints.
+        torques: (L,) motor torques, N m (N).
+        feedback: Joint stiffness that adds to the torques, N m/rad (N/m), or a controller.
+        weight: Which part of the load is weight; None: all of the external wrench.
+        fingers: The finger of each joint that belongs to one, for a controller that names them.
+        options: See `SolveOptions.parse`.
+
+    Raises:
+        ArgumentError: If an option is not known or a shape wrong.
+        NoSolutionError: If no contact forces balance load and torques.
+
+    Examples:
+        >>> from graspless_pin import load_scene, minimize_torque, tolerances
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> torques = minimize_torque(problem, margin=0.5).torques
+        >>> off = tolerances(problem, torques, static_friction="coulomb")
+        >>> print(f"{100 * off.of('more mass').borne:.0f} % more mass")
+        44 % more mass
+    """
+    checked_problem(problem)
+    how = SolveOptions.parse(**options)
+    given = finite_array("torques", torques, (problem.joint_count,))
+    weight = weight_of_arrays(problem) if weight is None else weight
+    directions = None
+    if feedback is not None:
+        directions = feedback_torques(problem, joint_stiffness(problem, feedback, fingers))
+    search = _Search(problem, given, directions, how, options)
+    if search.fails(0.0 * search.rest.external_wrench):
+        raise NoSolutionError("No contact forces balance the load under these torques.")
+    return Tolerances(problem, given, tuple(search.all(weight)))
+
+
+class _Search:
+    """Rays into the set of loads that torques bear, and bisections beside them."""
+
+    def __init__(
+        self,
+        problem: QuasistaticProblem,
+        torques: FloatArray,
+        directions: FloatArray | None,
+        how: SolveOptions,
+        options: SolveKeywords,
+    ) -> None:
+        self.problem, self.torques, self.how, self.options = problem, torques, how, options
+        self.member, self.directions = nominal_member(problem), directions
+        self.rest = under_commands(self.member, torques, directions)
+        self.convex = how.rules.static_friction is StaticFriction.COULOMB
+
+    def all(self, weight: Weight) -> list[Tolerance]:
+        """Return the tolerances of all quantities that the problem tells of."""
+        still, down, problem = np.zeros(3), weight.down, self.problem
+        nominal = weight.wrench(0.0, still, down)
+        found = []
+        if nominal[:3].any():
+            heavier = self._load(weight.wrench(1.0, still, down) - nominal)
+            found += [self._ray(Quantity.MASS_MORE, heavier)]
+            found += [self._ray(Quantity.MASS_LESS, -heavier, most=1.0)]
+            level = np.linalg.svd(nominal[None, :3])[2][1:]
+            off = [weight.wrench(0.0, weight.axes.T @ one, down) - nominal for one in level]
+            found += [self._ball(Quantity.CENTER, level, np.array([self._load(w) for w in off]))]
+        pushes = np.array([self._load(one) for one in np.eye(6)])
+        found += [self._ball(Quantity.PUSH, np.eye(3), pushes[:3])]
+        found += [self._ball(Quantity.MOMENT, np.eye(3), pushes[3:])]
+        if (problem.friction > 0.0).any():
+            found += [self._bisected(Quantity.FRICTION, "friction", weight, 1.0)]
+        if nominal[:3].any() and weight.links is not None:
+            found += [self._bisected(Quantity.TILT, "tilt", weight, _MOST_TILT)]
+        if self.torques.any():
+            larger = self._torque(self.torques)
+            found += [self._ray(Quantity.TORQUE_MORE, larger)]
+            found += [self._ray(Quantity.TORQUE_LESS, -larger, most=1.0)]
+        joints = np.flatnonzero(problem.jacobian.any(axis=0))
+        if len(joints):
+            found += [self._joints(joints)]
+        return found
+
+    def fails(self, load: FloatArray) -> bool:
+        """Whether no contact forces balance a load beside that which there is."""
+        return not solve_problem(self._under(load), Margin(), self.how).found
+
+    def _under(self, load: FloatArray) -> QuasistaticProblem:
+        return self.rest.with_changes(external_wrench=self.rest.external_wrench + load)
+
+    def _load(self, wrench: FloatArray) -> FloatArray:
+        return np.concatenate([wrench, np.zeros(self.rest.passive_count - len(wrench))])
+
+    def _torque(self, added: FloatArray) -> FloatArray:
+        """Return the load that torques which are off make on the joints' coordinates."""
+        changed = under_commands(self.member, self.torques + added, self.directions)
+        return changed.external_wrench - self.rest.external_wrench
+
+    def _rays(self, loads: FloatArray) -> FloatArray:
+        """Return how many times each load is borne."""
+        found = disturbance_margin(
+            self.rest, directions=loads, characteristic_length=1.0, **self.options
+        )
+        times = found.magnitudes / np.linalg.norm(loads, axis=1)
+        return np.where(found.magnitudes > _CERTAIN * self.problem.scales.force, times, 0.0)
+
+    def _contacts(self, load: FloatArray) -> tuple[int, ...]:
+        """Return the contacts that have no room left under a load that is just borne."""
+        found = solve_problem(self._under((1.0 - _CERTAIN) * load), Margin(), self.how)
+        limits = limiting_contacts(found) if found.found else {}
+        return tuple(sorted({contact for many in limits.values() for contact in many}))
+
+    def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
+        times = float(self._rays(load[None])[0])
+        if times >= most:
+            return Tolerance(quantity, most, np.inf)
+        return Tolerance(quantity, times, times, contacts=self._contacts(times * load))
+
+    def _joints(self, joints: NDArray[np.intp]) -> Tolerance:
+        """Return by how much the torque of any one joint may be off, either way."""
+        directions = np.concatenate([np.eye(self.problem.joint_count)[joints]] * 2)
+        directions[len(joints) :] *= -1.0
+        loads = np.array([self._torque(one) for one in directions])
+        times = self._rays(loads)
+        worst = int(times.argmin())
+        least = float(times[worst])
+        contacts = self._contacts(least * loads[worst])
+        return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), contacts)
+
+    def _ball(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
+        """Return how large a change may be in any direction.
+
+        Args:
+            quantity: Which.
+            axes: (k, 3) orthonormal directions of the change.
+            loads: (k, Q) what one unit along each makes.
+        """
+        ways = _ring() if len(axes) == 2 else _sphere()
+        times = self._rays(ways @ loads)
+        borne = 0.0
+        for _ in range(_ROUNDS):
+            least = float(times.min())
+            if not least > _CERTAIN * float(times.max()):
+                break  # one way nothing at all is borne
+            sides = ConvexHull(times[:, None] * ways).equations
+            borne = float(-sides[:, -1].max())
+            if borne >= (1.0 - _CLOSE) * least:
+                break
+            # The nearest sides of the hull: what is beyond them was not looked at.
+            nearest = np.argsort(-sides[:, -1])[:8]
+            nearest = nearest[-sides[nearest, -1] < (1.0 - _CLOSE) * least]
+            more = np.unique(sides[nearest, :-1].round(9), axis=0)
+            ways = np.concatenate([ways, more / np.linalg.norm(more, axis=1)[:, None]])
+            times = np.concatenate([times, self._rays(ways[len(times) :] @ loads)])
+        worst = int(times.argmin())
+        least = float(times[worst])
+        return Tolerance(
+            quantity,
+            min(borne, least) if self.convex else least,
+            least,
+            read_only(ways[worst] @ axes),
+            self._contacts(least * (ways[worst] @ loads)),
+            read_only(times[:, None] * (ways @ axes)),
+        )
+
+    def _bisected(self, quantity: Quantity, of: str, weight: Weight, most: float) -> Tolerance:
+        """Return how large one figure of an `Uncertainty` may be."""
+
+        def worst_at(figure: float) -> tuple[float, int]:
+            unknown = Uncertainty(**{of: figure})
+            members = members_of(self.problem, unknown, weight)
+            margins = [
+                margin_of_member(one, self.torques, self.how, directions=self.directions)
+                for one in members
+            ]
+            return min(margins), int(np.argmin(margins))
+
+        low, high = 0.0, most
+        least = -_CERTAIN * self.problem.scales.force
+        last = np.nextafter(most, 0.0)
+        if worst_at(last)[0] >= least:
+            return Tolerance(quantity, most, np.inf)
+        while high - low > max(0.5 * _CLOSE * high, 1e-4 * most):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if worst_at(middle)[0] >= least else (low, middle)
+        failed = members_of(self.problem, Uncertainty(**{of: min(high, last)}), weight)
+        change = failed[worst_at(min(high, last))[1]].problem.external_wrench[:3]
+        change = change - self.problem.external_wrench[:3]
+        size = float(np.linalg.norm(change))
+        way = read_only(change / size) if size > 0.0 and quantity is Quantity.TILT else None
+        return Tolerance(quantity, low, high, way)
+
+
+def _ring(count: int = 16) -> FloatArray:
+    angles = 2.0 * np.pi * np.arange(count) / count
+    return np.array([np.cos(angles), np.sin(angles)]).T
+
+
+def _sphere() -> FloatArray:
+    """Return 26 unit vectors: to the faces, edges and corners of a cube."""
+    grid = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+    grid = grid[grid.any(axis=1)]
+    return grid / np.linalg.norm(grid, axis=1)[:, None]

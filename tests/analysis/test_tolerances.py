@@ -1,0 +1,124 @@
+"""How far things may be off under given torques, against a linear program of its own."""
+
+import numpy as np
+import pytest
+from tests.oracles.uncertain_members import BALANCED, imbalance, yielding
+
+from graspless_pin import (
+    QuasistaticProblem,
+    Uncertainty,
+    load_scene,
+    minimize_torque,
+    tolerances,
+)
+from graspless_pin.algorithms.tolerances import Quantity
+from graspless_pin.errors import ArgumentError, NoSolutionError
+
+COULOMB = "coulomb"
+
+
+def changed(problem, torques, one, times):
+    """Return a problem and torques of which a quantity is off by ``times`` what just fails."""
+    off = times * one.failing
+    w = problem.external_wrench
+    if one.quantity in (Quantity.MASS_MORE, Quantity.MASS_LESS):
+        sign = 1.0 if one.quantity is Quantity.MASS_MORE else -1.0
+        return problem.with_changes(external_wrench=(1.0 + sign * off) * w), torques
+    if one.quantity is Quantity.CENTER:
+        moved = np.concatenate([np.zeros(3), np.cross(off * one.direction, w[:3])])
+        return problem.with_changes(external_wrench=w + moved), torques
+    if one.quantity is Quantity.PUSH:
+        push = np.concatenate([off * one.direction, np.zeros(3)])
+        return problem.with_changes(external_wrench=w + push), torques
+    if one.quantity is Quantity.MOMENT:
+        moment = np.concatenate([np.zeros(3), off * one.direction])
+        return problem.with_changes(external_wrench=w + moment), torques
+    if one.quantity is Quantity.FRICTION:
+        return problem.with_changes(friction=(1.0 - off) * problem.friction), torques
+    if one.quantity is Quantity.JOINT:
+        return problem, torques + off * one.direction
+    sign = 1.0 if one.quantity is Quantity.TORQUE_MORE else -1.0
+    return problem, (1.0 + sign * off) * torques
+
+
+@pytest.mark.parametrize(
+    ("name", "feedback"),
+    [("paper/cuboid_at_rest", None), ("allegro_sphere_on_slope", 1.0), ("trihand_push_box", 2.0)],
+)
+def test_each_is_borne_just_so_far(name, feedback):
+    problem = load_scene(f"examples/{name}.yaml").problem()
+    problem = problem.with_changes(gravity_torques=np.zeros(problem.joint_count), cone_edges=8)
+    torques = minimize_torque(problem, 0.05, static_friction=COULOMB).torques
+    off = tolerances(problem, torques, feedback=feedback, static_friction=COULOMB)
+    added = None if feedback is None else yielding(problem)
+    assert {one.quantity for one in off.each} >= set(Quantity) - {Quantity.TILT}
+    for one in off.each:
+        assert one.borne <= one.failing
+        assert one.borne >= 0.985 * one.failing or np.isinf(one.failing)
+        if one.quantity is Quantity.TILT or np.isinf(one.failing):
+            continue
+        within, beyond = (
+            imbalance(*changed(problem, torques, one, times), added) for times in (0.98, 1.02)
+        )
+        assert within < BALANCED, one.quantity
+        # Contacts that slide fail with more friction or less, and not all alike.
+        if one.quantity is not Quantity.FRICTION or not problem.is_sliding.any():
+            assert beyond > BALANCED, one.quantity
+
+
+def test_pushes_from_all_sides_are_borne():
+    problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem().with_changes(cone_edges=8)
+    torques = minimize_torque(problem, 0.1, static_friction=COULOMB).torques
+    push = tolerances(problem, torques, static_friction=COULOMB).of("push")
+    rng = np.random.default_rng(0)
+    for _ in range(25):
+        way = rng.normal(size=3)
+        load = [*(push.borne * way / np.linalg.norm(way)), 0.0, 0.0, 0.0]
+        pushed = problem.with_changes(external_wrench=problem.external_wrench + load)
+        assert imbalance(pushed, torques) < BALANCED
+    assert push.boundary is not None
+    assert np.linalg.norm(push.boundary, axis=1).min() == pytest.approx(push.failing)
+
+
+def test_a_block_on_a_slope_by_hand():
+    """Three feet at friction 0.5: it slides where gravity leans by atan 0.5, inside a pyramid."""
+    feet = [[0.1, 0.0, -0.05], [-0.05, 0.08, -0.05], [-0.05, -0.08, -0.05]]
+    problem = QuasistaticProblem(
+        feet, [[0.0, 0.0, 1.0]] * 3, [0.0, 0.0, -9.8, 0.0, 0.0, 0.0], friction=0.5, cone_edges=64
+    )
+    off = tolerances(problem, np.zeros(0), static_friction=COULOMB)
+    inside = 0.5 * np.cos(np.pi / 64)
+    assert off.of("push").failing <= inside * 9.8
+    assert off.of("friction").failing == np.inf  # on the level it needs none
+    # The centre of mass may go to the nearest side of the feet's triangle, 5 cm away.
+    assert off.of("centre of mass").borne == pytest.approx(0.0467, rel=0.02)
+    tilt = off.of(Quantity.TILT)
+    assert 0.9 * np.arctan(inside) < tilt.borne < np.arctan(0.5)
+    assert "centre of mass" in str(off)
+
+
+def test_tilt_of_a_scene_against_scenes_that_are_tilted():
+    scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+    torques = scene.solve("torque", margin=0.1, static_friction=COULOMB).torques
+    off = scene.tolerances(torques, static_friction=COULOMB).of("gravity's direction")
+    size = float(np.linalg.norm(scene.gravity))
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        across = np.cross(scene.gravity / size, rng.normal(size=3))
+        across *= size * np.tan(off.borne) / np.linalg.norm(across)
+        tilted = scene.gravity + across
+        gravity = size * tilted / np.linalg.norm(tilted)
+        assert imbalance(scene.with_changes(gravity=gravity).problem(), torques) < BALANCED
+
+
+def test_what_has_no_tolerances():
+    problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+    with pytest.raises(NoSolutionError, match="balance"):
+        tolerances(problem, [0.0, 0.0])
+    with pytest.raises(ArgumentError, match="torques"):
+        tolerances(problem, [0.0])
+    with pytest.raises(KeyError):
+        quasi = tolerances(problem, minimize_torque(problem, 0.1).torques, static_friction=COULOMB)
+        quasi.of(Quantity.MASS_MORE)
+        type(quasi)(problem, quasi.torques, ()).of(Quantity.PUSH)
+    assert Uncertainty().scaled(0.5).mass == 0.0
