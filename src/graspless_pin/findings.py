@@ -63,6 +63,7 @@ class FindingCode(StrEnum):
     UNKNOWN_EFFORT = "unknown-effort", Severity.WARNING
     SHARED_TENDON = "tendon-without-limits", Severity.WARNING
     LEFT_OUT_SPRINGS = "springs-left-out", Severity.WARNING
+    LEFT_OUT_OF_MJCF = "left-out-of-mjcf", Severity.WARNING
     PLACEHOLDER_FORCE = "placeholder-force", Severity.WARNING
     MESH_SCALE = "mesh-scale", Severity.WARNING
     OPEN_MESH = "open-mesh", Severity.WARNING

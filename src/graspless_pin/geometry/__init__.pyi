@@ -1,3 +1,4 @@
+from .bodies.compound import Compound as Compound
 from .bodies.materials import Materials as Materials
 from .bodies.object_and_supports import ManipulatedObject as ManipulatedObject
 from .bodies.object_and_supports import Support as Support

@@ -15,11 +15,13 @@ from typing import Any, TypeVar
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import capture
+from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
 from graspless_pin.intake.yaml_text import parse_yaml
-from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
@@ -120,6 +122,7 @@ def _data_for(
         target: The file: paths in it are relative to its folder.
         wanted: What `stated_scene` returns.
     """
+    _check_sayable(scene)
     path_text = paths_beside(target)
     if scene.path is not None and is_file(scene.path):
         source = YamlSource.read(scene.path)
@@ -130,6 +133,27 @@ def _data_for(
         del data["name"]
     entry = validated(YamlSource(target, data), SceneEntry)
     return entry.model_dump(mode="json", exclude_defaults=True), False
+
+
+def _check_sayable(scene: SceneFields) -> None:
+    """Refuse what has no words in a scene file.
+
+    Raises:
+        SceneError: If there is something.
+    """
+    for key, body in (("object", scene.object), *(("supports", one) for one in scene.supports)):
+        if type(body.shape) not in SHAPES.values():
+            raise SceneError(
+                f"{label_of(scene)}: {key}: {body.name!r} has a shape of the kind "
+                f"{body.shape.kind!r}, which no scene file has; use one of {', '.join(SHAPES)}, or "
+                "write an MJCF (scene_to_mjcf)"
+            )
+    for mount in () if scene.hand is None else scene.hand.mounts:
+        if find_robot(mount.source).read is not None:
+            raise SceneError(
+                f"{label_of(scene)}: hand: comes from no file; read the scene from the path of its "
+                "MJCF"
+            )
 
 
 def _written(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:

@@ -25,10 +25,18 @@ from graspless_pin.holding.dynamics import contact_jacobian
 from graspless_pin.problem import ControlMode, QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.scene import Scene, SceneContacts
-from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.load_wrenches import ActingForce, acting_forces, hand_motion
-from graspless_pin.simulation.mjcf import Mjcf, Surface, add, add_mass
+from graspless_pin.simulation.mjcf import Mjcf, add, add_mass
+from graspless_pin.simulation.scene_bodies import (
+    OBJECT,
+    FrictionOf,
+    check_at_rest,
+    hand_surface,
+    write_object,
+    write_supports,
+)
 
 
 class Axis(NamedTuple):
@@ -134,11 +142,8 @@ _OUT_OF_REACH = 1e-3
 """Of the largest singular value: gaps that are closed only by turning far stay open."""
 _LEVER, _LAST = 0.05, 0.1
 """m, and how readily the object turns beside joints: it moves where they cannot close a gap."""
-OBJECT, FIXTURE = "object", "fixture"
-"""Names of the manipulated object's body, and of the weld that holds it before its release."""
-
-_HAND, _SUPPORT = 2, 0  # contype; the object's is 1
-_MEETS_OBJECT, _MEETS_BOTH = 1, 3  # conaffinity
+FIXTURE = "fixture"
+"""Name of the weld that holds the object before its release."""
 
 
 @dataclass(frozen=True)
@@ -237,20 +242,19 @@ def simulation_model(
         >>> type(model).__name__
         'SimulationModel'
     """
-    _check_at_rest(scene)
+    check_at_rest(scene)
     problem = scene.problem()
     if not problem.cone_model.is_coulomb:
-        where = scene.name if scene.path is None else scene.path
         raise SceneError(
-            f"{where}: cone: is {problem.cone!r}, and the simulation has Coulomb's law; "
+            f"{label_of(scene)}: cone: is {problem.cone!r}, and the simulation has Coulomb's law; "
             "use 'edges' or 'round'"
         )
     given = finite_array("torques", torques, (problem.joint_count,))
     feedback = scene.controller if controller is None else Controller.of("controller", controller)
     document = Mjcf(scene.name)
-    _write_options(document, scene, contact_model)
-    friction = _FrictionOf(scene, friction_factor)
-    links = dict(_write_supports(document, scene, friction))
+    write_options(document, scene, contact_model)
+    friction = FrictionOf(scene, friction_factor)
+    links = dict(write_supports(document, scene, friction))
     left_out: tuple[tuple[str, str], ...] = ()
     joints, wrenches = NOTHING_DRIVEN, dict[str, FloatArray]()
     hand = scene.hand
@@ -265,7 +269,7 @@ def simulation_model(
     rates = _joint_rates(hand, joints, problem.joint_count)
     closing = _closing(scene.contacts, problem, np.any(rates != 0.0, axis=0))
     manipulated = _moved(scene.object, closing[:6])
-    _write_object(document, scene, manipulated)
+    write_object(document, scene, manipulated)
     add(document.section("equality"), "weld", name=FIXTURE, body1=OBJECT)
     _write_motors(document, joints)
     return SimulationModel(
@@ -327,38 +331,8 @@ def _moved(manipulated: ManipulatedObject, motion: FloatArray) -> ManipulatedObj
     return manipulated.with_pose(T)
 
 
-def _check_at_rest(scene: Scene) -> None:
-    where = scene.name if scene.path is None else scene.path
-    if scene.motion is not None:
-        raise SceneError(
-            f"{where}: motion: declares a motion, and the simulation tells whether rest lasts; "
-            "leave the key out to ask for rest"
-        )
-    for support in scene.supports:
-        if support.velocity.any():
-            raise SceneError(
-                f"{where}: support {support.name!r} moves, and the simulation tells whether rest "
-                "lasts; leave its velocity out"
-            )
-
-
-class _FrictionOf:
-    """Coefficients by body, times a factor."""
-
-    def __init__(self, scene: Scene, factor: float) -> None:
-        materials = scene.hand_material, scene.object.material, scene.materials
-        self._table = FrictionTable(scene.supports, scene.friction, *materials)
-        self._where = scene.name if scene.path is None else scene.path
-        self._factor = factor
-
-    def __call__(self, group: str, body: str) -> float:
-        try:
-            return self._factor * self._table.coefficient(group, body)
-        except SceneError as error:
-            raise error.at(str(self._where)) from error
-
-
-def _write_options(document: Mjcf, scene: Scene, contact_model: ContactModel) -> None:
+def write_options(document: Mjcf, scene: Scene, contact_model: ContactModel) -> None:
+    """Write how MuJoCo is to compute."""
     add(document.root, "compiler", angle="radian", boundmass=1e-6, boundinertia=1e-9,
         balanceinertia=True)  # fmt: skip
     # Defaults (pyramidal cones, impratio 1) creep at 1.3 times the critical friction.
@@ -374,34 +348,6 @@ def _write_options(document: Mjcf, scene: Scene, contact_model: ContactModel) ->
     for element in (geom, soft):
         element.set("solref", f"{contact_model.time_constant} 1")
         element.set("solimp", f"{low} {high} 0.001 0.5 2")
-
-
-def _write_supports(
-    document: Mjcf, scene: Scene, friction: _FrictionOf
-) -> Iterator[tuple[str, str]]:
-    """Write the supports; yield the name of each shape, and the support's."""
-    for support in scene.supports:
-        name = f"support/{support.name}"
-        body = document.body(document.section("worldbody"), name, support.T_world_support)
-        surface = Surface(friction("supports", support.name), 1, _SUPPORT, _MEETS_BOTH)
-        for number, piece in enumerate(support.geometries):
-            document.shape(body, f"{name}/{number}", piece, np.eye(4), surface)
-            yield f"{name}/{number}", support.name
-
-
-def _write_object(document: Mjcf, scene: Scene, manipulated: ManipulatedObject) -> None:
-    body = document.body(document.section("worldbody"), OBJECT, manipulated.T_world_object)
-    add(body, "freejoint", name=OBJECT)
-    add_mass(body, manipulated.mass, manipulated.center_of_mass, manipulated.own_inertia)
-    for load in scene.loads:
-        if load.mass:
-            T = np.eye(4)
-            T[:3, 3] = manipulated.center_of_mass if load.at is None else load.at
-            payload = document.body(body, f"load/{load.name}", T)
-            add_mass(payload, load.mass, np.zeros(3), np.zeros((3, 3)))
-    surface = Surface(1.0, 0, 1, 0)  # the other body's friction counts
-    for number, piece in enumerate(manipulated.geometries):
-        document.shape(body, f"{OBJECT}/{number}", piece, np.eye(4), surface)
 
 
 def _write_hand(
@@ -447,16 +393,15 @@ def _write_hand(
 
 
 def _write_links(
-    document: Mjcf, hand: Hand, elements: Sequence[ET.Element], friction: _FrictionOf
+    document: Mjcf, hand: Hand, elements: Sequence[ET.Element], friction: FrictionOf
 ) -> Iterator[tuple[str, str]]:
     """Write the links' shapes; yield the name of each, and the link's."""
     carriers, placements = hand.tree.shape_placements
     shapes = zip(hand.tree.shapes.names, hand.tree.shapes.geometries, strict=True)
     for number, (link, geometry) in enumerate(shapes):
         name = f"hand/{link}/{number}"
-        surface = Surface(friction("hand", link), 1, _HAND, _MEETS_OBJECT)
         element = elements[int(carriers[number])]
-        document.shape(element, name, geometry, placements[number], surface)
+        document.shape(element, name, geometry, placements[number], hand_surface(friction, link))
         yield name, link
 
 

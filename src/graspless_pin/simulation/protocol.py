@@ -23,7 +23,6 @@ from graspless_pin.scene import Scene
 from graspless_pin.simulation.model import (
     FIXTURE,
     HOLDING_GAIN,
-    OBJECT,
     SOFT,
     STIFF,
     TIME_STEP,
@@ -31,6 +30,7 @@ from graspless_pin.simulation.model import (
     SimulationModel,
     simulation_model,
 )
+from graspless_pin.simulation.scene_bodies import OBJECT
 
 FIXTURE_TIME = 0.3
 """s in which the object is held; the load grows during the first two thirds."""

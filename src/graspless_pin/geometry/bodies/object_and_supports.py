@@ -64,7 +64,14 @@ class _PlacedShape(PickledByFields, ABC):
         Raises:
             MeshError: See `Shape.pieces`.
         """
-        return PlacedBodies.at_one_pose(self.shapes, self._pose())
+        return self._placed(self._pose())
+
+    def _placed(self, T: NDArray[np.float64]) -> PlacedBodies:
+        """Return the pieces where they are when the shape is at a (4, 4) pose."""
+        own = self.shape.placements()
+        if own is None:
+            return PlacedBodies.at_one_pose(self.shapes, T)
+        return PlacedBodies(self.shapes, T @ own)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,7 +178,7 @@ class ManipulatedObject(Brief, _PlacedShape):
             MeshError: See `Shape.pieces`.
         """
         pose = as_pose("T_world_object", T_world_object)
-        placed = PlacedBodies.at_one_pose(self.shapes, pose)
+        placed = self._placed(pose)
         return changed(self, "center_of_mass_world", T_world_object=pose, placed_bodies=placed)
 
     @cached_property

@@ -118,6 +118,10 @@ class Shape(ABC):
             self.coal_type(*np.hstack([getattr(self, key) for key in self.lengths()]).tolist()),
         )
 
+    def placements(self) -> FloatArray | None:
+        """Return (K, 4, 4) poses of its convex pieces in its frame; None: all are in that frame."""
+        return None
+
     @abstractmethod
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass.

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.work_space import joint_motions
 from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.poses import invert
 from graspless_pin.problem.checks import FloatArray, read_only
 
 
@@ -61,3 +64,40 @@ def jointed_bodies(hand: Hand) -> tuple[JointedBody, ...]:
             )
         )
     return tuple(bodies)
+
+
+class PlacedLink(NamedTuple):
+    """A link where it is while all joints of a hand stand at zero.
+
+    Attributes:
+        name: Of the link.
+        parent: The link that it hangs on; None: the world.
+        joint: Index of the movable joint between the two among the hand's n; None: it is fixed.
+        T_parent_link: (4, 4) pose in the parent's frame, m.
+        T_joint_link: (4, 4) pose in the frame of the joint that moves it, m.
+    """
+
+    name: str
+    parent: str | None
+    joint: int | None
+    T_parent_link: FloatArray
+    T_joint_link: FloatArray
+
+
+def placed_links(hand: Hand) -> tuple[PlacedLink, ...]:
+    """Return the links of a hand, parents before children; a joint's frame is its link's."""
+    tree = hand.tree
+    parents, steps, _ = joint_motions(tree)
+    poses = [np.eye(4)]
+    for joint in range(1, len(parents)):
+        poses.append(poses[parents[joint]] @ steps[joint])
+    frames = tree.pinocchio_model.frames
+    placements = {link: frames[k].placement.homogeneous for link, k in tree.link_frames.items()}
+    at_zero = {link: poses[tree.link_joints[link]] @ T for link, T in placements.items()}
+    links = []
+    for link, parent in tree.parent_links.items():
+        own, above = tree.link_joints[link], 0 if parent is None else tree.link_joints[parent]
+        T = at_zero[link] if parent is None else invert(at_zero[parent]) @ at_zero[link]
+        joint = own - 1 if own != above else None
+        links.append(PlacedLink(link, parent, joint, T, placements[link]))
+    return tuple(links)

@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from graspless_pin.geometry.hand.mjcf_geoms import geom_shape, is_known
 from graspless_pin.geometry.hand.mjcf_motors import Mimic, couplings, motor_joints, motors
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf
 from graspless_pin.geometry.hand.robot_model import (
-    LinkMesh,
     LinkShape,
     RobotJoint,
     RobotLink,
@@ -29,9 +28,7 @@ from graspless_pin.geometry.hand.robot_model import (
     limit_of,
     root_of_tree,
 )
-from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.robots.description import JointCoupling
-from graspless_pin.intake.files import is_file
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -58,8 +55,43 @@ def robot_of_mjcf(
     Warns:
         GrasplessPinWarning: Springs are left out, or motors that cannot be told apart.
     """
-    reader = _Reader(read_mjcf(path), visuals_collide=visuals_collide, with_shapes=with_shapes)
-    return reader.robot()
+    return robot_of_source(
+        read_mjcf(path), visuals_collide=visuals_collide, with_shapes=with_shapes
+    )
+
+
+def robot_of_source(
+    source: MjcfSource, *, visuals_collide: bool = False, with_shapes: bool = True
+) -> RobotModel:
+    """Return the robot of what MuJoCo has read: see `robot_of_mjcf`."""
+    reader = _Reader(source, visuals_collide=visuals_collide, with_shapes=with_shapes)
+    robot = reader.robot()
+    robot.check()
+    return robot
+
+
+def tree_roots(model: Any) -> NDArray[np.intp]:
+    """Return by body the one that it hangs on and that hangs on the world; the world's is 0."""
+    roots = np.arange(model.nbody)
+    for body in range(1, model.nbody):
+        parent = model.body_parentid[body]
+        roots[body] = body if parent == 0 else roots[parent]
+    return roots
+
+
+def robot_bodies(source: MjcfSource) -> tuple[int, NDArray[np.bool_]]:
+    """Return the robot's root and its bodies: the trees with motors, or with joints at all."""
+    model = source.model
+    tree = tree_roots(model)
+    moved = tree[model.jnt_bodyid[motor_joints(source)]]
+    roots = np.unique(moved if len(moved) else tree[model.jnt_bodyid])
+    inside = np.isin(tree, roots)
+    first = model.body_jntadr[roots[0]] if len(roots) == 1 else -1
+    free = source.mujoco.mjtJoint.mjJNT_FREE
+    if len(roots) == 1 and (first < 0 or model.jnt_type[first] == free):
+        return int(roots[0]), inside
+    inside[0] = True
+    return 0, inside
 
 
 class _Reader:
@@ -77,7 +109,7 @@ class _Reader:
     def robot(self) -> RobotModel:
         """Return the robot."""
         model = self._model
-        top, inside = self._robot_bodies()
+        top, inside = robot_bodies(self._source)
         check_link_count(str(self._source.path), int(inside.sum()))
         if np.any(model.jnt_stiffness[inside[model.jnt_bodyid]] > 0.0):
             emit(
@@ -103,22 +135,6 @@ class _Reader:
         names = {joint.name for joint in joints}
         own = {name: one for name, one in tendons.items() if names >= set(one.arms)}
         return RobotModel(label, root, tuple(self._links), tuple(joints), own)
-
-    def _robot_bodies(self) -> tuple[int, NDArray[np.bool_]]:
-        """Return the robot's root and its bodies: the trees with motors, or with joints at all."""
-        model = self._model
-        tree = np.arange(model.nbody)
-        for body in range(1, model.nbody):
-            parent = model.body_parentid[body]
-            tree[body] = body if parent == 0 else tree[parent]
-        moved = tree[model.jnt_bodyid[motor_joints(self._source)]]
-        roots = np.unique(moved if len(moved) else tree[model.jnt_bodyid])
-        inside = np.isin(tree, roots)
-        first = model.body_jntadr[roots[0]] if len(roots) == 1 else -1
-        if len(roots) == 1 and (first < 0 or model.jnt_type[first] == self._kinds.mjJNT_FREE):
-            return int(roots[0]), inside
-        inside[0] = True
-        return 0, inside
 
     def _add_joints(self, body: int) -> None:
         """Add the joints that lead to a body, and links between them."""
@@ -183,89 +199,22 @@ class _Reader:
         geoms = [geom for geom in range(first, first + count) if model.geom_type[geom] != plane]
         touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
         seen = [geom for geom in geoms if geom not in touching] or touching
-        seen = [geom for geom in seen if self._is_known(geom)]
+        seen = [geom for geom in seen if is_known(self._source, geom)]
         if self._visuals_collide and not touching:
             touching = seen
         self._links.append(
             RobotLink(
                 name, mass, T[:3, 3].copy(), inertia,
-                tuple(self._shape(name, geom) for geom in touching), self._visuals(name, seen),
+                tuple(geom_shape(self._source, geom) for geom in touching), self._visuals(seen),
             )
         )  # fmt: skip
 
-    def _visuals(self, link: str, geoms: list[int]) -> tuple[LinkShape, ...]:
+    def _visuals(self, geoms: list[int]) -> tuple[LinkShape, ...]:
         """Return how a link looks; nothing fails that is drawn only."""
         try:
-            return tuple(self._shape(link, geom) for geom in geoms)
+            return tuple(geom_shape(self._source, geom) for geom in geoms)
         except RobotError:
             return ()
-
-    def _is_known(self, geom: int) -> bool:
-        """Whether a link can have the shape of a geom."""
-        kinds = self._source.mujoco.mjtGeom
-        return kinds(int(self._model.geom_type[geom])) in (
-            kinds.mjGEOM_MESH, kinds.mjGEOM_BOX, kinds.mjGEOM_SPHERE, kinds.mjGEOM_CYLINDER,
-            kinds.mjGEOM_CAPSULE,
-        )  # fmt: skip
-
-    def _shape(self, link: str, geom: int) -> LinkShape:
-        """Return a geom of a link.
-
-        Raises:
-            RobotError: If it is no shape that a link can have, or a mesh without a file.
-        """
-        model, kinds, path = self._model, self._source.mujoco.mjtGeom, self._source.path
-        T = pose(model.geom_quat[geom], model.geom_pos[geom])
-        kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
-        if kind == kinds.mjGEOM_MESH:
-            mesh, T_geom_file = self._mesh(int(model.geom_dataid[geom]))
-            return LinkShape(mesh, T @ T_geom_file)
-        if not self._is_known(geom):
-            word = kind.name.removeprefix("mjGEOM_").lower()
-            raise RobotError(
-                f"{path}: body {link!r} has the collision shape {word!r}; use boxes, spheres, "
-                "cylinders, capsules or meshes"
-            )
-        try:
-            return LinkShape(self._primitive(kind, *size), T)
-        except ArgumentError as error:
-            raise RobotError(
-                f"{path}: body {link!r} has a shape that cannot be: {error}"
-            ) from error
-
-    def _primitive(self, kind: Any, x: float, y: float, z: float) -> Shape:
-        """Return a primitive of MuJoCo's half lengths."""
-        kinds = self._source.mujoco.mjtGeom
-        if kind == kinds.mjGEOM_BOX:
-            return Box((2.0 * x, 2.0 * y, 2.0 * z))
-        if kind == kinds.mjGEOM_SPHERE:
-            return Sphere(x)
-        return (Cylinder if kind == kinds.mjGEOM_CYLINDER else Capsule)(x, 2.0 * y)
-
-    def _mesh(self, mesh: int) -> tuple[LinkMesh, FloatArray]:
-        """Return a mesh, and the pose of its file's frame in MuJoCo's own for it."""
-        model, source = self._model, self._source
-        name = model.mesh(mesh).name
-        asset = source.spec.mesh(name)
-        scale, T_ref = np.array(asset.scale), pose(asset.refquat, asset.refpos)
-        if not asset.file:
-            raise RobotError(
-                f"{source.path}: the mesh {name!r} has no file; write its vertices into one"
-            )
-        if np.ptp(scale) > 0.0 and not np.allclose(T_ref[:3, :3], np.eye(3)):
-            raise RobotError(
-                f"{source.path}: the mesh {name!r} is turned and then scaled by {asset.scale}, "
-                "different along its axes; turn its file instead"
-            )
-        # MuJoCo's vertex is R_m^T (S R_ref^T (v - p_ref) - p_m) of the file's v.
-        T_file = invert(T_ref)
-        T_file[:3, 3] *= scale
-        folder = Path(source.spec.modelfiledir or source.path.parent)
-        file = (folder / source.spec.compiler.meshdir / asset.file).resolve()
-        x, y, z = scale.tolist()
-        own = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
-        found = file if is_file(file) else None
-        return LinkMesh(str(file), found, (file,), (x, y, z)), invert(own) @ T_file
 
 
 def _moved(by: FloatArray) -> FloatArray:

@@ -21,8 +21,8 @@ class MjcfSource:
 
     Attributes:
         mujoco: The module.
-        path: The file.
-        spec: ``mujoco.MjSpec``, which knows the files of meshes.
+        path: The file; of a model that comes from none, its name.
+        spec: ``mujoco.MjSpec``, which knows the files of meshes; None: there are none.
         model: ``mujoco.MjModel``, which knows all else.
     """
 
@@ -40,8 +40,12 @@ class MjcfSource:
         return self.model.body(index).name or f"body_{index}"
 
 
-def read_mjcf(path: Path) -> MjcfSource:
+def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
     """Let MuJoCo read a file.
+
+    Args:
+        path: The file.
+        keyframes: Whether its keyframes are read, too.
 
     Raises:
         RobotError: If MuJoCo is not installed or refuses the file.
@@ -56,7 +60,7 @@ def read_mjcf(path: Path) -> MjcfSource:
     try:
         with warnings.catch_warnings(record=True, action="always") as remarks:
             spec = mujoco.MjSpec.from_file(str(path))
-            _strip(spec)
+            _strip(spec, keyframes=keyframes)
             model = spec.compile()
     except (ValueError, OSError) as error:
         message = " ".join(str(error).split())
@@ -98,15 +102,23 @@ def _load_mujoco(path: Path) -> Any:
     return mujoco
 
 
-def _strip(spec: Any) -> None:
-    """Take away what only looks, and may name files that are not there."""
+def source_of_model(model: Any) -> MjcfSource:
+    """Return a ``mujoco.MjModel`` that comes from no file as what MuJoCo has read."""
+    name = bytes(model.names).partition(b"\0")[0].decode() or "model"
+    path = Path(name)
+    return MjcfSource(_load_mujoco(path), path, None, model)
+
+
+def _strip(spec: Any, *, keyframes: bool) -> None:
+    """Take away what only looks, and may name files that are not there; keyframes unless asked."""
     for geom in spec.geoms:
         geom.material = ""
     for site in spec.sites:
         site.material = ""
     for tendon in spec.tendons:
         tendon.material = ""
-    for unseen in (*spec.skins, *spec.materials, *spec.textures, *spec.keys):
+    keys = () if keyframes else spec.keys
+    for unseen in (*spec.skins, *spec.materials, *spec.textures, *keys):
         spec.delete(unseen)
 
 

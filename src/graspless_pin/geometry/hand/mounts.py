@@ -118,15 +118,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         for mount in mounts
     ]
     models = [
-        read_robot(
-            robot.urdf_path,
-            prefix=prefix,
-            package_dirs=robot.package_dirs,
-            root_link=robot.root_link,
-            xacro_args=robot.xacro_args,
-            visuals_collide=robot.visuals_collide,
-            with_shapes=with_shapes,
-        )
+        _model(robot, prefix, with_shapes=with_shapes)
         for robot, prefix in zip(robots, prefixes, strict=True)
     ]
     couplings = [
@@ -146,6 +138,22 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     for mount, robot, model in zip(mounts, robots, models, strict=True):
         joined = _add(joined, mount, robot, model)
     return joined
+
+
+def _model(robot: RobotDescription, prefix: str, *, with_shapes: bool) -> RobotModel:
+    """Read a robot, or take it as it is."""
+    if robot.read is not None:
+        model = robot.read if robot.root_link is None else robot.read.below(robot.root_link)
+        return model.with_fixed_base().prefixed(prefix)
+    return read_robot(
+        robot.urdf_path,
+        prefix=prefix,
+        package_dirs=robot.package_dirs,
+        root_link=robot.root_link,
+        xacro_args=robot.xacro_args,
+        visuals_collide=robot.visuals_collide,
+        with_shapes=with_shapes,
+    )
 
 
 def _couplings(robot: RobotDescription, model: RobotModel, prefix: str) -> list[JointCoupling]:

@@ -79,7 +79,6 @@ def read_robot(
         from graspless_pin.geometry.hand.mjcf import robot_of_mjcf
 
         robot = robot_of_mjcf(path, visuals_collide=visuals_collide, with_shapes=with_shapes)
-        robot.check()
         robot = robot if root_link is None else robot.below(root_link)
     else:
         robot = robot_of_urdf(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT, Cut
@@ -134,6 +135,7 @@ class RobotDescription(Brief):
         damping: The same of the damping, N m s/rad.
         file: The robot file, if there is one.
         model: The model of example-robot-data, if it is one.
+        read: The `RobotModel` itself of a robot that no file describes; None: files do.
     """
 
     name: str
@@ -154,6 +156,7 @@ class RobotDescription(Brief):
     damping: float | Mapping[str, float] | None = None
     file: Path | None = None
     model: str | None = None
+    read: Any = None
 
     def check_gains(self, known: Sequence[str]) -> None:
         """Refuse gains of what is no joint or finger.

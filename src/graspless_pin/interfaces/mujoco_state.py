@@ -1,0 +1,217 @@
+"""A model of MuJoCo in one state, and which of its bodies are object and hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.findings import Finding, FindingCode, emit
+from graspless_pin.geometry.hand.mjcf import robot_bodies, tree_roots
+from graspless_pin.geometry.hand.mjcf_motors import motor_joints
+from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf, source_of_model
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.simulation.scene_document import CUSTOM_TEXT
+from graspless_pin.suggestions import names_in_words
+
+
+def source_of(source: Any) -> MjcfSource:
+    """Return what MuJoCo has read of the path of an MJCF, a ``MjSpec`` or a ``MjModel``."""
+    if isinstance(source, str | Path):
+        return read_mjcf(Path(source), keyframes=True)
+    if hasattr(source, "worldbody"):
+        return source_of_model(source.copy().compile())
+    if hasattr(source, "body_parentid"):
+        return source_of_model(source)
+    raise ArgumentError(
+        "source",
+        f"needs the path of an MJCF, a mujoco.MjSpec or a mujoco.MjModel, got "
+        f"{type(source).__name__}",
+    )
+
+
+class ModelState:
+    """A compiled model in one state.
+
+    Attributes:
+        source: What MuJoCo has read.
+        model: ``mujoco.MjModel``.
+        data: ``mujoco.MjData`` of its own.
+        beyond: What `scene_to_mjcf` has written for lack of words in MJCF.
+        object: The object's body.
+        in_object: (nbody,) what is fixed to it.
+        hand: The hand's first body, which may be the world; None: there is no hand.
+        in_hand: (nbody,) the hand's bodies, not the world.
+    """
+
+    def __init__(
+        self,
+        source: MjcfSource,
+        data: Any,
+        keyframe: str | int | None,
+        object_body: str | None,
+        hand_body: str | None,
+    ) -> None:
+        """Take what `scene_from_mjcf` takes."""
+        self.source, self.model, self._mujoco = source, source.model, source.mujoco
+        self.data = self._mujoco.MjData(self.model)
+        self._place(data, keyframe)
+        self._mujoco.mj_kinematics(self.model, self.data)
+        self.beyond = self._custom_text()
+        self.hand, self.in_hand = self._hand(hand_body)
+        self.object = self._object(object_body or self.beyond.get("object"))
+        self.in_object = self._below(self.object)
+        self._check_rigid()
+
+    @property
+    def name(self) -> str:
+        """Name of the file or model."""
+        path = self.source.path
+        return str(path) if self.source.spec is None else path.stem
+
+    def is_free(self, body: int) -> bool:
+        """Return whether a body has a free joint, or three slides and three hinges that are one."""
+        kinds, first = self._mujoco.mjtJoint, int(self.model.body_jntadr[body])
+        own = self.model.jnt_type[first : first + int(self.model.body_jntnum[body])].tolist()
+        slides, hinges = own.count(kinds.mjJNT_SLIDE), own.count(kinds.mjJNT_HINGE)
+        return own == [kinds.mjJNT_FREE] or (slides, hinges, len(own)) == (3, 3, 6)
+
+    def pose_of(self, body: int) -> FloatArray:
+        """Return the (4, 4) pose of a body in the world, m."""
+        return pose(self.data.xquat[body], self.data.xpos[body])
+
+    def geoms(self, inside: NDArray[np.bool_]) -> list[int]:
+        """Return the geoms of some bodies that touch anything."""
+        model = self.model
+        touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        for geom in (*model.pair_geom1, *model.pair_geom2):
+            touches[geom] = True
+        return np.flatnonzero(inside[model.geom_bodyid] & touches).tolist()
+
+    def tell(self, subject: str, message: str, advice: str) -> None:
+        """Tell of something that is left out."""
+        where = f"{self.source.path}: {message}"
+        emit(Finding(FindingCode.LEFT_OUT_OF_MJCF, subject, where, advice))
+
+    def _place(self, data: Any, keyframe: str | int | None) -> None:
+        """Take the positions of joints and bodies."""
+        model, count = self.model, self.model.nkey
+        if data is not None:
+            if keyframe is not None:
+                raise ArgumentError("keyframe", "is given beside data; give one of them")
+            if data.qpos.shape != self.data.qpos.shape or len(data.xpos) != model.nbody:
+                raise ArgumentError(
+                    "data", f"has {len(data.qpos)} coordinates and the model {model.nq}; give "
+                    "the data of this model"
+                )  # fmt: skip
+            for name in ("qpos", "mocap_pos", "mocap_quat", "xfrc_applied", "qfrc_applied"):
+                getattr(self.data, name)[:] = getattr(data, name)
+            return
+        names = [model.key(k).name for k in range(count)]
+        if keyframe is None:
+            if count > 1:
+                raise ArgumentError(
+                    "keyframe", f"the file has {', '.join(map(repr, names))}; name one of them, or "
+                    "give data"
+                )  # fmt: skip
+            if not count:
+                return
+            keyframe = 0
+        if isinstance(keyframe, str):
+            if keyframe not in names:
+                raise ArgumentError(
+                    "keyframe", f"unknown keyframe {keyframe!r}; {names_in_words(keyframe, names)}"
+                )
+            keyframe = names.index(keyframe)
+        if not 0 <= keyframe < count:
+            raise ArgumentError("keyframe", f"needs a number from 0 to {count - 1}, got {keyframe}")
+        self._mujoco.mj_resetDataKeyframe(model, self.data, keyframe)
+
+    def _custom_text(self) -> dict[str, Any]:
+        """Return what `scene_to_mjcf` has written for lack of words in MJCF."""
+        model, kind = self.model, self._mujoco.mjtObj.mjOBJ_TEXT
+        index = self._mujoco.mj_name2id(model, kind, CUSTOM_TEXT)
+        if index < 0:
+            return {}
+        first, size = int(model.text_adr[index]), int(model.text_size[index])
+        text = bytes(model.text_data[first : first + size]).rstrip(b"\0").decode()
+        try:
+            found = json.loads(text)
+        except ValueError as error:
+            raise SceneError(
+                f"{self.source.path}: the custom text {CUSTOM_TEXT!r} is no JSON ({error}); "
+                "remove it, or write the file again"
+            ) from error
+        return found
+
+    def _hand(self, hand_body: str | None) -> tuple[int | None, NDArray[np.bool_]]:
+        """Return the hand's first body, and which bodies it has."""
+        source, count = self.source, self.model.nbody
+        if hand_body is not None:
+            names = [source.body(body) for body in range(1, count)]
+            if hand_body not in names:
+                words = names_in_words(hand_body, names)
+                raise ArgumentError("hand_body", f"unknown body {hand_body!r}; {words}")
+            first = names.index(hand_body) + 1
+            return first, self._below(first)
+        if not motor_joints(source):
+            return None, np.zeros(count, dtype=bool)
+        first, inside = robot_bodies(source)
+        inside[0] = False
+        return first, inside
+
+    def _object(self, name: str | None) -> int:
+        """Return the object's body."""
+        names = [self.source.body(body) for body in range(self.model.nbody)]
+        free = [
+            body
+            for body in np.unique(tree_roots(self.model)).tolist()
+            if body and not self.in_hand[body] and self.is_free(body)
+        ]
+        known = [names[body] for body in free]
+        if name is None:
+            if len(free) == 1:
+                return free[0]
+            found = f"has the free bodies {', '.join(known)}" if free else "has no free body"
+            raise ArgumentError(
+                "object_body", f"{self.source.path} {found}; name the object, which needs a "
+                "free joint to the world"
+            )  # fmt: skip
+        if name not in names:
+            words = names_in_words(name, known)
+            raise ArgumentError("object_body", f"unknown body {name!r}; {words}")
+        body = names.index(name)
+        if self.in_hand[body]:
+            raise SceneError(
+                f"{self.source.path}: the object {name!r} is moved by motors or is part of the "
+                "hand; name another body"
+            )
+        if body not in free:
+            raise ArgumentError(
+                "object_body", f"body {name!r} has no free joint to the world; "
+                f"{names_in_words(name, known)}"
+            )  # fmt: skip
+        return body
+
+    def _below(self, top: int) -> NDArray[np.bool_]:
+        """Return (nbody,) whether a body is one or hangs on it."""
+        inside = np.zeros(self.model.nbody, dtype=bool)
+        inside[top] = True
+        for body in range(top + 1, self.model.nbody):
+            inside[body] = inside[self.model.body_parentid[body]]
+        return inside
+
+    def _check_rigid(self) -> None:
+        """Refuse an object with joints inside."""
+        source, bodies = self.source, self.model.jnt_bodyid
+        inside = np.flatnonzero(self.in_object[bodies] & (bodies != self.object)).tolist()
+        if inside:
+            listed = ", ".join(repr(source.joint(joint)) for joint in inside)
+            raise SceneError(
+                f"{source.path}: the object {source.body(self.object)!r} has joints inside "
+                f"({listed}), and an object is rigid; fix them"
+            )
