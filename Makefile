@@ -129,6 +129,7 @@ hands: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
 	  gymnasium-robotics==1.4.2 robosuite==1.5.2 dexmate-urdf==0.8.4 icub-models==3.2.0
 	$(BIN)/python -m tests.oracles.package_hands out/hands
+	$(BIN)/python -m tests.oracles.package_scenes out/hands
 
 place: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \

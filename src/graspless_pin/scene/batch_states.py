@@ -20,7 +20,7 @@ from graspless_pin.errors import GrasplessPinError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.contact.motion import SPEED_TOLERANCE
-from graspless_pin.geometry.hand.model import joints_of
+from graspless_pin.geometry.hand.posed_links import joints_of
 from graspless_pin.geometry.poses import transformed, turning_velocities
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.problem import QuasistaticProblem

@@ -49,6 +49,11 @@ class MountEntry(Entry):
     package_dirs: Few[FilePath] = Field(
         default=[], description="folders in which the URDF's package:// addresses are looked for"
     )
+    srdf: FilePath | None = Field(
+        default=None,
+        description="path of its SRDF (groups, states, pairs of links that may be in each other); "
+        "default: the one beside the URDF, or in the folder srdf beside its folder",
+    )
     root_link: Name | None = Field(
         default=None,
         description="link to mount with all that hangs on it, such as the palm of a whole robot; "
@@ -93,6 +98,11 @@ class HandEntry(MountEntry):
 
     mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = Field(
         default=[], description="several robots, each with a prefix; instead of robot or urdf"
+    )
+    group_states: Few[Name] = Field(
+        default=[],
+        description="states of the SRDF, GROUP/STATE or STATE: positions of the joints that q does "
+        "not name",
     )
     q: ByName[Finite] = Field(
         default={}, description="[rad, m] positions by joint name, those left out are 0"

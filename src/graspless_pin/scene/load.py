@@ -24,6 +24,7 @@ from graspless_pin.geometry.hand.assembly import AssembledMounts, assembled_moun
 from graspless_pin.geometry.hand.configuration import independent_rates, joint_positions
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.hand.srdf import named_positions
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.holding.controller import Controller
@@ -51,6 +52,7 @@ from graspless_pin.suggestions import names_in_words
 _Scene = TypeVar("_Scene", bound=SceneFields)
 _ANYWHERE = {"base_pose"}
 _NOT_OF_THE_MOUNTS = {
+    "group_states",
     "q",
     "q_deg",
     "effort_limits",
@@ -84,7 +86,9 @@ def _hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
     common = [value for name, value in entry if name not in _NOT_OF_THE_MOUNTS]
     sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
     mounts = parts.stage("mounts", (*sources,), lambda: _mounts(file, parts, entry, places))
-    tree, q = mounts.joined.tree, entry.positions()
+    tree = mounts.joined.tree
+    named = file.at(("hand",), lambda: named_positions(tree.group_states, entry.group_states))
+    q = named | entry.positions()
     positions = parts.stage(
         "hand positions",
         (tree, repr(q)),
@@ -146,7 +150,8 @@ def _mount(
     given = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
     own = {name: value for name, value in given.items() if value is not None}
     meshes = replace(found.meshes, **own) if own else None
-    return Mount(found, None, prefix, fingers, meshes=meshes, root_link=entry.root_link)
+    srdf = None if entry.srdf is None else file.file(entry.srdf)
+    return Mount(found, None, prefix, fingers, meshes=meshes, root_link=entry.root_link, srdf=srdf)
 
 
 def _robot(file: YamlSource, parts: SceneParts, entry: MountEntry) -> RobotDescription:

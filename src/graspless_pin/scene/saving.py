@@ -327,7 +327,11 @@ def _rebased(source: YamlSource, path_text: PathText) -> Any:
 
 def _is_path(name: str, data: dict[str, Any]) -> bool:
     robot_file = name == "robot" and data[name].endswith((".yaml", ".yml"))
-    return robot_file or name in ("urdf", "package_dirs") or (name == "path" and "type" in data)
+    return (
+        robot_file
+        or name in ("urdf", "srdf", "package_dirs")
+        or (name == "path" and "type" in data)
+    )
 
 
 def _checked(text: str, target: Path, scene: SceneFields, path_text: PathText) -> SceneFields:

@@ -33,7 +33,7 @@ _AS_THEY_ARE = (
     "points_per_patch",
 )  # fmt: skip
 ROBOT = (
-    "robot", "urdf", "package_dirs", "root_link", "visuals_collide", "fingers", "convex",
+    "robot", "urdf", "srdf", "package_dirs", "root_link", "visuals_collide", "fingers", "convex",
     "concavity", "decompose_time_limit", "max_pieces",
 )  # fmt: skip
 """Keys of a mount that tell which robot it is of."""
@@ -125,6 +125,7 @@ def described(mount: Mount) -> RobotDescription:
         urdf_path=_one_form(robot.urdf_path),
         package_dirs=tuple(map(_one_form, robot.package_dirs)),
         file=None if robot.file is None else _one_form(robot.file),
+        srdf=None if robot.srdf is None else _one_form(robot.srdf),
     )
 
 
@@ -174,6 +175,8 @@ def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> d
     own = {
         key: None if value == getattr(filed, key, False) else value for key, value in own.items()
     }
+    if robot.srdf is not None and (filed is None or filed.srdf != robot.srdf):
+        own["srdf"] = path_text(robot.srdf)
     if robot.file is not None:
         name = robot.file.stem
         is_known = name in robot_names() and load_robot(name).file == robot.file

@@ -156,10 +156,12 @@ def assembled_mounts(
                 T_world_base=joined.base_poses[mount.prefix],
                 package_dirs=(),
                 root_link=None,
+                srdf=None,
             )
             for mount in mounts
         )
-        arms, held = joined.arms, joined.held_joints
+        # A group of an SRDF stands for its joints as an arm does.
+        arms, held = {**tree.groups, **joined.arms}, joined.held_joints
         plan = plan_control(tree, joined.fingers, control, arms=arms, held=held)
         actuation = plan_actuation(tree, plan, joined.tendons)
         for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():

@@ -108,10 +108,9 @@ def _mesh(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatArray]:
     """Return a mesh, and the pose of its file's frame in MuJoCo's own for it."""
     model = source.model
     name = model.mesh(mesh).name
-    spec: Any = source.spec
-    asset = None if spec is None else spec.mesh(name)
-    if asset is None or not asset.file:
+    if source.spec is None or not source.spec.mesh(name).file:
         return _mesh_hull(source, mesh), np.eye(4)
+    spec, asset = source.spec, source.spec.mesh(name)
     scale, T_ref = np.array(asset.scale), pose(asset.refquat, asset.refpos)
     if np.ptp(scale) > 0.0 and not np.allclose(T_ref[:3, :3], np.eye(3)):
         raise RobotError(

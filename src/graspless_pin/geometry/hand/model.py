@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,10 +29,15 @@ from graspless_pin.geometry.hand.configuration import (
 from graspless_pin.geometry.hand.effort_limits import EffortLimit
 from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.hand.posed_links import (
+    PosedLinks,
+    checked_points,
+    joints_of,
+    posed_links,
+)
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
-from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.pickling import Record
-from graspless_pin.geometry.poses import as_pose, finite_numbers, invert, turning_velocities
+from graspless_pin.geometry.poses import as_pose, invert, turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem.checks import FloatArray, all_finite
@@ -97,10 +101,13 @@ class Hand(Record):
         control: ControlModes | None = None,
         effort_limits: Mapping[str, EffortLimit] | None = None,
         meshes: LinkMeshes | None = None,
+        srdf: str | Path | None = None,
     ) -> Hand:
         """Load a URDF file; the arguments are those of ``Mount`` and ``assemble``."""
         robot = describe_urdf(path, package_dirs)
-        mount = Mount(robot, T_world_base, fingers=fingers, meshes=meshes, root_link=root_link)
+        mount = Mount(
+            robot, T_world_base, fingers=fingers, meshes=meshes, root_link=root_link, srdf=srdf
+        )
         return cls.assemble([mount], q=q, control=control, effort_limits=effort_limits)
 
     @classmethod
@@ -244,6 +251,14 @@ class Hand(Record):
     def link_names(self) -> tuple[str, ...]:
         """All links in model order."""
         return tuple(self.tree.link_frames)
+
+    @property
+    def group_states(self) -> Mapping[str, Mapping[str, float]]:
+        """Positions by joint, rad or m, by state of the SRDFs: ``GROUP/STATE`` with the prefix.
+
+        ``hand.with_configuration(hand.group_states["hand/open"])`` is the hand in that state.
+        """
+        return self.tree.group_states
 
     @property
     def q(self) -> Mapping[str, float]:
@@ -418,83 +433,3 @@ def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
 
 
 _LINKS: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))
-
-
-class PosedLinks(NamedTuple):
-    """The links of a tree at one configuration.
-
-    Attributes:
-        tree: The tree.
-        kinematics: Its joint poses and Jacobian columns.
-        bodies: The collision shapes in model order, each made only when it is asked for.
-    """
-
-    tree: KinematicTree
-    kinematics: Kinematics
-    bodies: PlacedBodies
-
-    def pose(self, link: str) -> NDArray[np.float64]:
-        """Return the (4, 4) pose ``T_world_link`` of a link's frame.
-
-        Raises:
-            ArgumentError: If there is no such link.
-        """
-        if link not in self.tree.link_joints:
-            raise unknown_name("link", "link", link, tuple(self.tree.link_frames))
-        joint = self.tree.link_joints[link]
-        frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
-        return self.kinematics.T_world_joint[joint] @ frame.placement.homogeneous
-
-    def point_jacobians(
-        self, links: Sequence[str | None], points: ArrayLike
-    ) -> NDArray[np.float64]:
-        """Return (K, 3, n) velocities of points fixed to links per rate of each movable joint.
-
-        Args:
-            links: K link names; None: the point stands still.
-            points: (K, 3) where the points are now, world, metres.
-
-        Raises:
-            ArgumentError: If a link is unknown or ``points`` does not have one row per link.
-        """
-        positions = checked_points(links, points)
-        return self.tree.point_jacobians(self.kinematics.J, joints_of(self.tree, links), positions)
-
-
-def posed_links(tree: KinematicTree, positions: NDArray[np.float64]) -> PosedLinks:
-    """Return the links of a tree at (n,) joint positions."""
-    kinematics = tree.kinematics(positions)
-    joints, placements = tree.shape_placements
-    poses = kinematics.T_world_joint.take(joints, axis=0) @ placements
-    return PosedLinks(tree, kinematics, PlacedBodies(tree.shapes, poses))
-
-
-def joints_of(tree: KinematicTree, links: Sequence[str | None]) -> list[int]:
-    """Return the Pinocchio joint that carries each link; 0, the world's, for None.
-
-    Raises:
-        ArgumentError: If a link is unknown.
-    """
-    carriers = tree.link_joints
-    try:
-        return [0 if link is None else carriers[link] for link in links]
-    except KeyError as error:
-        known = tuple(tree.link_frames)
-        raise unknown_name("links", "link", str(error.args[0]), known) from error
-
-
-def checked_points(links: Sequence[str | None], points: ArrayLike) -> NDArray[np.float64]:
-    """Return points as (K, 3), one row per link.
-
-    Raises:
-        ArgumentError: If the shape is another or a number is not finite.
-    """
-    if isinstance(points, np.ndarray) and points.dtype == np.float64 and all_finite((points,)):
-        positions = points
-    else:
-        positions = finite_numbers("points", points)
-    if positions.shape != (len(links), 3):
-        raise ArgumentError(
-            "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
-        )
-    return positions

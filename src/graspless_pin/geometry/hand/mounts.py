@@ -42,6 +42,7 @@ class Mount(Brief):
         meshes: How its collision meshes are made convex; None takes the robot file's way.
         root_link: The link that is mounted, with all that hangs on it; None takes the robot file's,
             or the URDF's root.
+        srdf: Its SRDF; None takes the robot file's, or the one beside the URDF.
     """
 
     source: RobotDescription | str | Path
@@ -51,6 +52,7 @@ class Mount(Brief):
     package_dirs: Sequence[str | Path] = ()
     meshes: LinkMeshes | None = None
     root_link: str | None = None
+    srdf: str | Path | None = None
 
     def robot(self) -> RobotDescription:
         """Find the robot.
@@ -60,7 +62,9 @@ class Mount(Brief):
             ArgumentError: If ``package_dirs`` is given for anything but a URDF.
         """
         found = find_robot(self.source, self.package_dirs)
-        return found if self.root_link is None else replace(found, root_link=self.root_link)
+        if self.root_link is not None:
+            found = replace(found, root_link=self.root_link)
+        return found if self.srdf is None else replace(found, srdf=Path(self.srdf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +157,7 @@ def _model(robot: RobotDescription, prefix: str, *, with_shapes: bool) -> RobotM
         xacro_args=robot.xacro_args,
         visuals_collide=robot.visuals_collide,
         with_shapes=with_shapes,
+        srdf=robot.srdf,
     )
 
 

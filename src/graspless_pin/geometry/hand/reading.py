@@ -9,24 +9,22 @@ from __future__ import annotations
 import importlib.util
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import CrashError, OverrunError, RobotError
-from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.robot_model import (
     RobotModel,
     check_link_count,
     check_name_lengths,
 )
+from graspless_pin.geometry.hand.srdf import with_srdf
 from graspless_pin.geometry.hand.urdf import robot_of_urdf
 from graspless_pin.geometry.hand.xacro_call import run_xacro
 from graspless_pin.intake.files import (
     FileKind,
     errors_of_text,
-    is_file,
     kind_of_file,
     read_bytes,
     refuse_other_kind,
@@ -34,7 +32,6 @@ from graspless_pin.intake.files import (
 from graspless_pin.intake.text import parse_xml
 
 URDF = FileKind("URDF", 16, RobotError)
-_SRDF = FileKind("SRDF", 16, RobotError)
 
 _OTHER_XML = ("XML file", "SDF file", "MuJoCo model", "xacro file")
 _SECONDS = 60.0
@@ -49,6 +46,7 @@ def read_robot(
     xacro_args: Mapping[str, str] = MappingProxyType({}),
     visuals_collide: bool = False,
     with_shapes: bool = True,
+    srdf: Path | None = None,
 ) -> RobotModel:
     """Read and check one URDF, xacro or MJCF file.
 
@@ -65,6 +63,7 @@ def read_robot(
         xacro_args: Values of the ``<xacro:arg>`` of a xacro file.
         visuals_collide: Whether links without collision shapes collide with their visual ones.
         with_shapes: Whether the shapes of the links are read.
+        srdf: Its SRDF; None: the one beside it, if there is one.
 
     Returns:
         The robot. Its meshes are not read yet, and may be missing.
@@ -89,8 +88,7 @@ def read_robot(
             visuals_collide=visuals_collide,
             with_shapes=with_shapes,
         )
-    pairs = _disabled_pairs(path) if with_shapes else frozenset()
-    return replace(robot.with_fixed_base(), disabled_pairs=pairs).prefixed(prefix)
+    return with_srdf(robot.with_fixed_base(), path, srdf).prefixed(prefix)
 
 
 def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, str]) -> ET.Element:
@@ -171,41 +169,3 @@ def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, str]:
         inside = sorted(item for item in folder.iterdir() if item.is_dir())
         found |= {item.name: str(item) for item in (*inside, folder)}
     return found
-
-
-def _disabled_pairs(urdf: Path) -> frozenset[frozenset[str]]:
-    """Return the pairs of links between which an SRDF disables collisions.
-
-    The SRDF has the URDF's name and stands beside it, or in the folder ``srdf`` beside its folder.
-    None of the answers about a hand but its overlaps depends on it: one that cannot be read is
-    told, and left out.
-
-    Args:
-        urdf: The URDF's file.
-
-    Warns:
-        GrasplessPinWarning: If it cannot be read.
-    """
-    own = f"{urdf.stem}.srdf"
-    for file in (urdf.with_name(own), urdf.parent.parent / "srdf" / own):
-        if is_file(file):
-            break
-    else:
-        return frozenset()
-    try:
-        with errors_of_text(file, _SRDF):
-            root = parse_xml(read_bytes(file, _SRDF))
-    except RobotError as error:
-        emit(
-            Finding(
-                FindingCode.READER_REMARK,
-                urdf.stem,
-                str(error),
-                "until it can be read, the pairs of links that it disables count as overlaps",
-            )
-        )
-        return frozenset()
-    return frozenset(
-        frozenset((one.get("link1", ""), one.get("link2", "")))
-        for one in root.findall("disable_collisions")
-    )

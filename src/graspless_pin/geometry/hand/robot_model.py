@@ -146,6 +146,8 @@ class RobotModel(Record):
         joints: In the order of the file.
         tendons: Tendons that motors pull, by name.
         disabled_pairs: Pairs of links that may be in each other.
+        groups: Movable joints by group of an SRDF.
+        group_states: Positions by joint, rad or m, by state of an SRDF, ``GROUP/STATE``.
     """
 
     label: str
@@ -154,6 +156,8 @@ class RobotModel(Record):
     joints: tuple[RobotJoint, ...]
     tendons: Mapping[str, DrawnTendon] = field(default_factory=dict)
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    group_states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def movable_joints(self) -> tuple[str, ...]:
@@ -248,6 +252,14 @@ class RobotModel(Record):
             disabled_pairs=frozenset(
                 frozenset(prefix + link for link in pair) for pair in self.disabled_pairs
             ),
+            groups={
+                prefix + name: tuple(prefix + joint for joint in joints)
+                for name, joints in self.groups.items()
+            },
+            group_states={
+                prefix + name: {prefix + joint: value for joint, value in positions.items()}
+                for name, positions in self.group_states.items()
+            },
         )
         named.check()
         return named

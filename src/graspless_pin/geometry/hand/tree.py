@@ -53,6 +53,8 @@ class KinematicTree(Brief, Record):
         bases: The mounted robots: names of their joints and frames, and the Pinocchio inertia of
             what does not move, in world axes.
         disabled_pairs: Pairs of links that may be in each other, as SRDFs say.
+        groups: Joints by group of SRDFs.
+        group_states: Positions by joint, rad or m, by state of SRDFs, ``GROUP/STATE``.
     """
 
     pinocchio_model: Any
@@ -65,6 +67,8 @@ class KinematicTree(Brief, Record):
     visuals: Mapping[str, tuple[LinkShape, ...]] = field(default_factory=dict)
     bases: tuple[tuple[frozenset[str], Any], ...] = ()
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    group_states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -297,6 +301,8 @@ def build_tree(
         },
         bases=bases,
         disabled_pairs=frozenset().union(*[robot.disabled_pairs for robot, _ in robots]),
+        groups={name: own for robot, _ in robots for name, own in robot.groups.items()},
+        group_states={name: own for robot, _ in robots for name, own in robot.group_states.items()},
     )
 
 

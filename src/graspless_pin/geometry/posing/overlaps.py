@@ -16,7 +16,8 @@ from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.contact.finding import BodyKind
-from graspless_pin.geometry.hand.model import Hand, posed_links
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.posed_links import posed_links
 from graspless_pin.geometry.hand.tree import KinematicTree
 
 

@@ -120,6 +120,7 @@ class RobotDescription(Brief):
         package_dirs: Where the URDF's ``package://`` addresses are looked up.
         root_link: The link that is mounted, with all that hangs on it; None is the URDF's root.
         xacro_args: Values of the ``<xacro:arg>`` of a xacro file.
+        srdf: Its SRDF; None: the one beside the URDF, if there is one.
         palms: The links that carry fingers; empty: found from the tree.
         fingers: Fingers by name; empty: the branches below the palms.
         couplings: Coupled joints, instead of the URDF's mimic joints of these names.
@@ -143,6 +144,7 @@ class RobotDescription(Brief):
     package_dirs: tuple[Path, ...] = ()
     root_link: str | None = None
     xacro_args: Mapping[str, str] = field(default_factory=dict)
+    srdf: Path | None = None
     palms: tuple[str, ...] = ()
     fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
     couplings: tuple[JointCoupling, ...] = ()

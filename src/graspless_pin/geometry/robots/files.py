@@ -92,6 +92,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         package_dirs=(*base.package_dirs, *(file.parent / item for item in entry.package_dirs)),
         root_link=entry.root_link,
         xacro_args=entry.xacro_args,
+        srdf=None if entry.srdf is None else file.parent / entry.srdf,
         palms=(entry.palm,) if isinstance(entry.palm, str) else tuple(entry.palm),
         fingers={name: item.spec() for name, item in entry.fingers.items()},
         couplings=tuple(item.coupling(joint) for joint, item in entry.couplings.items()),

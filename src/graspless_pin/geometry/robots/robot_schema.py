@@ -144,6 +144,11 @@ class RobotFile(Entry):
     xacro_args: ByName[Name] = Field(
         default={}, description="values of a xacro file's <xacro:arg>, by name"
     )
+    srdf: FilePath | None = Field(
+        default=None,
+        description="its SRDF, relative to this file; default: the one beside the URDF, or in the "
+        "folder srdf beside its folder",
+    )
     palm: Name | Few[Name] = Field(
         default=[], description="link or links from which the fingers branch; default: found"
     )

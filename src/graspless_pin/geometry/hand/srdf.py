@@ -1,0 +1,178 @@
+"""What an SRDF says of a robot: groups of joints, named states, pairs that may be in each other."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.findings import Finding, FindingCode, emit
+from graspless_pin.geometry.hand.robot_model import RobotModel
+from graspless_pin.intake.files import FileKind, errors_of_text, is_file, read_bytes
+from graspless_pin.intake.text import parse_xml
+from graspless_pin.suggestions import names_in_words
+
+_SRDF = FileKind("SRDF", 16, RobotError)
+
+
+def with_srdf(robot: RobotModel, urdf: Path, srdf: Path | None) -> RobotModel:
+    """Return a robot with what its SRDF says.
+
+    Without a path the SRDF has the URDF's name and stands beside it, or in the folder ``srdf``
+    beside its folder, or there is none. One that nobody has named and that cannot be read is told,
+    and left out.
+
+    Args:
+        robot: The robot, without a prefix.
+        urdf: Its file.
+        srdf: The SRDF; None: it is looked for.
+
+    Raises:
+        RobotError: If the SRDF that is named cannot be read.
+
+    Warns:
+        GrasplessPinWarning: If the one that is found cannot be read.
+    """
+    if srdf is not None:
+        return _applied(robot, srdf)
+    own = f"{urdf.stem}.srdf"
+    for file in (urdf.with_name(own), urdf.parent.parent / "srdf" / own):
+        if is_file(file):
+            break
+    else:
+        return robot
+    try:
+        return _applied(robot, file)
+    except RobotError as error:
+        emit(
+            Finding(
+                FindingCode.READER_REMARK,
+                urdf.stem,
+                str(error),
+                "until it can be read, the pairs of links that it disables count as overlaps, and "
+                "its groups and states are unknown",
+            )
+        )
+        return robot
+
+
+def named_positions(
+    states: Mapping[str, Mapping[str, float]], names: list[str]
+) -> dict[str, float]:
+    """Return the positions of joints in states of SRDFs, later ones over earlier ones.
+
+    Args:
+        states: Positions by state, ``GROUP/STATE`` with the mount's prefix.
+        names: Such names, or ``STATE`` alone for all groups that have it.
+
+    Raises:
+        ArgumentError: If there is no such state, or groups disagree about a joint.
+    """
+    positions: dict[str, float] = {}
+    for name in names:
+        meant = [key for key in states if key == name or key.endswith(f"/{name}")]
+        if not meant:
+            raise ArgumentError(
+                "group_states", f"unknown state {name!r} of an SRDF; {names_in_words(name, states)}"
+            )
+        own: dict[str, float] = {}
+        for key in meant:
+            for joint, value in states[key].items():
+                if own.setdefault(joint, value) != value:
+                    raise ArgumentError(
+                        "group_states",
+                        f"{name!r} stands for {', '.join(meant)}, which put joint {joint!r} at "
+                        f"{own[joint]:g} and {value:g}; name one of them",
+                    )
+        positions |= own
+    return positions
+
+
+def _applied(robot: RobotModel, file: Path) -> RobotModel:
+    with errors_of_text(file, _SRDF):
+        root = parse_xml(read_bytes(file, _SRDF))
+    if root.tag != "robot":
+        raise RobotError(f"{file}: an SRDF starts with <robot>, this file with <{root.tag}>")
+    groups = _Groups(robot, file, root)
+    return replace(
+        robot,
+        disabled_pairs=frozenset(
+            frozenset((one.get("link1", ""), one.get("link2", "")))
+            for one in root.findall("disable_collisions")
+        ),
+        groups={name: groups.joints(name) for name in groups.elements},
+        group_states=_states(robot, file, root),
+    )
+
+
+class _Groups:
+    """Groups of an SRDF, which may hold each other."""
+
+    def __init__(self, robot: RobotModel, file: Path, root: ET.Element) -> None:
+        self.elements = {one.get("name", ""): one for one in root.findall("group")}
+        self._file, self._open = file, set[str]()
+        self._above = {joint.child: joint for joint in robot.joints}
+        self._movable = set(robot.movable_joints)
+
+    def joints(self, name: str) -> tuple[str, ...]:
+        """Return the movable joints of a group."""
+        if name in self._open:
+            raise RobotError(f"{self._file}: the group {name!r} holds itself; take it out of there")
+        self._open.add(name)
+        found: list[str] = []
+        for part in self.elements[name]:
+            own = part.get("name", "")
+            match part.tag:
+                case "joint":
+                    found.append(own)
+                case "link" if own in self._above:
+                    found.append(self._above[own].name)
+                case "chain":
+                    found += self._chain(name, part.get("base_link", ""), part.get("tip_link", ""))
+                case "group" if own in self.elements:
+                    found += self.joints(own)
+                case "group":
+                    raise RobotError(
+                        f"{self._file}: the group {name!r} holds {own!r}, which is no group; "
+                        f"{names_in_words(own, self.elements)}"
+                    )
+        self._open.remove(name)
+        return tuple(joint for joint in dict.fromkeys(found) if joint in self._movable)
+
+    def _chain(self, name: str, base: str, tip: str) -> list[str]:
+        chain: list[str] = []
+        link = tip
+        while link != base:
+            if link not in self._above:
+                raise RobotError(
+                    f"{self._file}: the group {name!r} has a chain from link {base!r} to {tip!r}, "
+                    "and the robot has no joints between them; correct the names"
+                )
+            chain.append(self._above[link].name)
+            link = self._above[link].parent
+        return chain[::-1]
+
+
+def _states(robot: RobotModel, file: Path, root: ET.Element) -> dict[str, dict[str, float]]:
+    """Return positions by state; joints that the robot does not have are left out."""
+    movable, states = set(robot.movable_joints), {}
+    for state in root.findall("group_state"):
+        name = f"{state.get('group', '')}/{state.get('name', '')}"
+        positions = {}
+        for joint in state.findall("joint"):
+            own, text = joint.get("name", ""), joint.get("value", "")
+            if own not in movable:
+                continue
+            try:
+                positions[own] = float(text)
+            except ValueError:
+                positions[own] = math.nan
+            if not math.isfinite(positions[own]):
+                raise RobotError(
+                    f"{file}: the state {name!r} puts joint {own!r} at {text!r}; give a number"
+                )
+        states[name] = positions
+    return states

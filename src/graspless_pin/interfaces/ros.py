@@ -1,0 +1,263 @@
+"""Messages of ROS as paths of a scene: joint trajectories, and poses of the object.
+
+Nothing of ROS is imported: messages are objects with ROS's attributes, or mappings with its keys,
+as ``ros2 topic echo`` prints them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import ArgumentError, JointLimitError
+from graspless_pin.geometry.hand.configuration import joint_positions
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.intake.files import FileKind, errors_of_text, read_text
+from graspless_pin.intake.text import parse_json
+from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.planning import Waypoint
+from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.scene import Scene
+from graspless_pin.suggestions import names_in_words
+
+__all__ = ["pose_from_message", "waypoints_from_trajectory"]
+
+_MESSAGE = FileKind("ROS message", 16, lambda message: ArgumentError("trajectory", message))
+_NANO = 1e-9
+_SAME_TIME = 1e-6  # s
+_UNIT = 1e-3
+
+
+def waypoints_from_trajectory(
+    scene: Scene,
+    trajectory: Any = None,
+    object_poses: Any = None,
+    *,
+    stay: Sequence[str] = (),
+) -> list[Waypoint]:
+    """Return the waypoints of a ``trajectory_msgs/JointTrajectory``, for `evaluate_path`.
+
+    Positions alone count: velocities, accelerations and efforts are not looked at. Joints may come
+    in any order, with the prefixes of the hand's mounts. Joints that follow others may be named; if
+    they are, their positions have to agree with the coupling.
+
+    Args:
+        scene: The scene, whose hand has the joints.
+        trajectory: The message: an object with ROS's attributes, a mapping, or the path of a YAML
+            or JSON file with one (a YAML file of at most 30 000 entries); None: the hand stays.
+        object_poses: Poses of the object's frame in the scene's world: a sequence of
+            ``geometry_msgs/Pose`` (see `pose_from_message`), one for each point, or a
+            ``trajectory_msgs/MultiDOFJointTrajectory`` with one joint, at the same times; None: the
+            object stays.
+        stay: Joints that the trajectory does not name and that stay as in the scene.
+
+    Returns:
+        The waypoints; times are those from the start, or None of a sequence of poses alone.
+
+    Raises:
+        ArgumentError: If neither is given, something is missing or of the wrong length, a joint is
+            unknown or not named, a position is not finite, outside its limits or against a
+            coupling, a quaternion is no rotation, or times do not agree.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> from graspless_pin.interfaces.ros import waypoints_from_trajectory
+        >>> from graspless_pin.planning import joint_trajectory
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> message = joint_trajectory(profile)
+        >>> again = evaluate_path(scene, waypoints_from_trajectory(scene, message))
+        >>> bool(abs(again.smallest_margin - profile.smallest_margin) < 1e-9)
+        True
+    """
+    if trajectory is None and object_poses is None:
+        raise ArgumentError("trajectory", "is None, and so is object_poses; give one of them")
+    waypoints: list[Waypoint] = []
+    if trajectory is not None:
+        waypoints = _joint_waypoints(scene, _loaded(trajectory), stay)
+    if object_poses is None:
+        return waypoints
+    if isinstance(object_poses, Sequence) and not isinstance(object_poses, str):
+        poses = [pose_from_message(one, f"object_poses[{k}]") for k, one in enumerate(object_poses)]
+        times = None
+    else:
+        times, poses = _object_path(_loaded(object_poses))
+    if not waypoints:
+        own = [None] * len(poses) if times is None else times
+        pairs = zip(own, poses, strict=True)
+        return [Waypoint(T_world_object=T, time=time) for time, T in pairs]
+    if len(poses) != len(waypoints):
+        raise ArgumentError(
+            "object_poses",
+            f"has {len(poses)} poses and the trajectory {len(waypoints)} points; give one for each",
+        )
+    for k, (one, time) in enumerate(zip(waypoints, times or (), strict=False)):
+        if abs(time - (one.time or 0.0)) > _SAME_TIME:
+            raise ArgumentError(
+                "object_poses",
+                f"point {k} is at {time:g} s, and that of the joints at {one.time:g} s; sample "
+                "both at the same times",
+            )
+    return [replace(one, T_world_object=T) for one, T in zip(waypoints, poses, strict=True)]
+
+
+def pose_from_message(message: Any, name: str = "pose") -> FloatArray:
+    """Return the (4, 4) pose of a message, m.
+
+    Args:
+        message: ``geometry_msgs`` ``Pose``, ``Transform`` or one of them with a stamp: an object or
+            a mapping. Its quaternion is x, y, z, w.
+        name: What errors call it.
+
+    Raises:
+        ArgumentError: If a part is missing, a number not finite, or the quaternion not of length 1
+            to within 1e-3.
+
+    Examples:
+        >>> from graspless_pin.interfaces.ros import pose_from_message
+        >>> position = {"x": 0.1, "y": 0.0, "z": 0.2}
+        >>> half_turn = {"x": 0.0, "y": 0.0, "z": 1.0, "w": 0.0}
+        >>> pose_from_message({"position": position, "orientation": half_turn})[:3, 3].tolist()
+        [0.1, 0.0, 0.2]
+    """
+    for inner in ("pose", "transform"):
+        if _has(message, inner):
+            return pose_from_message(_part(message, inner, name), f"{name}.{inner}")
+    keys = ("position", "orientation")
+    if _has(message, "translation"):
+        keys = ("translation", "rotation")
+    parts = []
+    for key, axes in zip(keys, ("xyz", "xyzw"), strict=True):
+        part = _part(message, key, name)
+        values = [_part(part, axis, f"{name}.{key}") for axis in axes]
+        parts.append(finite_array(f"{name}.{key}", values, (len(axes),)))
+    length = float(np.linalg.norm(parts[1]))
+    if abs(length - 1.0) > _UNIT:
+        raise ArgumentError(
+            f"{name}.{keys[1]}",
+            f"has the length {length:g}; a quaternion x, y, z, w of a rotation has 1",
+        )
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat(parts[1]).as_matrix()
+    T[:3, 3] = parts[0]
+    return T
+
+
+def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Waypoint]:
+    """Return a waypoint with time and joints for each point."""
+    hand = scene.hand
+    if hand is None:
+        raise ArgumentError("trajectory", f"moves joints, and the scene {scene.name!r} has no hand")
+    names = [str(name) for name in _part(message, "joint_names", "trajectory")]
+    _check_names(hand, names, stay)
+    points = list(_part(message, "points", "trajectory"))
+    if not points:
+        raise ArgumentError("trajectory.points", "is empty; a trajectory has at least one")
+    waypoints = []
+    for k, point in enumerate(points):
+        where = f"trajectory.points[{k}]"
+        given = list(_part(point, "positions", where))
+        if len(given) != len(names):
+            raise ArgumentError(
+                f"{where}.positions",
+                f"has {len(given)} numbers and joint_names {len(names)}; give one for each joint",
+            )
+        values = finite_array(f"{where}.positions", given, (len(names),)).tolist()
+        try:
+            q = joint_positions(hand.tree, dict(zip(names, values, strict=True)), hand.positions)
+        except (ArgumentError, JointLimitError) as error:
+            raise ArgumentError(f"{where}.positions", str(error)) from error
+        own = {joint: float(q[hand.tree.joint_index[joint]]) for joint in hand.control.joints}
+        waypoints.append(Waypoint(q=own, time=_time(point, where)))
+    return waypoints
+
+
+def _check_names(hand: Hand, names: list[str], stay: Sequence[str]) -> None:
+    """Refuse joints that the hand does not have, that come twice or are not named."""
+    where = "trajectory.joint_names"
+    for name in (*names, *stay):
+        if name not in hand.joint_names:
+            words = names_in_words(name, hand.joint_names)
+            raise ArgumentError(
+                where if name in names else "stay",
+                f"the hand has no joint {name!r}; {words}; leave out joints of other robots",
+            )
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ArgumentError(where, f"names {twice[0]!r} twice")
+    missing = [name for name in hand.control.joints if name not in (*names, *stay)]
+    if missing:
+        listed = ", ".join(map(repr, missing))
+        raise ArgumentError(
+            where, f"does not name {listed}; add them, or give those that stay as stay=[...]"
+        )
+
+
+def _object_path(message: Any) -> tuple[list[float], list[FloatArray]]:
+    """Return times and poses of a MultiDOFJointTrajectory of one joint."""
+    names = list(_part(message, "joint_names", "object_poses"))
+    if len(names) != 1:
+        raise ArgumentError(
+            "object_poses.joint_names", f"names {names}; the object is one, so give one joint"
+        )
+    times, poses = [], []
+    for k, point in enumerate(_part(message, "points", "object_poses")):
+        where = f"object_poses.points[{k}]"
+        transforms = list(_part(point, "transforms", where))
+        if len(transforms) != 1:
+            raise ArgumentError(f"{where}.transforms", f"has {len(transforms)} of them; give one")
+        poses.append(pose_from_message(transforms[0], f"{where}.transforms[0]"))
+        times.append(_time(point, where))
+    return times, poses
+
+
+def _time(point: Any, where: str) -> float:
+    """Return the time from the start, s: of ROS 2, of ROS 1, or a number."""
+    name = f"{where}.time_from_start"
+    stated = _part(point, "time_from_start", where)
+    if isinstance(stated, int | float):
+        return float(finite_array(name, [stated], (1,))[0])
+    keys = ("secs", "nsecs") if _has(stated, "secs") else ("sec", "nanosec")
+    values = [_part(stated, key, name) for key in keys]
+    seconds, nanoseconds = finite_array(name, values, (2,)).tolist()
+    return seconds + _NANO * nanoseconds
+
+
+def _loaded(message: Any) -> Any:
+    """Return a message, read if it is in a file."""
+    if not isinstance(message, str | Path):
+        return message
+    path = Path(message)
+    text = read_text(path, _MESSAGE)
+    if text.lstrip().startswith("{"):
+        with errors_of_text(path, _MESSAGE):
+            return parse_json(text)
+    # As `ros2 topic echo` ends each message.
+    parts = [part for part in text.split("\n---") if part.strip(" -\r\n")]
+    if len(parts) > 1:
+        raise ArgumentError(
+            "trajectory", f"{path} has {len(parts)} messages; keep one (ros2 topic echo --once)"
+        )
+    with errors_of_text(path, _MESSAGE):
+        return parse_yaml(parts[0] if parts else "").data
+
+
+def _has(message: Any, key: str) -> bool:
+    return key in message if isinstance(message, Mapping) else hasattr(message, key)
+
+
+def _part(message: Any, key: str, where: str) -> Any:
+    """Return an attribute of a message, or the value of a key.
+
+    Raises:
+        ArgumentError: If there is none.
+    """
+    if _has(message, key):
+        return message[key] if isinstance(message, Mapping) else getattr(message, key)
+    found = list(message) if isinstance(message, Mapping) else type(message).__name__
+    raise ArgumentError(where, f"has no {key!r} (found {found}); see the message's definition")
