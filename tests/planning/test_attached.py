@@ -18,8 +18,8 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.errors import ArgumentError, StateError
-from graspless_pin.planning import StateStatus, attached_solver
-from graspless_pin.planning.attached_solver import AttachedSolver
+from graspless_pin.planning import StateStatus, attached_loops
+from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import Acceleration, Load
@@ -222,14 +222,14 @@ def test_most_states_of_a_path_are_answered_by_loops(monkeypatch):
     steps = rng.normal(0.0, 0.01, (60, 7)).cumsum(axis=0)
     q = np.clip(evaluator.configuration() + steps, *evaluator.joint_limits)
     alone: list[Any] = []
-    solved = AttachedSolver.solved
-    monkeypatch.setattr(AttachedSolver, "solved", lambda *a: alone.append(a) or solved(*a))
+    solved = StateSolver.solved
+    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
     found = evaluator.evaluate_many(q, workers=1)
     assert found.found.all()
     assert len(alone) <= 20
     elsewhere = pickle.loads(pickle.dumps(evaluator))  # noqa: S301 - its own
     np.testing.assert_allclose(elsewhere.evaluate_many(q[:9]).margins, found.margins[:9], atol=1e-8)
-    monkeypatch.setattr(attached_solver, "core", None)
+    monkeypatch.setattr(attached_loops, "core", None)
     without = Evaluator(bar(), attached_to="panda_hand", collisions=False)
     np.testing.assert_allclose(without.evaluate_many(q[:9]).margins, found.margins[:9], atol=1e-8)
     assert without.is_feasible(q[0], margin=1.0)

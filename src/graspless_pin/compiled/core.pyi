@@ -75,22 +75,9 @@ class HandStates(KinematicChains):
     ) -> None: ...
     def at(
         self, q: Array
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array, NDArray[np.bool_]]: ...
-
-class CarriedStates(HandStates):
-    def __init__(
-        self,
-        *,
-        joint: int,
-        carries: Array,
-        motors: Array,
-        center: Array,
-        wrench: Array,
-        own_wrench: Array,
-        row: Array,
-        **hand: Any,
-    ) -> None: ...
-    def loads(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]: ...
+    ) -> tuple[
+        NDArray[np.intp], NDArray[np.intp], Array, Array, Array, NDArray[np.bool_], Array
+    ]: ...
 
 MARGIN: int
 TORQUE: int

@@ -1,5 +1,7 @@
 """A hand in many configurations: kinematics, weight, and its contacts that are spheres on faces."""
 
+from libc.string cimport memcpy
+
 cimport numpy as cnp
 
 
@@ -79,14 +81,19 @@ cdef class HandStates(KinematicChains):
             (S,) numbers of contacts, -1 where other loops have to find them or a joint is outside
             its limits; (S, MOST_CONTACTS) the shape of each, (S, MOST_CONTACTS, 6) positions and
             normals into the object; (S, 6, n) spatial joint columns about the world's origin;
-            (S, n) torques that carry the weight; and (S,) whether the hand may be deeper in itself
-            or in what stands around than ``max_penetration``: False proves that it is not.
+            (S, n) torques that carry the weight; (S,) whether the hand may be deeper in itself or
+            in what stands around than ``max_penetration``: False proves that it is not; and
+            (S, n + 1, 4, 4) poses of the joints, the base first.
         """
         cdef cnp.ndarray states = as_reals(q, 2)
         cdef Py_ssize_t count = states.shape[0], s
         states = as_shaped(q, count, self.a)
-        cdef cnp.npy_intp shape[2]
-        shape[0], shape[1] = count, MOST_CONTACTS
+        cdef Py_ssize_t size = 16 * (self.n + 1)
+        cdef cnp.npy_intp shape[4]
+        shape[0], shape[1] = count, self.n + 1
+        shape[2] = shape[3] = 4
+        cdef cnp.ndarray poses = <cnp.ndarray>cnp.PyArray_EMPTY(4, shape, cnp.NPY_DOUBLE, 0)
+        shape[1] = MOST_CONTACTS
         cdef cnp.ndarray counts = <cnp.ndarray>cnp.PyArray_EMPTY(1, shape, cnp.NPY_INTP, 0)
         cdef cnp.ndarray shapes = <cnp.ndarray>cnp.PyArray_ZEROS(2, shape, cnp.NPY_INTP, 0)
         cdef cnp.ndarray rows = empty3(count, MOST_CONTACTS, 6), J = empty3(count, 6, self.n)
@@ -98,6 +105,7 @@ cdef class HandStates(KinematicChains):
         for s in range(count):
             found[s] = -1
             if self._posed(data(states) + self.a * s):
+                memcpy(data(poses) + size * s, data(self._T), size * sizeof(double))
                 self.columns(data(self._T), data(J) + 6 * self.n * s)
                 self.weights(
                     data(self._T), data(J) + 6 * self.n * s, data(self._gravity),
@@ -112,7 +120,7 @@ cdef class HandStates(KinematicChains):
                         data(self._links), self.around, data(self._around_poses),
                         self.max_penetration,
                     )
-        return counts, shapes, rows, J, weights, doubtful
+        return counts, shapes, rows, J, weights, doubtful, poses
 
     cdef bint _posed(self, const double* q) noexcept:
         """Place the joints; False where one is outside its limits."""

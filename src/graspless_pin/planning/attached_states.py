@@ -7,12 +7,14 @@ that hold the object. A state turns gravity there, and tells what the joints bef
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.algorithms.batch_optimum import WarmOptimum
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
@@ -20,14 +22,18 @@ from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
-from graspless_pin.geometry.poses import invert
+from graspless_pin.geometry.hand.work_space import Kinematics
+from graspless_pin.geometry.poses import invert, transformed
 from graspless_pin.planning.configurations import Configuration, Configurations, unlimited
-from graspless_pin.planning.turned import turned_problem
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.scene import Scene
 from graspless_pin.scene.contact_arrays import touching_of, with_touching
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
+from graspless_pin.scene.problem_data import jointed_contacts
+from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.proof import DualVariables
 
 _AXES = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
 """Which tangents lie along where a scene states none: pyramids with 4 k edges are the same."""
@@ -220,6 +226,48 @@ class AttachedConfigurations(Configurations):
         return ~self.hand.tree.supports[carriers, self.joint - 1]
 
     @cached_property
+    def motors(self) -> FloatArray:
+        """(n, L) the torques of all joints become those of the problem's joints by it."""
+        own = self.hand.actuation.from_joints
+        count = len(jointed_contacts(self.scene).joints.names)
+        return np.pad(own, ((0, 0), (0, count - own.shape[1])))
+
+    @cached_property
+    def T_joint_world(self) -> FloatArray:
+        """(4, 4) pose of the world in the frame of the joint, in the scene, m."""
+        return invert(self.hand.tree.kinematics(self.hand.positions).T_world_joint[self.joint])
+
+    @cached_property
+    def _center(self) -> FloatArray:
+        """(3,) the object's centre of mass in the frame of the joint, m."""
+        return transformed(self.T_joint_world, self.scene.object.center_of_mass_world)
+
+    def borne(
+        self, kinematics: Kinematics, wrenches: FloatArray, torques: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what contacts and joints bear in states, whatever the contact forces are.
+
+        Args:
+            kinematics: Where the hand is.
+            wrenches: (..., 6) on the object about its centre of mass, world axes, N and N m.
+            torques: (..., n) of all joints, which the links alone need, N m or N.
+
+        Returns:
+            (..., 6) the wrenches in the axes of the joint; (..., n) the torques of all joints, of
+            which those that carry the link bear the wrench, too.
+        """
+        T, J = kinematics.T_world_joint[..., self.joint, :, :], kinematics.J
+        R = T[..., :3, :3]
+        own = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ R
+        own = own.reshape(*own.shape[:-2], 6)
+        x, y, z = np.moveaxis(R @ self._center + T[..., :3, 3], -1, 0)
+        a, b, c = np.moveaxis(wrenches[..., :3], -1, 0)
+        moved = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
+        power = (wrenches[..., None, :3] @ J[..., :3, :])[..., 0, :]
+        power += ((wrenches[..., 3:] + moved)[..., None, :] @ J[..., 3:, :])[..., 0, :]
+        return own, torques - self.hand.tree.moves[self.joint] * power
+
+    @cached_property
     def motors_carry(self) -> bool:
         """Whether joints under force control carry the link."""
         carriers = self.hand.tree.supports[self.joint]
@@ -230,7 +278,7 @@ class AttachedConfigurations(Configurations):
         hand = scene.hand or self.hand
         return hand.tree.kinematics(hand.positions).T_world_joint[self.joint, :3, :3]
 
-    def carried_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
+    def shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
         """Return the problem of a state in the axes of the joint that carries the link.
 
         But for its wrench and weights it is that of all states. Whatever contact forces balance the
@@ -273,6 +321,97 @@ class AttachedConfigurations(Configurations):
                         f"{deep * 1e3:.2f} mm"
                     )
         return ""
+
+
+def turned_problem(
+    problem: QuasistaticProblem,
+    R: FloatArray | None,
+    *,
+    jacobian: FloatArray | None = None,
+    gravity_torques: FloatArray | None = None,
+) -> QuasistaticProblem:
+    """Return a problem of one free object, without inertias, in other axes.
+
+    Args:
+        problem: The problem; all its contacts bear the same normal force.
+        R: (3, 3) turns vectors into those axes; None: they are the same.
+        jacobian: (3M, L) in the problem's axes; None: its own.
+        gravity_torques: (L,) None: its own.
+    """
+    if R is None:
+        return problem
+    J = problem.jacobian if jacobian is None else jacobian
+    blocks = J.reshape(len(problem.positions), 3, -1)
+    return problem_of_own_arrays(
+        problem.positions @ R.T,
+        problem.normals @ R.T,
+        _turned(problem.external_wrench, R),
+        (R @ blocks).reshape(J.shape),
+        friction=problem.friction,
+        tangents=R @ problem.tangents,
+        sliding=problem.sliding @ R.T,
+        torque_limits=(problem.lower_torque, problem.upper_torque),
+        max_normal_force=float(problem.max_normal_force[0]),
+        cone_edges=problem.cone_edges,
+        cone=problem.cone,
+        joint_names=problem.joint_names,
+        joint_units=problem.joint_units,
+        gravity_torques=problem.gravity_torques if gravity_torques is None else gravity_torques,
+    )
+
+
+def turned_solution(
+    solution: TorqueSolution, problem: QuasistaticProblem, R: FloatArray | None
+) -> TorqueSolution:
+    """Return the solution of a problem from that of the same problem in other axes.
+
+    Args:
+        solution: That.
+        problem: The problem.
+        R: (3, 3) turns vectors into the axes of the problem; None: they are the same.
+    """
+    if R is None:
+        return solution
+    found, forces = solution.evidence, solution._forces
+    evidence = replace(
+        found,
+        relaxation=_turned_multipliers(found.relaxation, R),
+        in_mode=_turned_multipliers(found.in_mode, R),
+        forces=None if found.forces is None else read_only(found.forces @ R.T),
+        motion=None if found.motion is None else read_only(_turned(found.motion, R)),
+    )
+    forces = None if forces is None else read_only(forces @ R.T)
+    return replace(solution, problem=problem, evidence=evidence, _forces=forces)
+
+
+def turned_optimum(optimum: WarmOptimum, R: FloatArray | None) -> WarmOptimum:
+    """Return an optimum in other axes.
+
+    Args:
+        optimum: The optimum.
+        R: (3, 3) turns vectors into those axes; None: they are the same.
+    """
+    if R is None:
+        return optimum
+    motion = _turned(optimum.scale * optimum.motion, R)
+    return optimum._replace(
+        forces=optimum.forces @ R.T,
+        multipliers=_turned(optimum.multipliers, R),
+        motion=motion,
+        scale=np.ones(len(motion)),
+    )
+
+
+def _turned_multipliers(multipliers: DualVariables | None, R: FloatArray) -> DualVariables | None:
+    if multipliers is None:
+        return None
+    y, z = multipliers
+    return read_only(_turned(y, R)), z
+
+
+def _turned(vector: FloatArray, R: FloatArray) -> FloatArray:
+    """Turn the first two vectors of three of (6 + k,) numbers; the others stay."""
+    return np.concatenate([R @ vector[:3], R @ vector[3:6], vector[6:]])
 
 
 def _moved(contact: GivenContact, move: FloatArray) -> GivenContact:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.planning.pins import Pin, PinEntry, pinned_points, pins_of
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.records import changed
 from graspless_pin.scene import Scene
@@ -99,6 +100,21 @@ class Configurations:
         free = Configurations(unlimited(self.scene))
         free.pins = self.pins
         return free
+
+    motors_carry = False
+    """Whether joints under force control carry the object whatever the contact forces are."""
+
+    def axes_at(self, scene: Scene) -> FloatArray | None:  # noqa: ARG002
+        """Return (3, 3) axes in which states are solved, as columns; None: the world's."""
+        return None
+
+    def shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:  # noqa: ARG002
+        """Return the problem of a state as states with the same contacts share it."""
+        return problem
+
+    def overlap(self, scene: Scene) -> str:  # noqa: ARG002
+        """Return what the object is in that a scene's contacts do not tell; empty: in nothing."""
+        return ""
 
     def answered_at(
         self,

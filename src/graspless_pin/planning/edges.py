@@ -16,9 +16,8 @@ from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.evaluation import StateStatus
-from graspless_pin.planning.many_states import Solver
 from graspless_pin.planning.screw_motion import ScrewMotion
-from graspless_pin.planning.state_solver import LookedAt
+from graspless_pin.planning.state_solver import PosedScene, StateSolver
 from graspless_pin.planning.validity import StateValidity, state_validity
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.records import Brief
@@ -82,14 +81,14 @@ class EdgeState(NamedTuple):
         valid: Whether nothing speaks against it.
         contacts: What touches and slides; equal only where the contacts are the same.
         query: The state as `Evaluator.evaluate` takes it.
-        looked_at: Its scene and problem.
+        posed: Its scene and problem.
     """
 
     fraction: float
     valid: bool
     contacts: tuple[Any, ...]
     query: tuple[FloatArray, FloatArray | None, FloatArray | None]
-    looked_at: LookedAt
+    posed: PosedScene
 
 
 class Edge:
@@ -101,7 +100,7 @@ class Edge:
 
     def __init__(
         self,
-        solver: Solver,
+        solver: StateSolver,
         configurations: tuple[Configuration | None, Configuration | None],
         poses: tuple[Any, Any],
         required: float,
@@ -189,7 +188,7 @@ class Edge:
         return MotionMargins(read_only(fractions.copy()), read_only(margins.copy()))
 
     def _margin(self, state: EdgeState) -> float:
-        scene, problem, _ = state.looked_at
+        scene, problem, _ = state.posed
         if not state.valid or problem is None:
             return -np.inf
         return self._solver.margin_of(scene, problem, self._required)[0]
@@ -198,17 +197,17 @@ class Edge:
         pose, twist = (None, None) if self._carried else self._screw.at(fraction)
         query = self._start + fraction * self._way, pose, twist
         solver, solve = self._solver, self._required >= 0.0
-        found = solver.looked_at(*query, solve=solve)
+        found = solver.posed(*query, solve=solve)
         if self._ends_by_touching(fraction, found):
             query = *query[:2], np.zeros(6)
-            found = solver.looked_at(*query, solve=solve)
+            found = solver.posed(*query, solve=solve)
         contacts = ()
         if found.problem is not None:
             carrying = found.scene.contacts
             contacts = carrying.bodies, carrying.sliding.any(axis=1).tobytes()
         return EdgeState(fraction, solver.holds(found, self._required), contacts, query, found)
 
-    def _ends_by_touching(self, fraction: float, found: LookedAt) -> bool:
+    def _ends_by_touching(self, fraction: float, found: PosedScene) -> bool:
         """Return whether a motion that runs into something ends with that."""
         if not found.faults or found.faults[0][0] is not StateStatus.BLOCKED:
             return False

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.search import CLOSED
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
-from graspless_pin.planning.many_states import Arrays, Progress, Solver, StateArrays, gathered
-from graspless_pin.planning.state_solver import SolvedStates
+from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
+from graspless_pin.planning.state_loops import SolvedStates
+from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.planning.warm_starts import WarmState
 from graspless_pin.problem.checks import FloatArray, whole_number
 from graspless_pin.problem.joint_units import JointUnit
@@ -176,7 +177,7 @@ class EvaluatedStates:
 
 
 def evaluated_states(
-    solver: Solver,
+    solver: StateSolver,
     states: StateArrays,
     kept: Sequence[int],
     workers: int | None,
@@ -196,7 +197,7 @@ def evaluated_states(
     return EvaluatedStates(names, tuple(columns.values()), statuses, *figures[1:], evaluations)
 
 
-def figures_of(solver: Solver, states: StateArrays) -> StateFigures:
+def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
     """Solve states: by loops where they can, else one after the other."""
     hand = solver.configurations.scene.hand
     names = tuple(possible_columns(hand))
@@ -216,14 +217,14 @@ def figures_of(solver: Solver, states: StateArrays) -> StateFigures:
 
 
 def solved_or_alone(
-    solver: Solver,
+    solver: StateSolver,
     states: StateArrays,
     objective: Objective,
     alone: Callable[[int], object],
     enough: float | None = None,
 ) -> SolvedStates | None:
-    """Solve many states by `StateSolver.optima_of_states`; where that is None, each alone."""
-    solved = solver.optima_of_states(states.configurations, objective, alone, enough)
+    """Solve many states by `StateLoops.optima_of_states`; where that is None, each alone."""
+    solved = solver.loops.optima_of_states(states.configurations, objective, alone, enough)
     if solved is None:
         for number in range(states.total):
             alone(number)
@@ -231,7 +232,7 @@ def solved_or_alone(
 
 
 def feasible_states(
-    solver: Solver,
+    solver: StateSolver,
     states: StateArrays,
     margin: float,
     workers: int | None,
@@ -243,7 +244,7 @@ def feasible_states(
     return feasible
 
 
-def feasible_ones(solver: Solver, states: StateArrays, margin: float) -> Arrays:
+def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Arrays:
     """Decide on states: by loops where they can, else one after the other."""
     feasible = np.zeros(states.total, dtype=bool)
 

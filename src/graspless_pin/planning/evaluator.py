@@ -13,7 +13,6 @@ from graspless_pin.algorithms.named_objectives import objective_and_options
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
-from graspless_pin.planning.attached_solver import AttachedSolver
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.edges import RESOLUTION, Edge, MotionFault, MotionMargins
@@ -23,7 +22,7 @@ from graspless_pin.planning.evaluated_states import (
     feasible_states,
 )
 from graspless_pin.planning.evaluation import Evaluation
-from graspless_pin.planning.many_states import Progress, Solver, checked_states
+from graspless_pin.planning.many_states import Progress, checked_states
 from graspless_pin.planning.pinned_contacts import PinnedState, pinned_state
 from graspless_pin.planning.pins import PinEntry
 from graspless_pin.planning.state_solver import StateSolver
@@ -138,11 +137,7 @@ class Evaluator:
                 "pins", "are given beside attached_to, whose contacts move with the link; give one"
             )
         at = at if position_limits else at.without_limits
-        self._solver: Solver
-        if isinstance(at, AttachedConfigurations):
-            self._solver = AttachedSolver(at, *how, checks)
-        else:
-            self._solver = StateSolver(at, *how, checks)
+        self._solver = StateSolver(at, *how, checks)
 
     @property
     def algorithm(self) -> Algorithm | None:

@@ -17,13 +17,10 @@ from graspless_pin.caching import Derived
 from graspless_pin.child_processes import kept_processes, usable_cores
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
-from graspless_pin.planning.attached_solver import AttachedSolver
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import FloatArray, all_within, finite_array, whole_number
 from graspless_pin.scene.motion_and_contacts import Motion
 
-Solver = StateSolver | AttachedSolver
-"""Solves states of one scene."""
 Progress = Callable[[int, int], object]
 """Called with the number of states that are done, and with that of all."""
 Arrays = tuple[NDArray[Any], ...]
@@ -136,8 +133,8 @@ def _check_rigid(poses: FloatArray) -> None:
 
 
 def gathered(
-    compute: Callable[[Solver, StateArrays], Arrays],
-    solver: Solver,
+    compute: Callable[[StateSolver, StateArrays], Arrays],
+    solver: StateSolver,
     states: StateArrays,
     workers: int | None,
     progress: Progress | None,
@@ -170,8 +167,8 @@ def gathered(
 
 
 def _found(
-    compute: Callable[[Solver, StateArrays], Arrays],
-    solver: Solver,
+    compute: Callable[[StateSolver, StateArrays], Arrays],
+    solver: StateSolver,
     states: StateArrays,
     workers: int | None,
 ) -> Iterator[tuple[slice, Arrays]]:
@@ -195,8 +192,8 @@ def _found(
 
 
 def _found_by_processes(
-    compute: Callable[[Solver, StateArrays], Arrays],
-    solver: Solver,
+    compute: Callable[[StateSolver, StateArrays], Arrays],
+    solver: StateSolver,
     states: StateArrays,
     begin: int,
     workers: int,
@@ -225,16 +222,16 @@ def _found_by_processes(
             threads.shutdown(wait=True, cancel_futures=True)
 
 
-_TOKENS: Derived[Solver, str] = Derived(lambda _: uuid4().hex, most=math.inf)
+_TOKENS: Derived[StateSolver, str] = Derived(lambda _: uuid4().hex, most=math.inf)
 """What tells a solver from all others, in any process."""
-_SOLVERS: dict[str, Solver] = {}
+_SOLVERS: dict[str, StateSolver] = {}
 """Those that this process was sent, by token: what they have learned serves the next chunk."""
 
 
 def _found_there(
-    compute: Callable[[Solver, StateArrays], Arrays],
+    compute: Callable[[StateSolver, StateArrays], Arrays],
     token: str,
-    solver: Solver | None,
+    solver: StateSolver | None,
     states: StateArrays,
 ) -> Arrays | None:
     """Return what is found of states in another process; None: the solver is not there yet."""

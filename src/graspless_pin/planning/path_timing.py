@@ -15,16 +15,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.geometry.hand.inertial_forces import STILL, hand_motions
+from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.geometry.hand.inertial_forces import STILL, motions_at
+from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.pickling import Record
-from graspless_pin.planning.carried_object import LOST, CarriedObject, ContactProgram
-from graspless_pin.planning.configurations import Configuration, Configurations
+from graspless_pin.planning.attached_states import AttachedConfigurations
+from graspless_pin.planning.configurations import Configuration
+from graspless_pin.planning.contact_program import LOST, ContactProgram, motor_limits
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 from graspless_pin.scene import Scene
-from graspless_pin.scene.fields import checked_scene
+from graspless_pin.scene.fields import checked_scene, place_of
 from graspless_pin.scene.load_wrenches import object_wrench
 from graspless_pin.suggestions import names_in_words
 
@@ -53,7 +54,7 @@ class PathTiming(Record):
 
     Attributes:
         reason: Why there is none; empty: there is one.
-        joint_names: a independent joints, those of `Evaluator.joint_names`.
+        joint_names: a joints, those of `Evaluator.joint_names` with the same ``attached_to``.
         times: (N,) s, from rest to rest.
         speeds: (N,) along the path, rad/s (the length of joints' velocities).
         positions: (N, a) rad or m.
@@ -101,6 +102,7 @@ def fastest_timing(
     scene: Scene,
     path: ArrayLike | Sequence[Configuration],
     *,
+    attached_to: str,
     velocity_limits: float | Mapping[str, float],
     acceleration_limits: float | Mapping[str, float] | None = None,
     torque_limits: Mapping[str, float] | None = None,
@@ -111,16 +113,16 @@ def fastest_timing(
     """Find the shortest time along an arm's path in which what the hand holds stays in it.
 
     The path is a cubic spline through the configurations; it begins and ends at rest. The object
-    moves with the links that touch it, with the contacts that it has in the scene. Contact forces
+    moves with a link, with the contacts that it has in the scene. Contact forces
     have to exist that keep the margin under plain Coulomb friction: any force inside the cones is
     believed, whether or not a virtual sliding calls for it. Loads of the scene count. Obstacles do
     not: `Evaluator.first_invalid` looks for collisions.
 
     Args:
         scene: A scene at rest in which a hand alone holds the object.
-        path: K configurations, at least two: (K, a) positions of `Evaluator.joint_names`, rad or m,
-            or one as `Evaluator.evaluate` takes it each. Links that touch must not move against
-            each other.
+        path: K configurations, at least two: (K, a) positions of all joints but those behind the
+            link, rad or m, or one as `Evaluator.evaluate` takes it each.
+        attached_to: Name of the link that the object moves with, see `Evaluator`.
         velocity_limits: Largest velocity of all joints, or by independent joint, rad/s or m/s.
         acceleration_limits: Likewise, rad/s^2 or m/s^2; None: no limit.
         torque_limits: Largest torque by independent joint, N m or N, of arm joints that J has no
@@ -135,8 +137,10 @@ def fastest_timing(
 
     Raises:
         ArgumentError: If a joint is unknown or outside its limits, a number out of range, a torque
-            beyond its limits, a shape wrong, or links that touch move against each other.
-        SceneError: If supports touch the object, no link does, or the scene moves or accelerates.
+            beyond its limits or a shape wrong; if the object cannot move with the link, as a
+            support touches it or the scene declares a motion.
+        SceneError: If the scene states an acceleration.
+        StateError: If nothing touches the object.
         GrasplessPinError: If TOPP-RA is not installed.
 
     Examples:
@@ -146,35 +150,38 @@ def fastest_timing(
         ...     acceleration=None
         ... )
         >>> path = [{}, {"panda_joint1": 0.4}, {"panda_joint1": 1.0, "panda_joint2": 0.3}]
-        >>> timing = fastest_timing(scene, path, velocity_limits=2.0, points=40)  # rad/s
+        >>> timing = fastest_timing(
+        ...     scene, path, attached_to="panda_hand", velocity_limits=2.0, points=40
+        ... )  # rad/s
         >>> timing.found, timing.duration < 2.0
         (True, True)
     """
     checked_scene(scene)
-    carried = CarriedObject.of(scene, torques, real_number("margin", margin, 0.0))
-    configurations = Configurations(carried.scene)
-    names = configurations.joint_names
-    no_limit: Mapping[str, float] = {}
+    at = AttachedConfigurations(scene, attached_to)
+    if scene.acceleration is not None:
+        raise SceneError(
+            f"{place_of(scene, 'acceleration')}: is stated, but the path tells how all moves; take "
+            "the scene with acceleration=None"
+        )
+    names, problem = at.joint_names, at.shared_problem(at.scene, at.scene.problem())
+    margin = real_number("margin", margin, 0.0)
+    program = ContactProgram(problem, motor_limits(problem, torques), margin)
     limits = _JointLimits(
         _by_joint("velocity_limits", velocity_limits, names),
-        _by_joint(
-            "acceleration_limits",
-            no_limit if acceleration_limits is None else acceleration_limits,
-            names,
-        ),
-        _by_joint("torque_limits", torque_limits or no_limit, names),
+        _by_joint("acceleration_limits", acceleration_limits or {}, names),
+        _by_joint("torque_limits", torque_limits or {}, names),
     )
-    knots = _waypoints(configurations, path)
+    knots = _waypoints(at, path)
     ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
     where = np.linspace(0.0, ways[-1], whole_number("points", points, 3))
-    spline = CubicSpline(ways, knots, bc_type="natural")
-    program = ContactProgram(carried)
-    along = [_point(carried, program, spline, s, limits) for s in where]
+    toppra = _toppra()
+    spline = toppra.SplineInterpolator(ways, knots, bc_type="natural")
     positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
+    along = _points(at, program, (positions, slopes, bends), limits)
     nothing = np.full(len(where), np.nan)
     blank = PathTiming(
         "", names, nothing, nothing, positions, np.nan * slopes, np.nan * slopes, nothing,
-        (TimingLimit.NOTHING,) * len(where), ((),) * len(where), carried.scene.contacts.bodies,
+        (TimingLimit.NOTHING,) * len(where), ((),) * len(where), at.scene.contacts.bodies,
     )  # fmt: skip
     for k, point in enumerate(along):
         if point is None:
@@ -184,11 +191,11 @@ def fastest_timing(
     told = [point for point in along if point is not None]
     for end, point in (("start", told[0]), ("end", told[-1])):
         at_rest, _ = program.margin(point.wrench, point.torques, 0.0, 0.0)
-        if not at_rest >= margin - LOST * carried.problem.scales.force:
+        if not at_rest >= margin - LOST * problem.scales.force:
             asked = f" with a margin of {margin:g} N" if margin else ""
             why = f"the torques do not hold the object at rest at the {end}{asked}"
             return replace(blank, reason=why)
-    speeds = _fastest_speeds(told, where, knots, ways)
+    speeds = _fastest_speeds(toppra, spline, told, where)
     if speeds is None:
         return replace(blank, reason="no timing keeps all limits from rest to rest")
     squared = speeds**2
@@ -199,7 +206,7 @@ def fastest_timing(
         for point, u, x in zip(told, changes, squared, strict=True)
     ]
     margins, limiting = zip(*found, strict=True)
-    if not min(margins) >= carried.margin - LOST * carried.problem.scales.force:
+    if not min(margins) >= margin - LOST * problem.scales.force:
         lost = int(np.argmin(margins))
         return replace(blank, reason=f"no contact forces were found at point {lost} of the timing")
     last = len(where) - 1
@@ -237,8 +244,8 @@ class _PathPoint(NamedTuple):
     """A point of a path: what is asked of contact forces, and what limits u and x there.
 
     Attributes:
-        wrench: (6, 3) external and inertial wrench in world axes at the start, as a sum of
-            (1, u, x).
+        wrench: (6, 3) external and inertial wrench in the axes of the joint that carries the
+            object, as a sum of (1, u, x).
         torques: (L, 3) what the motors bear besides the contacts, likewise.
         rows: (k, 2) of (u, x).
         sides: (k,) rows @ (u, x) <= sides.
@@ -262,55 +269,70 @@ def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingL
     return next((one for one in TimingLimit if one in reached), TimingLimit.NOTHING)
 
 
-def _point(
-    carried: CarriedObject,
+def _points(
+    at: AttachedConfigurations,
     program: ContactProgram,
-    spline: CubicSpline,
-    s: float,
+    path: tuple[FloatArray, FloatArray, FloatArray],
     limits: _JointLimits,
+) -> list[_PathPoint | None]:
+    """Return the limits at points of a path; None where nothing holds the object at any speed.
+
+    Args:
+        at: Its states.
+        program: Of the contacts.
+        path: (N, a) positions and their first and second derivatives along the path.
+        limits: Of joints.
+    """
+    scene, hand, joint = at.scene, at.hand, at.joint
+    places = [at.hand_at(q).positions for q in path[0]]
+    T, J = (np.array(part) for part in zip(*map(hand.tree.kinematics, places), strict=True))
+    kinematics = Kinematics(T[:, None], J[:, None])
+    T_world_object = T[:, joint] @ at.T_joint_world @ scene.object.T_world_object
+    S, _ = at.coupling()
+    slopes, bends = (part @ S.T for part in path[1:])
+    rates, changes = np.stack([0.0 * slopes, slopes], 1), np.stack([slopes, bends], 1)
+    by_ux = motions_at(hand, kinematics, STILL, rates, changes)
+    wrenches, own = np.empty((len(T), 3, 6)), np.zeros((len(T), 3, len(S)))
+    wrenches[:, 0] = object_wrench(scene, STILL, T_world_object)
+    moving = object_wrench(scene, by_ux.of(joint), T_world_object[:, None])
+    wrenches[:, 1:] = moving - wrenches[:, :1]
+    if scene.count_own_weight:
+        own[:, 0] = [hand.tree.gravity_torques(place, scene.gravity) for place in places]
+        own[:, 1:] = by_ux.joint_torques(hand)
+    wrenches, own = at.borne(kinematics, wrenches, own)
+    of_path = np.stack([0.0 * path[1], *path[1:]], 1)
+    parts = wrenches, own @ at.motors, own @ S, of_path
+    turned = (np.swapaxes(part, 1, 2) for part in parts)
+    return [_point(program, limits, *point) for point in zip(*turned, strict=True)]
+
+
+def _point(
+    program: ContactProgram,
+    limits: _JointLimits,
+    wrench: FloatArray,
+    motors: FloatArray,
+    joints: FloatArray,
+    of_path: FloatArray,
 ) -> _PathPoint | None:
-    """Return the limits at a point of a path; None where nothing holds the object at any speed."""
-    q, slope, bend = (np.asarray(spline(s, order)) for order in range(3))
-    scene = carried.moved(q)
-    hand = scene.hand
-    assert hand is not None  # noqa: S101 - as in the scene
-    tree, names = hand.tree, list(carried.hand.control.joints)
-    slopes, bends = (dict(zip(names, one.tolist(), strict=True)) for one in (slope, bend))
-    by_u, by_x = hand_motions(hand, STILL, {}, slopes), hand_motions(hand, STILL, slopes, bends)
-    carrier = tree.link_joints[carried.links[0]]
-    at_rest = object_wrench(scene, STILL)
-    wrenches = np.column_stack(
-        [at_rest, *(object_wrench(scene, one.joints[carrier]) - at_rest for one in (by_u, by_x))]
-    )
-    own = np.column_stack(
-        [
-            tree.gravity_torques(hand.positions, scene.gravity),
-            by_u.joint_torques(hand),
-            by_x.joint_torques(hand),
-        ]
-    )
-    if not scene.count_own_weight:
-        own = np.zeros_like(own)
-    # The start's axes: contacts are there as they were.
-    R = carried.scene.object.T_world_object[:3, :3] @ scene.object.T_world_object[:3, :3].T
-    turned = np.vstack([R @ wrenches[:3], R @ wrenches[3:]])
-    hybrid = np.zeros((carried.problem.joint_count - len(hand.actuated_joint_names), 3))
-    motors = np.vstack([hand.actuation.from_joints.T @ own, hybrid])
+    """Return the limits at a point of a path: see `_points`.
+
+    Args:
+        program: Of the contacts.
+        limits: Of joints.
+        wrench: See `_PathPoint`.
+        motors: See there.
+        joints: (a, 3) what the joints bear, likewise.
+        of_path: (a, 3) their accelerations, likewise.
+    """
     with np.errstate(divide="ignore"):
-        most = float(np.min(limits.velocity / np.abs(slope), initial=_FASTEST)) ** 2
-    polygon = program.polygon(turned, motors, most)
+        most = float(np.min(limits.velocity / np.abs(of_path[:, 1]), initial=_FASTEST)) ** 2
+    polygon = program.polygon(wrench, motors, most)
     if polygon is None:
         return None
     rows, sides = [*polygon[0]], [*polygon[1]]
     kinds = [TimingLimit.CONTACTS] * len(rows) + [TimingLimit.VELOCITY]
     rows.append(np.array([0.0, 1.0]))
     sides.append(most)
-    # Joints bear what the links need, and the object at the link that carries it.
-    J, center = tree.kinematics(hand.positions).J, scene.object.center_of_mass_world
-    about_origin = wrenches.copy()
-    about_origin[3:] += np.cross(center, wrenches[:3], axis=0)
-    joints = tree.coupling.S.T @ (own - (J * tree.moves[carrier]).T @ about_origin)
-    of_path = np.column_stack([np.zeros(len(slope)), slope, bend])
     for kind, most_of, parts in (
         (TimingLimit.TORQUE, limits.torque, joints),
         (TimingLimit.ACCELERATION, limits.acceleration, of_path),
@@ -321,13 +343,11 @@ def _point(
                 rows.append(sign * np.array(moving))
                 sides.append(most_of[joint] - sign * still)
                 kinds.append(kind)
-    return _PathPoint(turned, motors, np.array(rows), np.array(sides), tuple(kinds))
+    return _PathPoint(wrench, motors, np.array(rows), np.array(sides), tuple(kinds))
 
 
-def _fastest_speeds(
-    along: Sequence[_PathPoint], where: FloatArray, knots: FloatArray, ways: FloatArray
-) -> FloatArray | None:
-    """Return the (N,) largest speeds along a path, by TOPP-RA; None where there are none.
+def _toppra() -> Any:
+    """Return TOPP-RA.
 
     Raises:
         GrasplessPinError: If it is not installed.
@@ -337,13 +357,19 @@ def _fastest_speeds(
             # Its docstrings have backslashes that Python warns of where it is first compiled.
             warnings.simplefilter("ignore")
             import toppra
-            from toppra.algorithm import TOPPRA
-            from toppra.constraint import DiscretizationType, LinearConstraint
-            from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
+            import toppra.algorithm
+            import toppra.constraint.linear_constraint
     except ImportError as error:
         raise GrasplessPinError(
             f"timings need TOPP-RA ({error}); install it with pip install 'graspless-pin[planning]'"
         ) from None
+    return toppra
+
+
+def _fastest_speeds(
+    toppra: Any, path: Any, along: Sequence[_PathPoint], where: FloatArray
+) -> FloatArray | None:
+    """Return the (N,) largest speeds along a path, by TOPP-RA; None where there are none."""
     most = max(len(point.rows) for point in along)
     rows, sides = np.zeros((len(along), most, 2)), np.ones((len(along), most))
     for k, point in enumerate(along):
@@ -351,21 +377,19 @@ def _fastest_speeds(
         rows[k, : len(point.rows)] = point.rows / sizes[:, None]
         sides[k, : len(point.rows)] = point.sides / sizes
 
-    class Rows(LinearConstraint):
+    class Rows(toppra.constraint.LinearConstraint):
         """The rows of contacts, velocities and torques."""
 
         def compute_constraint_params(self, *_: Any) -> tuple[Any, ...]:
             unit = np.ones((len(where), 1)) * np.array([[1.0, 0.0]])
             still = np.zeros_like(unit)
             # Rows hold at both ends of an interval, with its one acceleration.
-            return canlinear_colloc_to_interpolate(
-                unit, unit[:, ::-1].copy(), still, rows, sides, None, None, where
-            )
+            of_intervals = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
+            return of_intervals(unit, unit[:, ::-1].copy(), still, rows, sides, None, None, where)
 
     limits = Rows()
-    limits.discretization_type = DiscretizationType.Interpolation
-    path = toppra.SplineInterpolator(ways, knots, bc_type="natural")
-    search = TOPPRA([limits], path, gridpoints=where, solver_wrapper="seidel")
+    limits.discretization_type = toppra.constraint.DiscretizationType.Interpolation
+    search = toppra.algorithm.TOPPRA([limits], path, gridpoints=where, solver_wrapper="seidel")
     search.compute_parameterization(0.0, 0.0)
     speeds = search.problem_data.sd_vec
     if speeds is None or not np.isfinite(speeds).all() or not (speeds[1:-1] > 0.0).all():
@@ -373,12 +397,12 @@ def _fastest_speeds(
     return np.array(speeds)
 
 
-def _waypoints(configurations: Configurations, path: Any) -> FloatArray:
+def _waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
     """Return (K, a) positions of different configurations that follow each other."""
-    ways = np.array([configurations.array(q) for q in path], dtype=float)
+    ways = np.array([at.array(q) for q in path], dtype=float)
     for k, q in enumerate(ways):
         try:
-            configurations.hand_at(q)
+            at.hand_at(q)
         except ArgumentError as error:
             raise ArgumentError(f"path[{k}]", str(error)) from error
     steps = np.linalg.norm(np.diff(ways, axis=0), axis=1) if len(ways) > 1 else np.zeros(0)

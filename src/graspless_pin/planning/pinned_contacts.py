@@ -26,7 +26,7 @@ from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
 
 if TYPE_CHECKING:
-    from graspless_pin.planning.many_states import Solver
+    from graspless_pin.planning.state_solver import StateSolver
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,7 +139,7 @@ class PinnedState(Brief):
         return np.array(found).reshape(-1, rates.spins.shape[-1])
 
 
-def pinned_state(solver: Solver, q: Any, T_world_object: Any, twist: Any) -> PinnedState:
+def pinned_state(solver: StateSolver, q: Any, T_world_object: Any, twist: Any) -> PinnedState:
     """Return a state with its gradients: see `Evaluator.pinned`."""
     pins = solver.configurations.pins
     if pins is None:

@@ -10,7 +10,7 @@ import numpy as np
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
 from graspless_pin.geometry.posing.clearance import Clearance, least_clearance
 from graspless_pin.planning.evaluation import StateStatus
-from graspless_pin.planning.many_states import Solver
+from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import FloatArray, read_only, real_number
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
@@ -89,11 +89,11 @@ def required_margin(margin: float | None, own: float) -> float:
 
 
 def state_validity(
-    solver: Solver, q: Any, T_world_object: Any, twist: Any, required: float
+    solver: StateSolver, q: Any, T_world_object: Any, twist: Any, required: float
 ) -> StateValidity:
     """Return the validity of a state: see `Evaluator.validity`."""
     at, asked = solver.configurations, required >= 0.0
-    scene, problem, found = solver.looked_at(q, T_world_object, twist, solve=asked, whole=True)
+    scene, problem, found = solver.posed(q, T_world_object, twist, solve=asked, whole=True)
     faults, margin = list(found), -np.inf if asked else np.nan
     if problem is not None:
         margin, status = solver.margin_of(scene, problem, required)

@@ -41,6 +41,7 @@ class PlainStates(NamedTuple):
         columns: (S, 6, n) spatial joint columns about the world's origin.
         weights: (S, n) torques that carry the hand's weight.
         doubtful: (S,) whether the hand may be too deep in itself or in a support.
+        poses: (S, n + 1, 4, 4) of the joints, the base first.
     """
 
     counts: NDArray[np.intp]
@@ -49,6 +50,7 @@ class PlainStates(NamedTuple):
     columns: FloatArray
     weights: FloatArray
     doubtful: NDArray[np.bool_]
+    poses: FloatArray
 
     def groups(self) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:
         """Yield the shapes that touch, and the numbers of the states in which they do."""
@@ -153,25 +155,52 @@ class PlainProblems:
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies
-        around = PlacedBodies.joined([support.placed_bodies for support in scene.supports])
-        return core.HandStates(
-            coupling=tree.coupling.S,
-            offset=tree.coupling.offset,
-            lower=tree.tolerated[0],
-            upper=tree.tolerated[1],
-            gravity=scene.gravity if scene.count_own_weight else np.zeros(3),
-            carriers=tree.shape_placements[0],
-            shapes=tree.shape_placements[1],
-            links=solids_of(tree.shapes).for_loops,
-            pieces=solids_of(pieces.shapes).for_loops,
-            poses=pieces.poses,
-            pairs=pairs_of(tree).loops if self._collisions else None,
-            around=solids_of(around.shapes).for_loops,
-            around_poses=around.poses,
-            tolerance=scene.contact_tolerance,
-            max_penetration=scene.max_penetration,
-            **tree.chains,
+        return loops_of(
+            scene,
+            (tree.coupling.S, tree.coupling.offset),
+            (*tree.shape_placements, solids_of(tree.shapes).for_loops),
+            pieces,
+            pairs_of(tree).loops if self._collisions else None,
         )
+
+
+def loops_of(
+    scene: Scene,
+    coupling: tuple[FloatArray, FloatArray],
+    moving: tuple[NDArray[np.intp], FloatArray, Any],
+    pieces: PlacedBodies,
+    pairs: Any,
+) -> Any:
+    """Return `core.HandStates` of a scene.
+
+    Args:
+        scene: The scene; it has a hand.
+        coupling: Matrix and offset from a configuration to positions of all joints.
+        moving: The joint that carries each shape, its pose there, and the shapes for loops.
+        pieces: What contacts are looked for with.
+        pairs: Of the shapes, which may not be in each other; None: no overlaps are looked for.
+    """
+    tree: Any = scene.hand and scene.hand.tree
+    around = PlacedBodies.joined([support.placed_bodies for support in scene.supports])
+    carriers, shapes, links = moving
+    return core.HandStates(
+        coupling=coupling[0],
+        offset=coupling[1],
+        lower=tree.tolerated[0],
+        upper=tree.tolerated[1],
+        gravity=scene.gravity if scene.count_own_weight else np.zeros(3),
+        carriers=carriers,
+        shapes=shapes,
+        links=links,
+        pieces=solids_of(pieces.shapes).for_loops,
+        poses=pieces.poses,
+        pairs=pairs,
+        around=solids_of(around.shapes).for_loops,
+        around_poses=around.poses,
+        tolerance=scene.contact_tolerance,
+        max_penetration=scene.max_penetration,
+        **tree.chains,
+    )
 
 
 def _slides_alike(scene: Scene) -> bool:

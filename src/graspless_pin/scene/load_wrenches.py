@@ -1,7 +1,7 @@
 """What loads and accelerations do to a scene's object and joints.
 
 Inertial forces follow d'Alembert's principle: what accelerates is at rest under its weight and the
-forces -m a, in the frame that moves along.
+forces -m a, in the frame that moves along. Arrays may have axes in front, for many states at once.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from graspless_pin.geometry.hand.inertial_forces import (
     RigidMotion,
     hand_motions,
 )
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.scene.contact_arrays import contacts_of
@@ -33,9 +35,9 @@ class ActingForce(NamedTuple):
 
     Attributes:
         name: What it is of.
-        force: (3,) N, world axes.
-        moment: (3,) N m, world axes.
-        lever: (3,) from the object's centre of mass to the point that it acts on, world axes, m.
+        force: (..., 3) N, world axes.
+        moment: (..., 3) N m, world axes.
+        lever: (..., 3) from the object's centre of mass to where it acts, world axes, m.
         turns: Whether force and moment turn with the object.
         of_gravity: Whether it is a payload's weight.
     """
@@ -49,23 +51,30 @@ class ActingForce(NamedTuple):
 
     @property
     def wrench(self) -> FloatArray:
-        """(6,) about the object's centre of mass."""
-        return np.concatenate([self.force, self.moment + np.cross(self.lever, self.force)])
+        """(..., 6) about the object's centre of mass."""
+        moment = self.moment + np.cross(self.lever, self.force)
+        return np.concatenate([np.broadcast_to(self.force, moment.shape), moment], axis=-1)
 
 
-def acting_forces(scene: SceneFields, motion: RigidMotion | None = None) -> tuple[ActingForce, ...]:
+def acting_forces(
+    scene: SceneFields,
+    motion: RigidMotion | None = None,
+    T_world_object: FloatArray | None = None,
+) -> tuple[ActingForce, ...]:
     """Return what acts on a scene's object beside its own weight.
 
     Args:
         scene: The scene.
         motion: How the object moves; None: as the scene's acceleration says.
+        T_world_object: (..., 4, 4) poses of the object; None: that of the scene.
 
     Raises:
         SceneError: See `object_motion`.
     """
     made, acting = scene.object, list[ActingForce]()
     motion = object_motion(scene) if motion is None else motion
-    R, center, none = made.T_world_object[:3, :3], made.center_of_mass_world, np.zeros(3)
+    T = made.T_world_object if T_world_object is None else T_world_object
+    R, none = T[..., :3, :3], np.zeros(3)
     masses = [("", made.mass, none)]
     for load in scene.loads:
         lever = none if load.at is None else R @ (load.at - made.center_of_mass)
@@ -85,19 +94,24 @@ def acting_forces(scene: SceneFields, motion: RigidMotion | None = None) -> tupl
                 for of, mass, lever in masses
             ]
     if motion is not STILL:
-        omega, alpha = motion.velocity[3:], motion.acceleration[3:]
-        turning = none
+        omega, alpha = motion.velocity[..., 3:], motion.acceleration[..., 3:]
+        center, turning = R @ made.center_of_mass + T[..., :3, 3], none
         if omega.any() or alpha.any():
-            inertia = made.spatial_inertia()[3:, 3:]
-            turning = -(inertia @ alpha + np.cross(omega, inertia @ omega))
+            inertia = R @ made.own_inertia @ np.swapaxes(R, -1, -2)
+            moment, spin = ((inertia @ one[..., None])[..., 0] for one in (alpha, omega))
+            turning = -(moment + np.cross(omega, spin))
         for of, mass, lever in masses:
             force = -mass * motion.acceleration_of(center + lever)
             acting.append(ActingForce(f"inertia{of}", force, none if of else turning, lever))
     return tuple(acting)
 
 
-def object_wrench(scene: SceneFields, motion: RigidMotion | None = None) -> FloatArray:
-    """Return (6,) weight and loads of a scene's object about its centre of mass, N and N m.
+def object_wrench(
+    scene: SceneFields,
+    motion: RigidMotion | None = None,
+    T_world_object: FloatArray | None = None,
+) -> FloatArray:
+    """Return (..., 6) weight and loads of a scene's object about its centre of mass, N and N m.
 
     The arguments are those of `acting_forces`.
 
@@ -105,7 +119,7 @@ def object_wrench(scene: SceneFields, motion: RigidMotion | None = None) -> Floa
         SceneError: See `object_motion`.
     """
     wrench = np.concatenate([scene.object.mass * scene.gravity, np.zeros(3)])
-    return wrench + sum(one.wrench for one in acting_forces(scene, motion))
+    return wrench + sum(one.wrench for one in acting_forces(scene, motion, T_world_object))
 
 
 def object_inertia(scene: SceneFields) -> FloatArray:
@@ -167,18 +181,50 @@ def hand_motion(scene: SceneFields) -> HandMotions | None:
     told, hand = scene.acceleration, scene.hand
     if told is None or hand is None or told.of == Accelerated.OBJECT:
         return None
-
-    def made() -> HandMotions:
-        try:
-            return hand_motions(
-                hand, _frame_motion(scene), told.joint_velocities, told.joint_accelerations
-            )
-        except ArgumentError as error:
-            raise SceneError(f"{place_of(scene, 'acceleration')}: {error}") from error
-
     center = scene.object.center_of_mass_world
     sources = told, hand.positions, hand.tree, center.tobytes() if told.at is None else b""
-    return scene._kept.of("hand motion", sources, made)
+    return scene._kept.of("hand motion", sources, lambda: _hand_motion(scene, hand, center))
+
+
+def _hand_motion(
+    scene: SceneFields, hand: Hand, center: FloatArray, kinematics: Kinematics | None = None
+) -> HandMotions:
+    told, base = scene.acceleration, _frame_motion(scene, center)
+    assert told is not None  # noqa: S101 - asked by its callers
+    try:
+        return hand_motions(hand, base, told.joint_velocities, told.joint_accelerations, kinematics)
+    except ArgumentError as error:
+        raise SceneError(f"{place_of(scene, 'acceleration')}: {error}") from error
+
+
+def carried_loads(
+    scene: SceneFields, hand: Hand, joint: int, kinematics: Kinematics, T_world_object: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return what bears on an object that moves with a joint, and on its hand, in many states.
+
+    Args:
+        scene: The scene; its acceleration counts as it is told.
+        hand: Its hand.
+        joint: Pinocchio's joint.
+        kinematics: Where the hand is in S states.
+        T_world_object: (S, 4, 4) poses of the object.
+
+    Returns:
+        (S, 6) or (6,) weight and loads as `object_wrench` has them; (S, n) or () what joints need
+        for the links beside what carries their weight, N m or N.
+
+    Raises:
+        SceneError: See `hand_motion`.
+    """
+    told = scene.acceleration
+    if told is None:
+        return object_wrench(scene, STILL, T_world_object), np.zeros(())
+    center = T_world_object[:, :3, :3] @ scene.object.center_of_mass + T_world_object[:, :3, 3]
+    if told.of == Accelerated.OBJECT:
+        motion = _frame_motion(scene, center)
+        return object_wrench(scene, motion, T_world_object), np.zeros(())
+    motions = _hand_motion(scene, hand, center, kinematics)
+    return object_wrench(scene, motions.of(joint), T_world_object), motions.joint_torques(hand)
 
 
 def inertial_torques(scene: SceneFields) -> FloatArray:
@@ -204,7 +250,7 @@ def object_motion(scene: SceneFields) -> RigidMotion:
     if told is None:
         return STILL
     if not (told.joint_velocities or told.joint_accelerations):
-        return _frame_motion(scene)
+        return _frame_motion(scene, scene.object.center_of_mass_world)
     place, motions = place_of(scene, "acceleration"), hand_motion(scene)
     if motions is None or scene.hand is None:
         raise SceneError(f"{place}: tells of joints, and the scene has no hand; leave these out")
@@ -216,7 +262,7 @@ def object_motion(scene: SceneFields) -> RigidMotion:
             "the fingers, or give 'of: object'"
         )
     first, *others = links
-    carried = [motions.joints[scene.hand.tree.link_joints[link]] for link in links]
+    carried = [motions.of(scene.hand.tree.link_joints[link]) for link in links]
     for link, motion in zip(others, carried[1:], strict=True):
         if not _same(motion, carried[0]):
             raise SceneError(
@@ -224,7 +270,7 @@ def object_motion(scene: SceneFields) -> RigidMotion:
                 "name joints that carry both, such as an arm's"
             )
     slides = touching.hand_count < len(touching) and scene.motion is None
-    if slides and not np.allclose(carried[0].velocity, motions.joints[0].velocity, atol=_AS_ONE):
+    if slides and not np.allclose(carried[0].velocity, motions.of(0).velocity, atol=_AS_ONE):
         raise SceneError(
             f"{place}: the joints' velocities move the object, which touches "
             f"{touching.bodies[touching.hand_count]!r}; declare how it slides with 'motion', or "
@@ -233,18 +279,26 @@ def object_motion(scene: SceneFields) -> RigidMotion:
     return carried[0]
 
 
-def _frame_motion(scene: SceneFields) -> RigidMotion:
+def _frame_motion(scene: SceneFields, center: FloatArray) -> RigidMotion:
     """Return the motion of the base, or of the object, that a scene's acceleration tells.
+
+    Args:
+        scene: The scene.
+        center: (..., 3) the object's centre of mass, which that is of unless another point is told.
 
     The point that the acceleration is of is at rest at this moment: a constant velocity of all
     changes no force.
     """
     told = scene.acceleration
     assert told is not None  # noqa: S101 - asked by its callers
-    point = scene.object.center_of_mass_world if told.at is None else told.at
-    velocity = np.concatenate([np.cross(point, told.angular_velocity), told.angular_velocity])
-    linear = told.linear + np.cross(point, told.angular)
-    return RigidMotion(velocity, np.concatenate([linear, told.angular]))
+    point = center if told.at is None else told.at
+    v, a = np.cross(point, told.angular_velocity), told.linear + np.cross(point, told.angular)
+    return RigidMotion(
+        *(
+            np.concatenate([part, np.broadcast_to(turn, part.shape)], axis=-1)
+            for part, turn in ((v, told.angular_velocity), (a, told.angular))
+        )
+    )
 
 
 def _same(one: RigidMotion, other: RigidMotion) -> bool:

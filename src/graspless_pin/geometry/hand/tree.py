@@ -149,6 +149,12 @@ class KinematicTree(Brief, Record):
         return read_only(np.array([inertia.mass for inertia in inertias])), read_only(centers)
 
     @cached_property
+    def rotational_inertias(self) -> FloatArray:
+        """(n + 1, 3, 3) inertia of what each joint carries about its centre, the joint's axes."""
+        inertias = self.pinocchio_model.inertias.tolist()
+        return read_only(np.array([one.inertia for one in inertias]).reshape(-1, 3, 3))
+
+    @cached_property
     def shape_placements(self) -> tuple[NDArray[np.intp], FloatArray]:
         """(G,) Pinocchio joint and (G, 4, 4) pose in its frame of every collision shape."""
         joints = np.array([item.joint for item in self.geometries], dtype=np.intp)

@@ -1,23 +1,17 @@
-"""What a hand carries along a path, and the accelerations that its contact forces allow."""
+"""The accelerations along a path that the contact forces of a carried object allow."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.poses import invert
+from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
-from graspless_pin.scene import Scene
-from graspless_pin.scene.fields import label_of
 from graspless_pin.solvers.simplex import Simplex
 
-_AS_ONE = 1e-6  # m and rad: links that move against each other by less move as one
 LOST = 1e-6
 """Of the load: margins and balances may be off by so much."""
 _NEAR = 1e-3
@@ -30,100 +24,6 @@ _MOST_ACCELERATION = 1e4
 """Along the path, rad/s^2: where nothing else limits it."""
 
 
-class CarriedObject(NamedTuple):
-    """An object in a hand at the start of a path.
-
-    Attributes:
-        scene: The scene.
-        hand: Its hand.
-        problem: Its problem, in world axes at the start.
-        links: That touch the object.
-        margin: That contact forces keep, N.
-        limits: (lower, upper) of the motors' torques, each (L,).
-    """
-
-    scene: Scene
-    hand: Hand
-    problem: QuasistaticProblem
-    links: tuple[str, ...]
-    margin: float
-    limits: tuple[FloatArray, FloatArray]
-
-    @classmethod
-    def of(
-        cls, scene: Scene, torques: ArrayLike | Mapping[str, float] | None, margin: float
-    ) -> CarriedObject:
-        """Take a scene; refuse one in which the object does not go with a hand."""
-        where = label_of(scene)
-        if scene.motion is not None or scene.acceleration is not None:
-            key = "motion" if scene.motion is not None else "acceleration"
-            raise SceneError(f"{where}: {key}: is stated, but the path tells how all moves")
-        touching = scene.contacts.arrays
-        links = tuple(dict.fromkeys(touching.bodies[: touching.hand_count]))
-        if scene.hand is None or not links:
-            raise SceneError(
-                f"{where}: no link of a hand touches the object, which has to carry it"
-            )
-        if touching.hand_count < len(touching):
-            raise SceneError(
-                f"{where}: {touching.bodies[touching.hand_count]!r} touches the object, which has "
-                "to be carried by the hand alone; lift it, or leave the support out"
-            )
-        problem = scene.problem()
-        limits = problem.lower_torque, problem.upper_torque
-        if torques is not None:
-            constant = _of_motors(problem, torques)
-            limits = constant, constant
-        return cls(scene, scene.hand, problem, links, margin, limits)
-
-    def moved(self, q: FloatArray) -> Scene:
-        """Return the scene with the hand at (a,) q, and the object with it.
-
-        Raises:
-            ArgumentError: If links that touch do not move as one.
-        """
-        hand = self.hand.with_configuration(q)
-        steps = [hand.pose_of(link) @ invert(self.hand.pose_of(link)) for link in self.links]
-        for link, step in zip(self.links, steps, strict=True):
-            if np.abs(step - steps[0]).max() > _AS_ONE:
-                raise ArgumentError(
-                    "path",
-                    f"moves the links {self.links[0]!r} and {link!r}, which touch the object, "
-                    "against each other; leave the fingers' joints as they are in the scene",
-                )
-        made = self.scene.object
-        return self.scene.with_changes(
-            hand=hand, object=made.with_pose(steps[0] @ made.T_world_object)
-        )
-
-
-def _of_motors(problem: QuasistaticProblem, torques: ArrayLike | Mapping[str, float]) -> FloatArray:
-    """Return (L,) torques within the motors' limits.
-
-    Raises:
-        ArgumentError: Naming the motors.
-    """
-    names = problem.joint_names
-    listed = ", ".join(names)
-    if isinstance(torques, Mapping):
-        if set(torques) != set(names):
-            found = ", ".join(map(str, torques))
-            raise ArgumentError("torques", f"names {found}; needs one of each: {listed}")
-        torques = [torques[name] for name in names]
-    given = np.atleast_1d(np.asarray(torques))
-    if given.shape != (len(names),):
-        raise ArgumentError("torques", f"has shape {given.shape}; needs one of each: {listed}")
-    constant = finite_array("torques", given, (len(names),))
-    for name, torque, low, high in zip(
-        names, constant, problem.lower_torque, problem.upper_torque, strict=True
-    ):
-        if not low <= torque <= high:
-            raise ArgumentError(
-                f"torques[{name!r}]", f"is {torque:g}, outside its limits [{low:g}, {high:g}]"
-            )
-    return constant
-
-
 class ContactProgram:
     """The linear program of contact forces, (u, x) and the margin e, solved again and again.
 
@@ -131,9 +31,17 @@ class ContactProgram:
     + e a, k >= 0, a along the normals.
     """
 
-    def __init__(self, carried: CarriedObject) -> None:
-        """Add the rows of the largest normal forces; the variables are k in N, u, x and e."""
-        problem, self._carried = carried.problem, carried
+    def __init__(
+        self, problem: QuasistaticProblem, limits: tuple[FloatArray, FloatArray], margin: float
+    ) -> None:
+        """Add the rows of the largest normal forces; the variables are k in N, u, x and e.
+
+        Args:
+            problem: Whose contacts and J are those of all points of the path.
+            limits: (lower, upper) of the motors' torques, each (L,).
+            margin: That contact forces keep, N.
+        """
+        self._problem, self._limits, self._margin = problem, limits, margin
         # Faces have one slope in a cone: along the normal each is left at the same rate.
         slopes = -(problem.H.T @ problem.N).min(axis=0)
         depths = np.where(problem.has_cone, 1.0 / np.where(problem.has_cone, slopes, 1.0), 1.0)
@@ -159,13 +67,13 @@ class ContactProgram:
         axes: it lies inside all such (u, x), by a thousandth of their ranges at most.
 
         Args:
-            wrench: (6, 3) external and inertial wrench in world axes at the start of the path, as
-                a sum of (1, u, x).
+            wrench: (6, 3) external and inertial wrench in the problem's axes, as a sum of
+                (1, u, x).
             torques: (L, 3) what the motors bear besides the contacts, likewise.
             most: Largest x.
         """
         self._ask(wrench, torques)
-        self._bounds([-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most], self._carried.margin)
+        self._bounds([-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most], self._margin)
         axes = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
         ends = [corner for axis in axes if (corner := self._farthest(axis)) is not None]
         if len(ends) < len(axes):
@@ -188,7 +96,7 @@ class ContactProgram:
 
         The first two arguments are those of `polygon`.
         """
-        problem = self._carried.problem
+        problem = self._problem
         self._ask(wrench, torques)
         self._bounds([u, x], [u, x], -np.inf)
         cost = np.zeros(len(self._low))
@@ -238,9 +146,9 @@ class ContactProgram:
 
     def _ask(self, wrench: FloatArray, torques: FloatArray) -> None:
         """Put the balance of a point of the path in the place of the one before."""
-        problem = self._carried.problem
+        problem = self._problem
         self._simplex.drop_rows(self._rows, self._simplex.row_count)
-        lower, upper = self._carried.limits
+        lower, upper = self._limits
         rows = np.vstack([problem.W, problem.J.T]) @ self._forces
         rows[:, -3:-1] = np.vstack([wrench[:, 1:], torques[:, 1:]])
         low = np.concatenate([-wrench[:, 0], lower - torques[:, 0]])
@@ -251,3 +159,34 @@ class ContactProgram:
         lb, ub = self._low.copy(), self._high.copy()
         lb[-3:], ub[-3:-1] = [*low, margin], high
         self._simplex.set_bounds(lb, ub)
+
+
+def motor_limits(
+    problem: QuasistaticProblem, torques: ArrayLike | Mapping[str, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return (lower, upper), each (L,), of the motors' torques; the same where they are told.
+
+    Raises:
+        ArgumentError: Naming the motors.
+    """
+    if torques is None:
+        return problem.lower_torque, problem.upper_torque
+    names = problem.joint_names
+    listed = ", ".join(names)
+    if isinstance(torques, Mapping):
+        if set(torques) != set(names):
+            found = ", ".join(map(str, torques))
+            raise ArgumentError("torques", f"names {found}; needs one of each: {listed}")
+        torques = [torques[name] for name in names]
+    given = np.atleast_1d(np.asarray(torques))
+    if given.shape != (len(names),):
+        raise ArgumentError("torques", f"has shape {given.shape}; needs one of each: {listed}")
+    constant = finite_array("torques", given, (len(names),))
+    for name, torque, low, high in zip(
+        names, constant, problem.lower_torque, problem.upper_torque, strict=True
+    ):
+        if not low <= torque <= high:
+            raise ArgumentError(
+                f"torques[{name!r}]", f"is {torque:g}, outside its limits [{low:g}, {high:g}]"
+            )
+    return constant, constant
