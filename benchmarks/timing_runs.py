@@ -136,7 +136,12 @@ def main() -> None:
             acceleration=None, loads=case.loads
         )
         timing = fastest_timing(
-            scene, [*case.path], velocity_limits=50.0, torques=[-case.squeeze], points=200
+            scene,
+            [*case.path],
+            attached_to="panda_hand",
+            velocity_limits=50.0,
+            torques=[-case.squeeze],
+            points=200,
         )
         ways = [DrivenArm(scene, timing, case.squeeze).lost(factor) for factor in FACTORS]
         told = [f"{'lost' if way > LOST else 'kept'}, {1e3 * way:.1f} mm" for way in ways]

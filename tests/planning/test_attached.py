@@ -23,7 +23,6 @@ from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import Acceleration, Load
-from graspless_pin.scene.load_wrenches import object_wrench
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 
 ARM = tuple(f"panda_joint{k}" for k in range(1, 8))
@@ -306,40 +305,62 @@ def test_what_a_state_cannot_be_told_is_refused():
         evaluate_path(evaluator, [Waypoint()])
 
 
-LOADS = {
-    "a payload at the middle": [Load("bag", mass=0.1)],
-    "a field": [Load("wind", field=[0.5, 0.0, 0.0])],
-    "a payload at an end": [Load("bag", mass=0.05, at=[0.15, 0.0, 0.0])],
-    "a tool's reaction": [Load("tool", force=[0.0, 0.0, -1.0], at=[0.1, 0.0, 0.0], axes="object")],
+BEARING: dict[str, dict[str, Any]] = {
+    "a payload at the middle": {"loads": [Load("bag", mass=0.1)]},
+    "payloads in a field": {
+        "loads": [Load("bag", mass=0.05, at=[0.15, 0.0, 0.0]), Load("wind", field=[0.5, 0.2, 0.0])]
+    },
+    "a tool's reaction and a cable": {
+        "loads": [
+            Load("tool", force=[0.1, 0.0, -1.0], at=[0.1, 0.0, 0.0], axes="object"),
+            Load("cable", force=[0.3, 0.0, 0.5], moment=[0.0, 0.01, 0.0], at=[0.0, 0.01, 0.01]),
+        ]
+    },
+    "a base that turns": {
+        "acceleration": Acceleration([0.5, 0.0, 0.2], [0.1, 0.4, 0.2], [0.5, 0.3, 0.1], [0, 0, 1])
+    },
+    "an object that accelerates alone": {
+        "acceleration": Acceleration([0.5, 0.0, 0.2], [0.1, 0.4, 0.2], of="object")
+    },
+    "an arm that stops with a payload": {
+        "acceleration": Acceleration(
+            angular=[0.0, 0.0, 0.2],
+            joint_velocities={ARM[0]: 1.0, ARM[3]: -0.5},
+            joint_accelerations={ARM[1]: -2.0, ARM[4]: 1.0},
+        ),
+        "loads": [Load("bag", mass=0.05, at=[0.15, 0.0, 0.0])],
+    },
 }
 
 
-@pytest.mark.parametrize("name", LOADS)
-def test_loads_bear_on_a_carried_object(name):
-    """In loops where they stay as the link turns; each state by itself otherwise."""
-    scene = bar().with_changes(loads=LOADS[name], supports=())
-    evaluator = Evaluator(scene, attached_to="panda_hand", collisions=False)
-    q = drawn(evaluator, 12, 4)
+@pytest.mark.parametrize("force", [False, True], ids=["gripper", "gripper and arm"])
+@pytest.mark.parametrize("name", BEARING)
+def test_loads_bear_on_a_carried_object(name, force, monkeypatch):
+    """In loops, as on the scene in each state with the same contacts moved along."""
+    scene = bar(force=force).with_changes(supports=(), **BEARING[name])
+    evaluator = Evaluator(scene, attached_to="panda_hand", algorithm="margin", collisions=False)
+    alone: list[Any] = []
+    solved = StateSolver.solved
+    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
+    turns = np.random.default_rng(5).normal(0.0, 0.3, (4, 7))
+    steps = np.concatenate([turn * np.linspace(0.0, 1.0, 5)[:, None] for turn in turns])
+    q = np.clip(evaluator.configuration() + steps, *evaluator.joint_limits)
+
     found = evaluator.evaluate_many(q, workers=1)
+
     assert found.found.all()
+    assert len(alone) < len(q) / 2
     for k in range(len(q)):
-        wrench = object_wrench(evaluator.scene_at(q[k]))
-        problem = problem_at(bar(), q[k]).with_changes(external_wrench=wrench)
-        assert found.margins[k] == pytest.approx(maximize_margin(problem).margin, abs=1e-5)
-
-
-def test_accelerations_bear_on_a_carried_object():
-    told = Acceleration(joint_velocities={ARM[0]: 1.0}, joint_accelerations={ARM[1]: -4.0})
-    scene = bar().with_changes(acceleration=told, supports=())
-    evaluator = Evaluator(scene, attached_to="panda_hand", collisions=False)
-    q = evaluator.configuration() + np.random.default_rng(5).uniform(-0.2, 0.2, (6, 7))
-    found = evaluator.evaluate_many(q, workers=1)
-    for k in range(len(q)):
-        anew = evaluator.scene_at(q[k]).problem()
-        problem = problem_at(bar(), q[k]).with_changes(
-            external_wrench=anew.external_wrench, gravity_torques=anew.gravity_torques
+        there = evaluator.scene_at(q[k]).problem()
+        problem = problem_at(bar(force=force), q[k]).with_changes(
+            external_wrench=there.external_wrench, gravity_torques=there.gravity_torques
         )
-        assert found.margins[k] == pytest.approx(maximize_margin(problem).margin, abs=1e-5)
+        expected = maximize_margin(problem)
+        assert found.margins[k] == pytest.approx(expected.margin, rel=1e-9, abs=5e-9)
+        forces = expected.contact_forces.ravel()
+        arm = slice(0, 7 if force else 0)  # what it bears is the same with any grip
+        expected_torques = problem.jacobian.T @ forces + problem.gravity_torques
+        np.testing.assert_allclose(found.torques[k, arm], expected_torques[arm], atol=1e-6)
 
 
 def test_validity_and_motions_of_a_carried_object():

@@ -22,7 +22,6 @@ from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
-from graspless_pin.scene import Scene
 from graspless_pin.scene.batch_states import PlainStates, loops_of
 from graspless_pin.scene.load_wrenches import carried_loads
 from graspless_pin.scene.problem_data import jointed_contacts, loads_of
@@ -51,8 +50,11 @@ class AttachedLoops:
         self._starts = starts
         self._sweeps: dict[Objective, LoadSweep] = {}
 
-    def learn(self, scene: Scene, problem: QuasistaticProblem) -> None:
-        """Do nothing: what a search has left behind is asked for where it serves."""
+    def learn(self, *_: Any) -> None:
+        """Take what served last, or was left behind by a search since."""
+        for objective, sweep in list(self._sweeps.items()):
+            start = self._starts.best(self._at.touching.bodies, self._problem, objective)
+            sweep.learn(self._problem, start)
 
     def answer(self, q: FloatArray, objective: Objective) -> None:
         """Return None: a whole answer is solved by itself."""
@@ -76,6 +78,7 @@ class AttachedLoops:
                 found.faults[number] = STATUSES.index(status)
         order = np.flatnonzero(within & found.sound)
         loads, sweep = self._loads(states, order), self._sweep(objective)
+        self.learn()
         figures, torques = np.empty((len(order), 6)), np.empty((len(order), problem.joint_count))
         begin = 0
         while begin < len(order):
@@ -85,7 +88,7 @@ class AttachedLoops:
             found.contact_counts[solved] = problem.contact_count
             if end < len(order):
                 alone(int(order[end]))
-                self._sweep(objective)
+                self.learn()
             begin = end + 1
         for number in np.flatnonzero(~within).tolist():
             alone(number)
@@ -93,13 +96,14 @@ class AttachedLoops:
 
     def reaches(self, q: FloatArray, margin: float) -> bool | None:
         """Do what `StateLoops.reaches` does."""
-        if not self._apply_to(Margin()):
+        objective = Margin()
+        if not self._apply_to(objective):
             return None
         states = PlainStates(*self._loops.at(q[None]))
         if states.counts[0] < 0 or states.doubtful[0]:
             return None
         figures, torques = np.empty((1, 6)), np.empty((1, self._problem.joint_count))
-        loads, sweep = self._loads(states, np.zeros(1, dtype=np.intp)), self._sweep(Margin())
+        loads, sweep = self._loads(states, slice(None)), self._sweep(objective)
         if not sweep.advance(self._problem, loads, 0, figures, torques, enough=margin):
             return None
         _, value, _, _, _, unit = figures[0].tolist()
@@ -107,19 +111,19 @@ class AttachedLoops:
 
     def _loads(self, states: PlainStates, order: Any) -> FloatArray:
         """Return (K, 2M + 6 + 3L) what bears on the contacts of some states as loops take it."""
-        at = self._at
+        at, problem = self._at, self._problem
         kinematics = Kinematics(states.poses[order], states.columns[order])
-        T_world_object = kinematics.T_world_joint[:, at.joint] @ self._T_joint_object
-        wrenches, inertial = carried_loads(at.scene, at.hand, at.joint, kinematics, T_world_object)
-        weights = states.weights[order]
-        if at.scene.count_own_weight:
-            weights += inertial
-        rows, count = np.empty((len(order), len(self._row))), self._problem.contact_count
+        wrenches, torques = carried_loads(
+            at.scene, at.hand, at.joint, kinematics, self._T_joint_object
+        )
+        torques = torques + states.weights[order]
+        if at.motors_carry:
+            torques = at.carrying(kinematics, wrenches, torques)
+        rows, count = np.empty((len(torques), len(self._row))), problem.contact_count
         rows[:] = self._row
-        own, joints = at.borne(kinematics, wrenches, weights)
-        rows[:, count : count + 6] = own
-        begin = count + 6 + 2 * self._problem.joint_count
-        rows[:, begin : begin + self._problem.joint_count] += joints @ at.motors
+        rows[:, count : count + 6] = at.in_axes(kinematics, wrenches)
+        begin = count + 6 + 2 * problem.joint_count
+        rows[:, begin : begin + problem.joint_count] += torques @ at.motors
         return rows
 
     def _apply_to(self, objective: Objective) -> bool:
@@ -128,14 +132,13 @@ class AttachedLoops:
         )
 
     def _sweep(self, objective: Objective) -> LoadSweep:
-        """Return the loops for an objective, with what was learned last."""
-        sweep = self._sweeps.get(objective)
-        if sweep is None:
-            sweep = LoadSweep(self._problem, objective, self._options, turning=True)
-            self._sweeps[objective] = sweep
-        bodies = self._at.touching.bodies
-        sweep.learn(self._problem, self._starts.best(bodies, self._problem, objective))
-        return sweep
+        """Return the loops for an objective."""
+        if objective not in self._sweeps:
+            self._sweeps[objective] = LoadSweep(
+                self._problem, objective, self._options, turning=True
+            )
+            self.learn()
+        return self._sweeps[objective]
 
     @cached_property
     def _problem(self) -> QuasistaticProblem:

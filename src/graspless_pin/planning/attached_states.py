@@ -242,30 +242,34 @@ class AttachedConfigurations(Configurations):
         """(3,) the object's centre of mass in the frame of the joint, m."""
         return transformed(self.T_joint_world, self.scene.object.center_of_mass_world)
 
-    def borne(
-        self, kinematics: Kinematics, wrenches: FloatArray, torques: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return what contacts and joints bear in states, whatever the contact forces are.
+    def in_axes(self, kinematics: Kinematics, wrenches: FloatArray) -> FloatArray:
+        """Return (..., 6) wrenches in the axes of the joint that carries the link.
 
         Args:
             kinematics: Where the hand is.
             wrenches: (..., 6) on the object about its centre of mass, world axes, N and N m.
-            torques: (..., n) of all joints, which the links alone need, N m or N.
+        """
+        R = kinematics.T_world_joint[..., self.joint, :3, :3]
+        turned = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ R
+        return turned.reshape(*turned.shape[:-2], 6)
 
-        Returns:
-            (..., 6) the wrenches in the axes of the joint; (..., n) the torques of all joints, of
-            which those that carry the link bear the wrench, too.
+    def carrying(
+        self, kinematics: Kinematics, wrenches: FloatArray, torques: FloatArray
+    ) -> FloatArray:
+        """Return (..., n) the torques of all joints, of which those that carry the link bear it.
+
+        Args:
+            kinematics: Where the hand is.
+            wrenches: See `in_axes`; whatever contact forces balance them, they are borne.
+            torques: (..., n) that the hand's own links need, N m or N.
         """
         T, J = kinematics.T_world_joint[..., self.joint, :, :], kinematics.J
-        R = T[..., :3, :3]
-        own = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ R
-        own = own.reshape(*own.shape[:-2], 6)
-        x, y, z = np.moveaxis(R @ self._center + T[..., :3, 3], -1, 0)
-        a, b, c = np.moveaxis(wrenches[..., :3], -1, 0)
-        moved = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
-        power = (wrenches[..., None, :3] @ J[..., :3, :])[..., 0, :]
-        power += ((wrenches[..., 3:] + moved)[..., None, :] @ J[..., 3:, :])[..., 0, :]
-        return own, torques - self.hand.tree.moves[self.joint] * power
+        force, moment = wrenches[..., :3], wrenches[..., 3:]
+        center = T[..., :3, :3] @ self._center + T[..., :3, 3]
+        moment = moment + np.cross(center, force)
+        power = force[..., None, :] @ J[..., :3, :] + moment[..., None, :] @ J[..., 3:, :]
+        power = power[..., 0, :]
+        return torques - self.hand.tree.moves[self.joint] * power
 
     @cached_property
     def motors_carry(self) -> bool:

@@ -299,9 +299,9 @@ def _points(
     if scene.count_own_weight:
         own[:, 0] = [hand.tree.gravity_torques(place, scene.gravity) for place in places]
         own[:, 1:] = by_ux.joint_torques(hand)
-    wrenches, own = at.borne(kinematics, wrenches, own)
+    own = at.carrying(kinematics, wrenches, own)
     of_path = np.stack([0.0 * path[1], *path[1:]], 1)
-    parts = wrenches, own @ at.motors, own @ S, of_path
+    parts = at.in_axes(kinematics, wrenches), own @ at.motors, own @ S, of_path
     turned = (np.swapaxes(part, 1, 2) for part in parts)
     return [_point(program, limits, *point) for point in zip(*turned, strict=True)]
 

@@ -118,8 +118,14 @@ def object_wrench(
     Raises:
         SceneError: See `object_motion`.
     """
-    wrench = np.concatenate([scene.object.mass * scene.gravity, np.zeros(3)])
-    return wrench + sum(one.wrench for one in acting_forces(scene, motion, T_world_object))
+    mass, gravity = scene.object.mass, scene.gravity
+    motion = object_motion(scene) if motion is None else motion
+    weight = scene._kept.of(
+        "weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)])
+    )
+    if motion is STILL and not scene.loads:
+        return weight
+    return weight + sum(one.wrench for one in acting_forces(scene, motion, T_world_object))
 
 
 def object_inertia(scene: SceneFields) -> FloatArray:
@@ -198,7 +204,7 @@ def _hand_motion(
 
 
 def carried_loads(
-    scene: SceneFields, hand: Hand, joint: int, kinematics: Kinematics, T_world_object: FloatArray
+    scene: SceneFields, hand: Hand, joint: int, kinematics: Kinematics, T_joint_object: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return what bears on an object that moves with a joint, and on its hand, in many states.
 
@@ -207,24 +213,28 @@ def carried_loads(
         hand: Its hand.
         joint: Pinocchio's joint.
         kinematics: Where the hand is in S states.
-        T_world_object: (S, 4, 4) poses of the object.
+        T_joint_object: (4, 4) pose of the object there, m.
 
     Returns:
         (S, 6) or (6,) weight and loads as `object_wrench` has them; (S, n) or () what joints need
-        for the links beside what carries their weight, N m or N.
+        for the links beside what carries their weight, N m or N: 0 where that does not count.
 
     Raises:
         SceneError: See `hand_motion`.
     """
-    told = scene.acceleration
+    told, nothing = scene.acceleration, np.zeros(())
+    if told is None and not scene.loads:
+        return object_wrench(scene, STILL), nothing
+    T_world_object = kinematics.T_world_joint[:, joint] @ T_joint_object
     if told is None:
-        return object_wrench(scene, STILL, T_world_object), np.zeros(())
+        return object_wrench(scene, STILL, T_world_object), nothing
     center = T_world_object[:, :3, :3] @ scene.object.center_of_mass + T_world_object[:, :3, 3]
     if told.of == Accelerated.OBJECT:
         motion = _frame_motion(scene, center)
-        return object_wrench(scene, motion, T_world_object), np.zeros(())
+        return object_wrench(scene, motion, T_world_object), nothing
     motions = _hand_motion(scene, hand, center, kinematics)
-    return object_wrench(scene, motions.of(joint), T_world_object), motions.joint_torques(hand)
+    torques = motions.joint_torques(hand) if scene.count_own_weight else nothing
+    return object_wrench(scene, motions.of(joint), T_world_object), torques
 
 
 def inertial_torques(scene: SceneFields) -> FloatArray:

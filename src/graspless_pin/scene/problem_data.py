@@ -152,7 +152,7 @@ def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
         SceneError: If a body that touches has no coefficient of friction.
     """
     return Loads(
-        _wrench(scene),
+        object_wrench(scene),
         _coefficients(scene, state),
         _limits(scene, state),
         _carried(scene, state),
@@ -187,7 +187,7 @@ def renewed_row(
     if not renewed.isdisjoint(_OF_FRICTION):
         row[:count] = _coefficients(scene, state)
     if not renewed.isdisjoint(_OF_LOADS):
-        row[count:limits] = _wrench(scene)
+        row[count:limits] = object_wrench(scene)
         row[limits + 2 * joints : limits + 3 * joints] = _carried(scene, state)
     if not renewed.isdisjoint(_OF_LIMITS):
         row[limits : limits + 2 * joints] = np.concatenate(_limits(scene, state))
@@ -203,15 +203,6 @@ _BEARING = _OF_FRICTION | _OF_LIMITS | _OF_LOADS
 """Fields of a scene on which neither its contacts nor its joints depend."""
 _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated"})
 """What a scene says of itself, and what is worked out of its fields."""
-
-
-def _wrench(scene: SceneFields) -> FloatArray:
-    """Return (6,) the wrench of weight and loads."""
-    if scene.loads or scene.acceleration is not None:
-        return object_wrench(scene)
-    mass, gravity = scene.object.mass, scene.gravity
-    made = scene._kept.of
-    return made("weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)]))
 
 
 def _coefficients(scene: SceneFields, state: JointedContacts) -> FloatArray:
