@@ -112,9 +112,21 @@ def test_joint_velocities_are_kept() -> None:
     assert np.abs(by_name.velocities[:, first]).max() == pytest.approx(0.8, rel=1e-6)
 
 
+def test_velocities_of_the_robot_file_are_kept() -> None:
+    """The Panda's URDF states 2.175 rad/s for the first four joints, and 2.61 for the others."""
+    found = timed(carried(), PATH)
+    first = found.joint_names.index("panda_joint1")
+    assert np.abs(found.velocities[:, first]).max() == pytest.approx(2.175, rel=1e-6)
+    one = timed(carried(), PATH, velocity_limits={"panda_joint1": 9.0})
+    assert np.abs(one.velocities[:, first]).max() > 3.0
+    second = one.joint_names.index("panda_joint2")
+    assert np.abs(one.velocities[:, second]).max() <= 2.175 * (1.0 + 1e-6)
+
+
 def test_joints_that_do_not_move_limit_nothing() -> None:
     """A joint that stands still has no share in the speed along the path, whatever its limit."""
-    found = timed(carried(), PATH, velocity_limits={"panda_joint7": 0.1})
+    slow = dict.fromkeys(timing().joint_names, FAST) | {"panda_joint7": 0.1}
+    found = timed(carried(), PATH, velocity_limits=slow)
     assert found.duration == pytest.approx(timing().duration, rel=1e-3)
     assert TimingLimit.VELOCITY not in found.limits
 

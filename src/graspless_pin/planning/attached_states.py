@@ -219,6 +219,11 @@ class AttachedConfigurations(Configurations):
         held = np.setdiff1d(np.arange(len(self._start)), self._free)
         return S[:, self._free], offset + S[:, held] @ self._start[held]
 
+    @property
+    def fastest(self) -> FloatArray:
+        """(a,) largest rates of the joints, rad/s or m/s; infinite where files state none."""
+        return self.hand.tree.fastest[self._free]
+
     @cached_property
     def beside(self) -> NDArray[np.bool_]:
         """(G,) which of the hand's collision shapes do not move with the link."""

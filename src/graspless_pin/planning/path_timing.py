@@ -103,7 +103,7 @@ def fastest_timing(
     path: ArrayLike | Sequence[Configuration],
     *,
     attached_to: str,
-    velocity_limits: float | Mapping[str, float],
+    velocity_limits: float | Mapping[str, float] | None = None,
     acceleration_limits: float | Mapping[str, float] | None = None,
     torque_limits: Mapping[str, float] | None = None,
     margin: float = 0.0,
@@ -123,8 +123,9 @@ def fastest_timing(
         path: K configurations, at least two: (K, a) positions of all joints but those behind the
             link, rad or m, or one as `Evaluator.evaluate` takes it each.
         attached_to: Name of the link that the object moves with, see `Evaluator`.
-        velocity_limits: Largest velocity of all joints, or by independent joint, rad/s or m/s.
-        acceleration_limits: Likewise, rad/s^2 or m/s^2; None: no limit.
+        velocity_limits: Largest velocity of all joints, or by independent joint, rad/s or m/s;
+            otherwise what URDFs state counts.
+        acceleration_limits: Likewise, rad/s^2 or m/s^2; otherwise there is no limit.
         torque_limits: Largest torque by independent joint, N m or N, of arm joints that J has no
             column for; None: only the hand's motors are limited.
         margin: That contact forces keep, N.
@@ -167,9 +168,9 @@ def fastest_timing(
     margin = real_number("margin", margin, 0.0)
     program = ContactProgram(problem, motor_limits(problem, torques), margin)
     limits = _JointLimits(
-        _by_joint("velocity_limits", velocity_limits, names),
-        _by_joint("acceleration_limits", acceleration_limits or {}, names),
-        _by_joint("torque_limits", torque_limits or {}, names),
+        _by_joint("velocity_limits", velocity_limits, names, at.fastest),
+        _by_joint("acceleration_limits", acceleration_limits, names),
+        _by_joint("torque_limits", torque_limits, names),
     )
     knots = _waypoints(at, path)
     ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
@@ -412,12 +413,14 @@ def _waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
     return ways
 
 
-def _by_joint(argument: str, told: Any, names: tuple[str, ...]) -> FloatArray:
-    """Return (a,) positive limits; infinite where none is told."""
-    if not isinstance(told, Mapping):
+def _by_joint(
+    argument: str, told: Any, names: tuple[str, ...], others: ArrayLike = np.inf
+) -> FloatArray:
+    """Return (a,) positive limits; those that are not told as others are."""
+    if told is not None and not isinstance(told, Mapping):
         return np.full(len(names), _positive(argument, told))
-    limits = np.full(len(names), np.inf)
-    for name, value in told.items():
+    limits = np.broadcast_to(others, len(names)).copy()
+    for name, value in (told or {}).items():
         if name not in names:
             raise ArgumentError(argument, f"has no joint {name!r}; {names_in_words(name, names)}")
         limits[names.index(name)] = _positive(f"{argument}[{name!r}]", value)

@@ -184,7 +184,7 @@ class _Reader:
         effort = limit_of(self._efforts.get(joint, np.inf))
         return RobotJoint(
             name, word, parent, child, T, axis, limit_of(low), limit_of(high), effort,
-            float(model.dof_armature[model.jnt_dofadr[joint]]), coupling,
+            rotor_inertia=float(model.dof_armature[model.jnt_dofadr[joint]]), coupling=coupling,
         )  # fmt: skip
 
     def _add_link(self, body: int) -> None:

@@ -99,6 +99,7 @@ class RobotJoint(Record):
         lower: Lowest position, rad or m; -inf: there is none.
         upper: Highest position; inf: there is none.
         effort: Largest torque or force both ways, N m or N; inf: the file states none.
+        velocity: Largest rate both ways, rad/s or m/s; inf: the file states none.
         rotor_inertia: Of its motor, gear ratio squared included, kg m^2 (kg).
         coupling: How it follows other joints, which need not exist; None: it moves by itself.
     """
@@ -112,6 +113,7 @@ class RobotJoint(Record):
     lower: float = -np.inf
     upper: float = np.inf
     effort: float = np.inf
+    velocity: float = np.inf
     rotor_inertia: float = 0.0
     coupling: JointCoupling | None = None
 

@@ -101,6 +101,17 @@ class KinematicTree(Brief, Record):
         return independent_ranges(self.coupling, self.lower, self.upper)
 
     @cached_property
+    def fastest(self) -> FloatArray:
+        """(a,) largest rates of the independent joints, infinite where files state none.
+
+        They are narrowed by the limits of the joints that follow, rad/s or m/s.
+        """
+        most = np.array(self.pinocchio_model.velocityLimit)
+        with np.errstate(divide="ignore"):
+            shares = most[:, None] / np.abs(self.coupling.S)
+        return read_only(shares.min(axis=0, initial=np.inf))
+
+    @cached_property
     def locked(self) -> frozenset[str]:
         """The independent joints whose limits leave no room: they hold whatever they feel."""
         lower, upper = self.ranges
@@ -435,7 +446,7 @@ class _Builder:
             ends = -_BEYOND_COSINES * np.ones(2), _BEYOND_COSINES * np.ones(2)
         return self._model.addJoint(
             parent, _joint_model(item), placement, item.name,
-            np.array([item.effort]), np.array([np.inf]), *ends,
+            np.array([item.effort]), np.array([item.velocity]), *ends,
         )  # fmt: skip
 
 

@@ -110,7 +110,7 @@ def _joint(path: Path, joint: ET.Element, rotors: Mapping[str, float]) -> RobotJ
             raise RobotError(
                 f"{where} has the axis {element.get('xyz')!r}; give one that is not zero"
             )
-    lower, upper, effort = _limits(where, kind, joint.find("limit"))
+    lower, upper, effort, velocity = _limits(where, kind, joint.find("limit"))
     follows: dict[str, float] = {}
     offset = 0.0
     for mimic in joint.findall("mimic"):
@@ -119,30 +119,32 @@ def _joint(path: Path, joint: ET.Element, rotors: Mapping[str, float]) -> RobotJ
         offset += _number(where, "mimic offset", mimic.get("offset", "0"))
     return RobotJoint(
         name, kind, _end(joint, "parent"), _end(joint, "child"), T, axis, lower, upper, effort,
-        rotors.get(name, 0.0), JointCoupling(name, follows, offset) if follows else None,
+        velocity, rotors.get(name, 0.0), JointCoupling(name, follows, offset) if follows else None,
     )  # fmt: skip
 
 
-def _limits(where: str, kind: str, limit: ET.Element | None) -> tuple[float, float, float]:
-    """Return lowest and highest position and the effort limit, infinite where there is none."""
+def _limits(where: str, kind: str, limit: ET.Element | None) -> tuple[float, float, float, float]:
+    """Return lowest and highest position, effort and velocity; infinite where none is limited."""
     is_limited = kind in ("revolute", "prismatic")
     if limit is None:
         if is_limited:
             raise RobotError(f"{where} is {kind} and has no <limit lower upper effort velocity>")
-        return -np.inf, np.inf, np.inf
-    found = {"lower": 0.0, "upper": 0.0, "effort": np.inf} | {
+        return -np.inf, np.inf, np.inf, np.inf
+    found = {"lower": 0.0, "upper": 0.0, "effort": np.inf, "velocity": 0.0} | {
         key: _number(where, f"limit {key}", text, unlimited=True)
         for key, text in limit.attrib.items()
     }
+    # Files that know of no limit state a velocity of 0.
+    most = limit_of(found["effort"]), limit_of(found["velocity"]) or np.inf
     if not is_limited:
-        return -np.inf, np.inf, limit_of(found["effort"])
+        return -np.inf, np.inf, *most
     if found["lower"] > found["upper"]:
         low, high = (limit.get(key, "0") for key in ("lower", "upper"))
         raise RobotError(
             f"{where} has the lower limit {low} above the upper limit {high}, so that it can "
             "stand nowhere; exchange them"
         )
-    return limit_of(found["lower"]), limit_of(found["upper"]), limit_of(found["effort"])
+    return limit_of(found["lower"]), limit_of(found["upper"]), *most
 
 
 def _rotor_inertias(path: Path, root: ET.Element, joints: Collection[str]) -> dict[str, float]:
