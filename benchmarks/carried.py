@@ -16,6 +16,8 @@ from graspless_pin.algorithms.torque import maximize_margin
 _SCENE = Path(__file__).parents[1] / "examples" / "panda_carry_bar.yaml"
 _LINK = "panda_hand"
 _STATES = 2000
+_MARGIN = 0.5
+"""N, for Algorithm 2 and what is feasible."""
 _FULL = 20
 """Full evaluation does one state in so many."""
 _ROUNDS = 3
@@ -30,7 +32,7 @@ def carried() -> str:
     scene = load_scene(_SCENE)
     rows = []
     for algorithm in ("margin", "torque"):
-        arm = Evaluator(scene, attached_to=_LINK, algorithm=algorithm)
+        arm = Evaluator(scene, attached_to=_LINK, algorithm=algorithm, required_margin=_MARGIN)
         for name, q in (("paths", paths(arm)), ("random", drawn(arm))):
             rows.append([algorithm, name, *_row(scene, arm, q)])
     headers = ["algorithm", "states", "found", "full us", "attached us", "full / attached"]
@@ -46,8 +48,9 @@ def carried() -> str:
 
 def _row(scene: Scene, arm: Evaluator, q: np.ndarray) -> list[str]:
     algorithm = "margin" if arm.algorithm == "margin" else "torque"
-    free = Evaluator(scene, attached_to=_LINK, algorithm=algorithm, collisions=False)
-    full = Evaluator(scene, algorithm=algorithm)
+    asked: Any = {"algorithm": algorithm, "required_margin": _MARGIN}
+    free = Evaluator(scene, attached_to=_LINK, collisions=False, **asked)
+    full = Evaluator(scene, **asked)
     some = q[::_FULL]
     poses = np.array([arm.scene_at(one).object.T_world_object for one in some])
     last = full.configuration()[len(arm.joint_names) :]

@@ -55,6 +55,7 @@ class FindingCode(StrEnum):
     UNLIKELY_SIZE = "unlikely-size", Severity.WARNING
     UNLIKELY_DENSITY = "unlikely-density", Severity.WARNING
     CENTER_OUTSIDE = "center-of-mass-outside", Severity.WARNING
+    UNLIKELY_LOAD = "unlikely-load", Severity.WARNING
     UNLIKELY_GRAVITY = "unlikely-gravity", Severity.WARNING
     STEEP_FRICTION = "steep-friction", Severity.WARNING
     DANGLING_MIMIC = "dangling-mimic", Severity.WARNING

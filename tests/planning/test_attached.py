@@ -69,7 +69,9 @@ def problem_at(scene: Any, q: np.ndarray) -> QuasistaticProblem:
 @pytest.mark.parametrize("algorithm", ["margin", "torque"])
 def test_states_are_those_of_the_same_contacts_moved_along(algorithm, force):
     scene = bar(force=force)
-    evaluator = Evaluator(scene, attached_to="panda_hand", algorithm=algorithm, collisions=False)
+    evaluator = Evaluator(
+        scene, attached_to="panda_hand", algorithm=algorithm, collisions=False, required_margin=0.5
+    )
     q = drawn(evaluator, 30, 1)
     solve = maximize_margin if algorithm == "margin" else minimize_torque
 

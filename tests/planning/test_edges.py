@@ -115,6 +115,7 @@ def test_a_motion_fails_where_states_close_together_do(name):
     assert first - 0.01 - 1e-9 <= fault.fraction
     assert fault.last_valid <= first + 1e-9
     assert not fault.validity.valid
+    assert str(fault).endswith(f": {fault.validity}")  # what is printed has the reason
 
 
 def test_reasons_on_the_way():

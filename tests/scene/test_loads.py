@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -253,10 +253,21 @@ def test_files_that_are_wrong_name_the_key(
 
 def test_what_cannot_be_is_refused() -> None:
     scene = load_scene(BOX)
-    with pytest.raises(ArgumentError, match=r"force: .*3"):
+    with pytest.raises(ArgumentError, match=r"loads.a.force: .*3"):
         Load("a", force=[1.0, 2.0])
-    with pytest.raises(ArgumentError, match="axes"):
+    with pytest.raises(ArgumentError, match=r"loads.a.axes: is 'hand'"):
         Load("a", axes="hand")
+    with pytest.raises(ArgumentError, match=r"loads.a.mass: is '3'; .*, not text; write 3$"):
+        Load("a", mass=cast("Any", "3"))
+    with pytest.raises(ArgumentError, match=r"name: is 3; it must be a text"):
+        Load(cast("Any", 3))
+    with pytest.raises(ArgumentError, match=r"acceleration.joint_velocities.b: is 'fast'"):
+        Acceleration(joint_velocities={"b": cast("Any", "fast")})
+    with pytest.raises(ArgumentError, match=r"acceleration: found .* as in a file, with_changes"):
+        scene.with_changes(acceleration={"linear": [1, 2]})
+    wrong = scene.with_changes(acceleration=Acceleration(joint_velocities={"elbow": 1.0}))
+    with pytest.raises(SceneError, match=r"yaml: acceleration.joint_velocities: unknown independ"):
+        wrong.problem()
     with pytest.raises(ArgumentError, match="must differ"):
         scene.with_changes(loads=[Load("a"), Load("a")])
     with pytest.raises(ArgumentError, match="is 'object', and joints are told"):

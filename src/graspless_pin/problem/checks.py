@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from enum import StrEnum
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,7 +58,9 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
             raw = np.asarray(value)
             array = np.array(value, dtype=np.float64) if raw.dtype.kind in "fiub" else None
     if array is None:
-        raise ArgumentError(name, f"is {value!r:.200}; it must be an array of real numbers")
+        text = next((one for one in _flat(value) if isinstance(one, str)), None)
+        must = "it must be an array of real numbers"
+        raise ArgumentError(name, f"is {value!r:.200}; {must}{_without_quotes(text)}")
     if array.shape != shape and (
         array.ndim != len(shape)
         or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True))
@@ -164,6 +166,24 @@ def _shown(value: object) -> str:
         return "too large a number"
 
 
+def _without_quotes(value: object) -> str:
+    """Return what to write in the place of a number that is given as text; empty: it is none."""
+    if not isinstance(value, str):
+        return ""
+    with suppress(ValueError):
+        return f", not text; write {float(value):g}"
+    return ", not text"
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    """Yield what lists and tuples within each other hold."""
+    if isinstance(value, list | tuple):
+        for one in value:
+            yield from _flat(one)
+    else:
+        yield value
+
+
 def real_number(name: str, value: object, minimum: float, *, finite: bool = True) -> float:
     """Return ``value`` as a float not below ``minimum``.
 
@@ -177,7 +197,8 @@ def real_number(name: str, value: object, minimum: float, *, finite: bool = True
         number = float(value) if ok else np.nan  # type: ignore[arg-type]
     if not number >= minimum or (finite and np.isinf(number)):
         kind = "finite number" if finite else "number"
-        raise ArgumentError(name, f"is {_shown(value)}; it must be a {kind} >= {minimum:g}")
+        must = f"it must be a {kind}" + (f" >= {minimum:g}" if np.isfinite(minimum) else "")
+        raise ArgumentError(name, f"is {_shown(value)}; {must}{_without_quotes(value)}")
     most = _LARGEST_OF.get(name, LARGEST)
     if finite and number > most:
         raise ArgumentError(name, f"is {number:g}; it must be from {minimum:g} to {most:g}")

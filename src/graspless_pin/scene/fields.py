@@ -68,9 +68,11 @@ def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
         if isinstance(value, kind) or (optional and value is None):
             return value
         hint = f", e.g. {example}" if example else ""
-        none = " or None" if optional else ""
+        if isinstance(value, Mapping):
+            hint += f", or, as in a file, with_changes({{{name!r}: {{...}}}})"
+        none, article = " or None" if optional else "", "an" if kind.__name__[0] in "AEIO" else "a"
         raise ArgumentError(
-            name, f"found {reprlib.repr(value)}; needs a {kind.__name__}{none}{hint}"
+            name, f"found {reprlib.repr(value)}; needs {article} {kind.__name__}{none}{hint}"
         )
 
     return check

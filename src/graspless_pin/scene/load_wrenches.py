@@ -200,7 +200,8 @@ def _hand_motion(
     try:
         return hand_motions(hand, base, told.joint_velocities, told.joint_accelerations, kinematics)
     except ArgumentError as error:
-        raise SceneError(f"{place_of(scene, 'acceleration')}: {error}") from error
+        place = place_of(scene, "acceleration").removesuffix(": acceleration")
+        raise SceneError(f"{place}: acceleration.{error}") from error
 
 
 def carried_loads(

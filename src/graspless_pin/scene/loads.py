@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
@@ -41,7 +42,8 @@ class Load(Brief, PickledByFields):
         axes: Those of force and moment; a field has the world's.
 
     Raises:
-        ArgumentError: If a number is not finite, a shape wrong or the mass negative.
+        ArgumentError: Naming load and field, as in ``loads.cable.force``, if a number is not
+            finite, a shape wrong or the mass negative.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -71,14 +73,17 @@ class Load(Brief, PickledByFields):
         axes: str = LoadAxes.WORLD,
     ) -> None:
         """Check the numbers and copy them: see the attributes."""
+        if not isinstance(name, str) or not name:
+            raise ArgumentError("name", f"is {name!r:.100}; it must be a text, such as 'cable'")
+        of = f"loads.{name}"
         vars(self).update(
             name=name,
-            force=finite_array("force", force, (3,)),
-            moment=finite_array("moment", moment, (3,)),
-            mass=real_number("mass", mass, 0.0),
-            field=finite_array("field", field, (3,)),
-            at=None if at is None else finite_array("at", at, (3,)),
-            axes=choice(LoadAxes, "axes", axes),
+            force=finite_array(f"{of}.force", force, (3,)),
+            moment=finite_array(f"{of}.moment", moment, (3,)),
+            mass=real_number(f"{of}.mass", mass, 0.0),
+            field=finite_array(f"{of}.field", field, (3,)),
+            at=None if at is None else finite_array(f"{of}.at", at, (3,)),
+            axes=choice(LoadAxes, f"{of}.axes", axes),
         )
 
     def __str__(self) -> str:
@@ -157,17 +162,17 @@ class Acceleration(Brief, PickledByFields):
     ) -> None:
         """Check the numbers and copy them: see the attributes."""
         vars(self).update(
-            linear=finite_array("linear", linear, (3,)),
-            angular=finite_array("angular", angular, (3,)),
-            angular_velocity=finite_array("angular_velocity", angular_velocity, (3,)),
-            at=None if at is None else finite_array("at", at, (3,)),
-            joint_velocities=MappingProxyType(dict(joint_velocities)),
-            joint_accelerations=MappingProxyType(dict(joint_accelerations)),
-            of=choice(Accelerated, "of", of),
+            linear=finite_array("acceleration.linear", linear, (3,)),
+            angular=finite_array("acceleration.angular", angular, (3,)),
+            angular_velocity=finite_array("acceleration.angular_velocity", angular_velocity, (3,)),
+            at=None if at is None else finite_array("acceleration.at", at, (3,)),
+            joint_velocities=_by_joint("acceleration.joint_velocities", joint_velocities),
+            joint_accelerations=_by_joint("acceleration.joint_accelerations", joint_accelerations),
+            of=choice(Accelerated, "acceleration.of", of),
         )
         if self.of is Accelerated.OBJECT and (joint_velocities or joint_accelerations):
             raise ArgumentError(
-                "of", "is 'object', and joints are told; leave them out or say 'base'"
+                "acceleration.of", "is 'object', and joints are told; leave them out or say 'base'"
             )
 
     def __str__(self) -> str:
@@ -197,6 +202,15 @@ class Acceleration(Brief, PickledByFields):
         turns = self.angular.any() or self.angular_velocity.any()
         joints = any([*self.joint_velocities.values(), *self.joint_accelerations.values()])
         return not (turns or joints)
+
+
+def _by_joint(argument: str, told: Mapping[str, float]) -> Mapping[str, float]:
+    """Return finite numbers by joint."""
+    if not isinstance(told, Mapping):
+        raise ArgumentError(argument, f"is {told!r:.100}; give numbers by joint: {{'elbow': 0.5}}")
+    return MappingProxyType(
+        {name: real_number(f"{argument}.{name}", value, -np.inf) for name, value in told.items()}
+    )
 
 
 def _named(values: Mapping[str, float]) -> str:

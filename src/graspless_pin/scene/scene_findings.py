@@ -17,6 +17,7 @@ from graspless_pin.geometry.contact.distances import nearest_separation, separat
 from graspless_pin.geometry.contact.steadiness import normal_jumps
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, unit_findings
@@ -29,6 +30,9 @@ STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
 _NEAR = 5.0  # contact tolerances
 _STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
+_LEAST_GRAVITY = 9.81  # m/s^2, where loads are held against the object's weight
+_HEAVIEST_LOAD = 50.0
+"""Of the object's mass or weight."""
 _UNLIMITED_EFFORT = {JointUnit.TORQUE: 1e3, JointUnit.FORCE: 1e5}
 _UNLIMITED_FORCE = 1e6  # N
 _OVER_WEIGHT = 1e4
@@ -101,6 +105,7 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
             "give center_of_mass in the object's own frame, in metres",
             ("object", "center_of_mass"),
         )
+    yield from _loads(scene, max(gravity, _LEAST_GRAVITY) * made.mass, (lowest, highest))
     if gravity > _STRONGEST_GRAVITY:
         yield Finding(
             FindingCode.UNLIKELY_GRAVITY,
@@ -137,6 +142,45 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
             "give the force that the bodies bear: the margin counts the room up to it",
             ("max_normal_force",),
         )
+
+
+def _loads(
+    scene: SceneFields, weight: float, box: tuple[FloatArray, FloatArray]
+) -> Iterator[Finding]:
+    """Find loads that are many times the object's weight, or act far from it.
+
+    Args:
+        scene: The scene.
+        weight: Of its object, N.
+        box: The lowest and the highest corner of the box around it, its own axes, m.
+    """
+    made = scene.object
+    for index, load in enumerate(scene.loads):
+        force = float(np.linalg.norm(load.force))
+        for name, figure, unit, of, most in (
+            ("mass", load.mass, "kg", "mass", _HEAVIEST_LOAD * made.mass),
+            ("force", force, "N", "weight", _HEAVIEST_LOAD * weight),
+        ):
+            if figure > most:
+                yield Finding(
+                    FindingCode.UNLIKELY_LOAD,
+                    load.name,
+                    f"the {name} of load '{load.name}', {figure:g} {unit}, is "
+                    f"{_HEAVIEST_LOAD * figure / most:.3g} times the {of} of object '{made.name}'",
+                    f"give it in {unit}",
+                    ("loads", index, name),
+                )
+        lowest, highest = box
+        at = made.center_of_mass if load.at is None else load.at
+        away = float(np.maximum(lowest - at, at - highest).max())
+        if away > float((highest - lowest).max()):
+            yield Finding(
+                FindingCode.UNLIKELY_LOAD,
+                load.name,
+                f"load '{load.name}' acts {away:.3g} m outside the box around object '{made.name}'",
+                "give 'at' in the object's own frame, in metres",
+                ("loads", index, "at"),
+            )
 
 
 def _joints(hand: Hand) -> Iterator[Finding]:
