@@ -88,7 +88,7 @@ FRAMES, MOTIONS, SHARED = "contact_frames", "virtual_motions", "shared"
 SEARCH, PAIRS, CHAINS, STATES = "contact_search", "body_pairs", "kinematic_chains", "hand_states"
 ASSEMBLY, STARTS, WARM = "paper_programs", "optimum_starts", "warm_optima"
 COLD, LOADED, CALLER = "cold_optima", "loaded_states", "../algorithms/batch_optimum.py"
-CARRIED, MODES = "carried_states", "mode_programs"
+CARRIED, MODES = "../planning/attached_states.py", "mode_programs"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
 MISTAKES = tuple(
     Mistake(*one)
@@ -174,9 +174,8 @@ MISTAKES = tuple(
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
         (FRAMES, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),
         (SHARED, "C[4 * i + 3] += A[4 * i + 3]", "pass"),
-        (CARRIED, "turn_back(T, data(self._wrench) + i, load + i)",
-         "turn(T, data(self._wrench) + i, load + i)"),
-        (CARRIED, "torque[j] -= (", "torque[j] += ("),
+        (CARRIED, "2, 3) @ R\n", "2, 3) @ np.swapaxes(R, -1, -2)\n"),
+        (CARRIED, "torques - self.hand.tree.moves", "torques + self.hand.tree.moves"),
         (MODES, "self.bounds[c] = 0.0 if sign <= 0.0 else -INFINITY",
          "self.bounds[c] = -INFINITY"),
         (MODES, "lowest = min(lowest, self.bound)", "lowest = self.bound"),

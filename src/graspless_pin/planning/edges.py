@@ -54,8 +54,8 @@ class MotionFault(Brief):
 
     def __str__(self) -> str:
         """Return where the motion is not valid, and why."""
-        before = "" if self.last_valid is None else f", valid up to {self.last_valid:.4g}"
-        return f"at {self.fraction:.4g} of the way{before}: {self.validity}"
+        before = "" if self.last_valid is None else f", valid up to {self.last_valid:.3g}"
+        return f"at {self.fraction:.3g} of the way{before}: {self.validity}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

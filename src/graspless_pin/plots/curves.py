@@ -289,7 +289,7 @@ def timing_plot(timing: PathTiming, ax: Axes | None = None) -> Axes:
         ...     acceleration=None
         ... )
         >>> path = [{}, {"panda_joint1": 0.5}]
-        >>> timing = fastest_timing(scene, path, velocity_limits=1.0, points=20)
+        >>> timing = fastest_timing(scene, path, attached_to="panda_hand", points=20)
         >>> timing_plot(timing).get_ylabel()
         'speed along the path [rad/s]'
     """
