@@ -72,8 +72,10 @@ def test_an_evaluation_is_a_batch_of_one(algorithm, monkeypatch):
     states = [nearby(evaluator, rng, 2e-4) for _ in range(4)]
     for q in states:
         evaluator.evaluate(q)
-    searched, solved = [], StateSolver._solved
-    monkeypatch.setattr(StateSolver, "_solved", lambda *of: searched.append(of) or solved(*of))
+    searched, solved = [], StateSolver.posed
+    monkeypatch.setattr(
+        StateSolver, "posed", lambda *of, **how: searched.append(of) or solved(*of, **how)
+    )
     for q in states:
         named = dict(zip(evaluator.joint_names, q.tolist(), strict=True))
         by_name, answer = evaluator.evaluate(named), evaluator.evaluate(q)

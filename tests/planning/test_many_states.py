@@ -212,7 +212,7 @@ def test_processes_are_used_where_they_pay(monkeypatch, seconds, count, used):
     assert asked == ([] if used == 1 else [(500, used)])
 
 
-def end_the_process(solver: many_states.Solver, states: many_states.StateArrays) -> Any:
+def end_the_process(solver: StateSolver, states: many_states.StateArrays) -> Any:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
