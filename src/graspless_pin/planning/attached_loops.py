@@ -14,6 +14,7 @@ from graspless_pin.compiled import core
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.hand.work_space import Kinematics
+from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.evaluation import STATUSES
@@ -114,7 +115,7 @@ class AttachedLoops:
         at, problem = self._at, self._problem
         kinematics = Kinematics(states.poses[order], states.columns[order])
         wrenches, torques = carried_loads(
-            at.scene, at.hand, at.joint, kinematics, self._T_joint_object
+            at.scene, at.hand, at.joint, kinematics, at.T_joint_object
         )
         torques = torques + states.weights[order]
         if at.motors_carry:
@@ -153,16 +154,13 @@ class AttachedLoops:
         return loads._replace(gravity_torques=np.zeros(self._problem.joint_count)).row()
 
     @cached_property
-    def _T_joint_object(self) -> FloatArray:
-        return self._at.T_joint_world @ self._at.scene.object.T_world_object
-
-    @cached_property
     def _loops(self) -> Any:
         """The loops that pose the hand; None: nothing was compiled."""
         if core is None:
             return None
         at, tree = self._at, self._at.hand.tree
         pieces = at.scene.object.placed_bodies
+        T_object_pieces = invert(at.scene.object.T_world_object) @ pieces.poses
         carriers, placements = tree.shape_placements
         joined = BodyShapes(
             (*tree.shapes.names, *pieces.shapes.names),
@@ -170,7 +168,7 @@ class AttachedLoops:
         )
         moving = (
             np.concatenate([carriers, np.full(len(pieces), at.joint)]),
-            np.concatenate([placements, at.T_joint_world @ pieces.poses]),
+            np.concatenate([placements, at.T_joint_object @ T_object_pieces]),
             solids_of(joined).for_loops,
         )
         pairs = _pairs(at, moving[-1], len(pieces)) if self._checks.collisions else None

@@ -19,7 +19,6 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.distances import separation
-from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.geometry.hand.work_space import Kinematics
@@ -84,7 +83,6 @@ class AttachedConfigurations(Configurations):
         self.joint_limits = read_only(lower[self._free]), read_only(upper[self._free])
         self._refuse_motion()
         self.touching = self._carried_contacts()
-        self._T_start_world = invert(self.hand.pose_of(link))
 
     @cached_property
     def without_limits(self) -> AttachedConfigurations:
@@ -193,7 +191,7 @@ class AttachedConfigurations(Configurations):
 
     def _move(self, hand: Hand) -> FloatArray:
         """Return (4, 4) how the object has moved since the scene, world axes, m."""
-        return hand.pose_of(self.link) @ self._T_start_world
+        return self._T_world_joint(hand) @ self._T_joint_world
 
     def hand_at(self, q: Configuration) -> Hand:
         """Return the hand at a configuration: see `Configurations.hand_at`."""
@@ -237,15 +235,17 @@ class AttachedConfigurations(Configurations):
         count = len(jointed_contacts(self.scene).joints.names)
         return np.pad(own, ((0, 0), (0, count - own.shape[1])))
 
-    @cached_property
-    def T_joint_world(self) -> FloatArray:
-        """(4, 4) pose of the world in the frame of the joint, in the scene, m."""
-        return invert(self.hand.tree.kinematics(self.hand.positions).T_world_joint[self.joint])
+    def _T_world_joint(self, hand: Hand) -> FloatArray:
+        return hand.tree.kinematics(hand.positions).T_world_joint[self.joint]
 
     @cached_property
-    def _center(self) -> FloatArray:
-        """(3,) the object's centre of mass in the frame of the joint, m."""
-        return transformed(self.T_joint_world, self.scene.object.center_of_mass_world)
+    def _T_joint_world(self) -> FloatArray:
+        return invert(self._T_world_joint(self.hand))
+
+    @cached_property
+    def T_joint_object(self) -> FloatArray:
+        """(4, 4) pose of the object in the frame of the joint, m."""
+        return self._T_joint_world @ self.scene.object.T_world_object
 
     def in_axes(self, kinematics: Kinematics, wrenches: FloatArray) -> FloatArray:
         """Return (..., 6) wrenches in the axes of the joint that carries the link.
@@ -270,7 +270,8 @@ class AttachedConfigurations(Configurations):
         """
         T, J = kinematics.T_world_joint[..., self.joint, :, :], kinematics.J
         force, moment = wrenches[..., :3], wrenches[..., 3:]
-        center = T[..., :3, :3] @ self._center + T[..., :3, 3]
+        own = transformed(self.T_joint_object, self.scene.object.center_of_mass)
+        center = T[..., :3, :3] @ own + T[..., :3, 3]
         moment = moment + np.cross(center, force)
         power = force[..., None, :] @ J[..., :3, :] + moment[..., None, :] @ J[..., 3:, :]
         power = power[..., 0, :]
@@ -284,8 +285,7 @@ class AttachedConfigurations(Configurations):
 
     def axes_at(self, scene: Scene) -> FloatArray:
         """Return (3, 3) the axes of the joint that carries the link in a state, as columns."""
-        hand = scene.hand or self.hand
-        return hand.tree.kinematics(hand.positions).T_world_joint[self.joint, :3, :3]
+        return self._T_world_joint(scene.hand or self.hand)[:3, :3]
 
     def shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
         """Return the problem of a state in the axes of the joint that carries the link.
@@ -301,13 +301,13 @@ class AttachedConfigurations(Configurations):
         R = self.axes_at(scene)
         if not self.motors_carry:
             return turned_problem(problem, R.T)
-        hand, center, joint = scene.hand or self.hand, scene.object.center_of_mass_world, self.joint
-        columns, motors = JointColumns(hand), hand.actuation.from_joints
-        twists = np.vstack([columns.velocity(joint, center), columns.rotation(joint)])
-        J, weights, count = problem.jacobian.copy(), problem.gravity_torques.copy(), motors.shape[1]
-        links = (self.link,) * len(problem.positions)
-        J[:, :count] -= hand.contact_jacobian(links, problem.positions + center)
-        weights[:count] -= problem.external_wrench @ twists @ motors
+        hand, center = scene.hand or self.hand, scene.object.center_of_mass_world
+        J, links = problem.jacobian.copy(), (self.link,) * len(problem.positions)
+        carried = hand.contact_jacobian(links, problem.positions + center)
+        J[:, : carried.shape[1]] -= carried
+        kinematics, nothing = hand.tree.kinematics(hand.positions), np.zeros(len(self.motors))
+        borne = self.carrying(kinematics, problem.external_wrench, nothing)
+        weights = problem.gravity_torques + borne @ self.motors
         return turned_problem(problem, R.T, jacobian=J, gravity_torques=weights)
 
     def overlap(self, scene: Scene) -> str:

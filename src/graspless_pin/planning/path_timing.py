@@ -288,7 +288,7 @@ def _points(
     places = [at.hand_at(q).positions for q in path[0]]
     T, J = (np.array(part) for part in zip(*map(hand.tree.kinematics, places), strict=True))
     kinematics = Kinematics(T[:, None], J[:, None])
-    T_world_object = T[:, joint] @ at.T_joint_world @ scene.object.T_world_object
+    T_world_object = T[:, joint] @ at.T_joint_object
     S, _ = at.coupling()
     slopes, bends = (part @ S.T for part in path[1:])
     rates, changes = np.stack([0.0 * slopes, slopes], 1), np.stack([slopes, bends], 1)
