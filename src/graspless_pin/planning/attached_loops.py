@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ class AttachedLoops:
         found = SolvedStates.room(len(q), problem.joint_names)
         for number in np.flatnonzero(within & states.doubtful).tolist():
             scene = self._at.answered_at(q[number], None, None)
-            for status, _ in refusals(self._at, scene, self._checks)[:1]:
+            for status, _ in islice(refusals(self._at, scene, self._checks), 1):
                 found.faults[number] = STATUSES.index(status)
         order = np.flatnonzero(within & found.sound)
         loads, sweep = self._loads(states, order), self._sweep(objective)

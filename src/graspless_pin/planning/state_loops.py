@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -63,17 +64,19 @@ class SolvedStates(NamedTuple):
 
 def refusals(
     at: Configurations, scene: Scene, checks: StateChecks
-) -> list[tuple[StateStatus, str]]:
-    """Return statuses and messages of what a scene is refused for in one of its states.
+) -> Iterator[tuple[StateStatus, str]]:
+    """Yield statuses and messages of what a scene is refused for in one of its states.
 
     Args:
         at: The states.
         scene: The scene in this one.
         checks: What is looked for.
     """
-    found = [(StateStatus.of(one), one.message) for one in state_findings(scene, checks)]
+    for one in state_findings(scene, checks):
+        yield StateStatus.of(one), one.message
     deep = at.overlap(scene) if checks.collisions else ""
-    return [*found, (StateStatus.OVERLAP, deep)] if deep else found
+    if deep:
+        yield StateStatus.OVERLAP, deep
 
 
 def is_reached(value: float, unit: float, margin: float) -> bool:
@@ -204,7 +207,9 @@ class StateLoops:
             faults[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
             return order[:0]
         for number in doubtful:
-            for status, _ in refusals(at, at.scene_at(q[number], None, None), of_overlaps)[:1]:
+            for status, _ in islice(
+                refusals(at, at.scene_at(q[number], None, None), of_overlaps), 1
+            ):
                 faults[number] = STATUSES.index(status)
         return order[faults[order] == _FOUND]
 

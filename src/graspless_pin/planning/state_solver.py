@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -203,7 +204,7 @@ class StateSolver:
                 faults.append((status, str(error)))
             checks = checks._replace(need_hand=False)
         if not faults or whole:
-            faults += refusals(at, scene, checks)
+            faults += islice(refusals(at, scene, checks), None if whole else 1)
         return PosedScene(scene, problem, tuple(faults))
 
     def _row(self, q: Any, T_world_object: Any, twist: Any) -> FloatArray | None:
