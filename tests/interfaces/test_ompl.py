@@ -223,6 +223,20 @@ def test_joints_alone():
         MarginShortfall(evaluated, -1.0)
 
 
+def test_an_object_that_moves_with_a_link():
+    util.noOutputHandler()
+    evaluator = Evaluator(load_scene(EXAMPLES / "panda_carry_bar.yaml"), attached_to="panda_hand")
+    setup = geometric.SimpleSetup(joint_space(evaluator))
+    space = attach_evaluator(setup, evaluator, margin=3.0)
+    home, across = evaluator.configuration(), evaluator.configuration({"panda_joint1": 1.5})
+    start, end = state_of(setup, *home), state_of(setup, *across)
+    assert space.is_valid(start) and space.is_valid(end)
+    fault = evaluator.first_invalid(home, across, margin=3.0)
+    assert fault is not None and space.last_valid(start, end) == fault.last_valid
+    margin = evaluator.evaluate(home).margin
+    assert SmallestMargin(space).stateCost(start).value() == pytest.approx(margin, abs=1e-6)
+
+
 def test_what_is_said_without_ompl():
     text = "import sys; sys.modules['ompl'] = None; import graspless_pin.interfaces.ompl"
     done = subprocess.run(  # noqa: S603 - our own text

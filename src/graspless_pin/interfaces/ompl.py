@@ -36,7 +36,6 @@ ToState = Callable[[Any], tuple[Configuration | None, ArrayLike | None] | None]
 """From a state of OMPL to a configuration and the object's pose; None: there is no such state."""
 
 _MOST_KEPT = 100_000
-_REST = np.zeros(6)
 
 
 class EvaluatedSpace:
@@ -71,6 +70,8 @@ class EvaluatedSpace:
         self.evaluator = evaluator
         self.margin = required_margin(margin, evaluator.required_margin)
         self._to_state, self._resolution = to_state, resolution
+        # What moves with a link rests in the hand, and takes no twist.
+        self._rest = np.zeros(6) if evaluator.attached_to is None else None
         self._space = information.getStateSpace()
         self._between, self._one_at_a_time = information.allocState(), Lock()
         self._valid: dict[Any, bool] = Bounded(_MOST_KEPT)
@@ -96,14 +97,16 @@ class EvaluatedSpace:
     def is_valid(self, state: Any) -> bool:
         """Tell whether a state is valid by itself, at rest."""
         found = self.state(state)
-        return found is not None and self.evaluator.is_feasible(*found, _REST, margin=self.margin)
+        return found is not None and self.evaluator.is_feasible(
+            *found, self._rest, margin=self.margin
+        )
 
     def margin_at_rest(self, state: Any) -> float:
         """Return the largest margin of a state by itself, N; -inf where it is not valid."""
         found = self.state(state)
         if found is None:
             return -np.inf
-        validity = self.evaluator.validity(*found, _REST, margin=0.0)
+        validity = self.evaluator.validity(*found, self._rest, margin=0.0)
         return validity.margin if validity.valid else -np.inf
 
     def is_valid_motion(self, start: Any, end: Any) -> bool:
