@@ -259,8 +259,8 @@ def _evaluated(
             at, block, starts = number // study.block, _block(study), WarmStarts()
         try:
             scene, of_hands[number] = study.posed_at(sample, parts)
+            found = state_findings(scene, checks) if alone and scene is not None else ()
             if scene is not None:
-                found = state_findings(scene, checks) if alone else ()
                 stated = None if alone else stated_sample(scene, limits, checks, stated)
         except StudyError:
             raise
