@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from graspless_pin.cli.commands import app
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-# tests/planning/test_planner_example.py runs the planner, which takes its time, and looks closer.
-SCRIPTS = sorted(set(EXAMPLES.rglob("*.py")) - {EXAMPLES / "plan_slide_and_pivot.py"})
+# tests/planning/test_planner_example.py runs the planners, which take their time, and looks closer.
+SCRIPTS = sorted(set(EXAMPLES.rglob("*.py")) - set(EXAMPLES.glob("slide_and_pivot/*.py")))
 SCENES = sorted(file for file in EXAMPLES.rglob("*.yaml") if file.parent.name != "studies")
 
 

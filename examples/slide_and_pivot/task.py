@@ -14,6 +14,7 @@ begins to slide at once: so much has START. The straight line from START to GOAL
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
@@ -33,7 +34,7 @@ PINS = [*((tip, "object") for tip in TIPS), ("object", "slope")]  # for `Evaluat
 REACH = 0.112  # m from the palm's middle to the middle of the fingertips
 CLEARANCE = 0.06  # m from the palm's middle to the slope, at least; its disc has 0.05 m
 STEP = 0.08  # units between the states of `waypoints`
-STAGE_TIME = 4.0  # s for each unit of the way
+UNIT_TIME = 4.0  # s for each unit of the way
 
 
 class Task:
@@ -42,10 +43,11 @@ class Task:
     Attributes:
         scene: The scene in the first state.
         names: Of the joints, in the order of q: three of the carriage, nine of the fingers.
+        evaluator: Finds the largest margins of states.
     """
 
     def __init__(self):
-        self.scene = load_scene(SCENE)
+        self.scene: Any = load_scene(SCENE)
         self.model = pin.buildModelFromUrdf(str(URDF))
         self.data = self.model.createData()
         self.names = list(self.model.names)[1:]
@@ -56,7 +58,7 @@ class Task:
         self.edge = _translation(0.5 * depth, 0, -0.5 * height)  # front edge of the bottom
         self.grasp = [self.start.actInv(tip) for tip in self.tips(self.home)]  # stuck to the box
         self.grasp_middle = _translation(*np.mean(self.grasp, axis=0))
-        self._evaluator = Evaluator(self.scene, algorithm="margin")
+        self.evaluator = Evaluator(self.scene, algorithm="margin")
 
     def box(self, progress):
         """Pose of the box, an SE3; ``.np`` is T_world_object."""
@@ -133,28 +135,39 @@ class Task:
         q = self.joints(state)
         return None if q is None else (dict(zip(self.names, q, strict=True)), self.box(state[0]).np)
 
-    def waypoints(self, states):
-        """Waypoints along straight lines between (K, 3) states, at most STEP apart.
+    def along(self, states):
+        """(S, 3) states on the straight lines between (K, 3) states, at most STEP apart.
 
-        One is where the slide ends and the pivot begins. None: the path leads through a state that
-        is out of reach.
+        One is where the slide ends and the pivot begins.
         """
-        found = [self._waypoint(np.asarray(states[0], dtype=float), 0.0)]
+        found = [np.asarray(states[0], dtype=float)]
         for first, last in pairwise(np.asarray(states, dtype=float)):
             way = last - first
-            length = np.linalg.norm(way / UNITS)
-            shares = list(np.linspace(0.0, 1.0, int(np.ceil(length / STEP)) + 1)[1:])
+            count = int(np.ceil(np.linalg.norm(way / UNITS) / STEP))
+            shares = set(np.linspace(0.0, 1.0, count + 1)[1:])
             if (first[0] - 1.0) * (last[0] - 1.0) < 0.0:
-                shares = sorted({*shares, (1.0 - first[0]) / way[0]})
-            began = found[-1].time if found[-1] is not None else 0.0
-            for share in shares:
-                time = began + STAGE_TIME * length * share
-                found.append(self._waypoint(first + share * way, time))
-        return None if any(one is None for one in found) else found
+                shares.add((1.0 - first[0]) / way[0])
+            found += [first + share * way for share in sorted(shares)]
+        return np.array(found)
 
-    def _waypoint(self, state, time):
-        found = self.configuration(state)
-        return None if found is None else Waypoint(*found, time)
+    def waypoints(self, states):
+        """Waypoints `along` (K, 3) states.
+
+        Raises:
+            ValueError: If the path leads through a state that is out of reach.
+        """
+        along, found = self.along(states), []
+        for state, time in zip(along, self.times(along), strict=True):
+            at = self.configuration(state)
+            if at is None:
+                raise ValueError(f"the hand does not reach the state {state}")
+            found.append(Waypoint(at[0], at[1], time))
+        return found
+
+    def times(self, along):
+        """(S,) times of the waypoints, s."""
+        lengths = np.linalg.norm(np.diff(along, axis=0) / UNITS, axis=1)
+        return UNIT_TIME * np.concatenate([[0.0], np.cumsum(lengths)])
 
     def _carriage(self, state):
         palm = self.palm(state)
@@ -164,7 +177,7 @@ class Task:
 
     def profile(self, waypoints):
         """What the way along waypoints is worth: a `PathProfile` of largest margins."""
-        return evaluate_path(self._evaluator, waypoints)
+        return evaluate_path(self.evaluator, waypoints)
 
     def smallest_margin(self, waypoints):
         """The smallest of the largest margins along the way, N."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -12,6 +13,14 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "evidence").glob("*.md")),
 ]
+
+_LIBRARIES = {"drake": "pydrake", "jax": "jax", "torch": "torch"}
+MISSING = {
+    f"graspless_pin.interfaces.{module}"
+    for module, library in _LIBRARIES.items()
+    if find_spec(library) is None
+}
+"""Adapters whose library is not installed: `make adapters` tests these, and their examples."""
 
 _FENCE = re.compile(
     r'^```(?P<kind>\w*)(?: title="(?P<title>[^"]+)")?\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE

@@ -186,6 +186,32 @@ def test_a_planner_that_optimises(push):
     assert path.cost(objective).value() == pytest.approx(found)
 
 
+def test_a_motion_of_two_kinds_is_cut_where_one_ends(push):
+    """The box slides, and then the palm alone turns."""
+
+    def to_state(state: Any) -> Any:
+        return push.at(min(state[0], 0.03), -max(state[0] - 0.03, 0.0))
+
+    def breakpoints(start: Any, end: Any) -> list[float]:
+        return [(0.03 - start[0]) / (end[0] - start[0])]
+
+    setup = push.setup()
+    setup.getSpaceInformation().setStateValidityCheckingResolution(0.99)
+    space = attach_evaluator(setup, push.evaluator, to_state, margin=0.1, breakpoints=breakpoints)
+    fractions, margins = space.margins(state_of(setup, 0.0, 0.0), state_of(setup, 0.05, 0.0))
+    assert np.count_nonzero(fractions == 0.6) == 2
+    slides = fractions <= 0.6
+    slides[np.flatnonzero(fractions == 0.6)[1]] = False
+    fresh = Evaluator(push.evaluator.scene)
+    for fraction, margin in zip(fractions[slides], margins[slides], strict=True):
+        expected = margin_between(push, fresh, (0.0, 0.0), (0.03, 0.0), fraction / 0.6)
+        assert margin == pytest.approx(expected, abs=1e-6)
+    for fraction, margin in zip(fractions[~slides], margins[~slides], strict=True):
+        q, T = push.at(0.03, -0.05 * (fraction - 0.6))
+        at_rest = fresh.evaluate(q, T, np.zeros(6)).margin
+        assert margin == pytest.approx(at_rest, abs=1e-6)
+
+
 def test_states_that_are_none(push):
     setup = push.setup()
     space = attach_evaluator(setup, push.evaluator, push.to_state, margin=0.1)

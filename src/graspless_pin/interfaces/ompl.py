@@ -6,10 +6,13 @@ any of OMPL's objects exists.
 
 from __future__ import annotations
 
+import atexit
 import math
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from threading import Lock
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +37,8 @@ __all__ = ["EvaluatedSpace", "MarginShortfall", "SmallestMargin", "attach_evalua
 
 ToState = Callable[[Any], tuple[Configuration | None, ArrayLike | None] | None]
 """From a state of OMPL to a configuration and the object's pose; None: there is no such state."""
+Breakpoints = Callable[[Any, Any], Sequence[float]]
+"""From two states of OMPL to fractions of the motion between them."""
 
 _MOST_KEPT = 100_000
 
@@ -60,6 +65,7 @@ class EvaluatedSpace:
         *,
         margin: float | None = None,
         resolution: tuple[float, float] = RESOLUTION,
+        breakpoints: Breakpoints | None = None,
     ) -> None:
         """Take what `attach_evaluator` does.
 
@@ -69,13 +75,14 @@ class EvaluatedSpace:
         self.information = information
         self.evaluator = evaluator
         self.margin = required_margin(margin, evaluator.required_margin)
-        self._to_state, self._resolution = to_state, resolution
+        self._to_state, self._resolution, self._breakpoints = to_state, resolution, breakpoints
         # What moves with a link rests in the hand, and takes no twist.
         self._rest = np.zeros(6) if evaluator.attached_to is None else None
         self._space = information.getStateSpace()
         self._between, self._one_at_a_time = information.allocState(), Lock()
         self._valid: dict[Any, bool] = Bounded(_MOST_KEPT)
         self._margins: dict[Any, tuple[FloatArray, FloatArray]] = Bounded(_MOST_KEPT)
+        _SPACES.add(self)
 
     @property
     def object_stays(self) -> bool:
@@ -122,7 +129,7 @@ class EvaluatedSpace:
                 and self.evaluator.is_valid_motion(
                     *piece, margin=self.margin, resolution=self._resolution
                 )
-                for piece in [pieces[-1], *pieces[:-1]]
+                for _, piece in [pieces[-1], *pieces[:-1]]
             )
         return known
 
@@ -131,14 +138,13 @@ class EvaluatedSpace:
 
         A motion that begins in a state that is not valid has 0.
         """
-        pieces = list(self._pieces(start, end))
-        for number, piece in enumerate(pieces):
+        for (begin, finish), piece in self._pieces(start, end):
             fault = None if piece is None else self.evaluator.first_invalid(
                 *piece, margin=self.margin, resolution=self._resolution
             )  # fmt: skip
             if piece is None or fault is not None:
                 own = 0.0 if fault is None or fault.last_valid is None else fault.last_valid
-                return (number + own) / len(pieces)
+                return begin + own * (finish - begin)
         return 1.0
 
     def margins(self, start: Any, end: Any) -> tuple[FloatArray, FloatArray]:
@@ -151,38 +157,44 @@ class EvaluatedSpace:
         key = self._key(start, end)
         known = None if key is None else self._margins.get(key)
         if known is None:
-            known = self._margins_of(list(self._pieces(start, end)))
+            known = self._margins_of(self._pieces(start, end))
             if key is not None:
                 self._margins[key] = known
         return known
 
-    def _margins_of(self, pieces: list[Any]) -> tuple[FloatArray, FloatArray]:
+    def _margins_of(self, pieces: Iterator[Any]) -> tuple[FloatArray, FloatArray]:
         fractions, margins = [], []
-        for number, piece in enumerate(pieces):
+        for (begin, finish), piece in pieces:
             if piece is None:
-                return np.append(fractions, number / len(pieces)), np.append(margins, -np.inf)
+                return np.append(fractions, begin), np.append(margins, -np.inf)
             found = self.evaluator.motion_margins(*piece, resolution=self._resolution)
-            fractions = np.append(fractions, (number + found.fractions) / len(pieces))
+            fractions = np.append(fractions, begin + found.fractions * (finish - begin))
             margins = np.append(margins, found.margins)
             if found.smallest == -np.inf:
                 break
         return np.asarray(fractions), np.asarray(margins)
 
     def _pieces(self, start: Any, end: Any) -> Iterator[Any]:
-        """Yield (q0, q1, T0, T1) of each piece of a motion; None where there is no such state."""
-        count = 1
+        """Yield the ends of each piece of a motion, as fractions of it, and (q0, q1, T0, T1).
+
+        None instead of these where there is no such state.
+        """
+        fractions = np.array([0.0, 1.0])
         if not self.object_stays:
             # OMPL's own count waits for its setup.
             share = self._space.getLongestValidSegmentFraction()
             longest = share * self.information.getMaximumExtent()
             count = max(1, math.ceil(self.information.distance(start, end) / longest))
+            fractions = np.linspace(0.0, 1.0, count + 1)
+            if self._breakpoints is not None:
+                fractions = np.union1d(fractions, self._breakpoints(start, end))
         before = self.state(start)
-        for number in range(1, count + 1):
-            after = self.state(end) if number == count else self._at(start, end, number / count)
-            if before is None or after is None:
-                yield None
-            else:
-                yield before[0], after[0], before[1], after[1]
+        for begin, finish in pairwise(fractions.tolist()):
+            after = self.state(end) if finish == 1.0 else self._at(start, end, finish)
+            piece = None
+            if before is not None and after is not None:
+                piece = before[0], after[0], before[1], after[1]
+            yield (begin, finish), piece
             before = after
 
     def _at(self, start: Any, end: Any, fraction: float) -> Any:
@@ -196,6 +208,16 @@ class EvaluatedSpace:
         if ends[0] is None or ends[1] is None:
             return None
         return tuple(np.asarray(part, dtype=float).tobytes() for one in ends if one for part in one)
+
+
+_SPACES: WeakSet[EvaluatedSpace] = WeakSet()
+
+
+@atexit.register
+def _take_apart() -> None:
+    """End what OMPL's objects and ours keep of each other: its bindings report it as leaks."""
+    for space in list(_SPACES):
+        vars(space).clear()
 
 
 class _States(base.StateValidityChecker):
@@ -227,6 +249,7 @@ def attach_evaluator(
     *,
     margin: float | None = None,
     resolution: tuple[float, float] = RESOLUTION,
+    breakpoints: Breakpoints | None = None,
 ) -> EvaluatedSpace:
     """Let an evaluator tell OMPL which states and motions are valid.
 
@@ -246,6 +269,9 @@ def attach_evaluator(
             the evaluator's joints, and the object stays.
         margin: The margin to keep, N; None: the evaluator's; -inf: none.
         resolution: See `Evaluator.first_invalid`.
+        breakpoints: From two states of OMPL to the fractions of the motion between them at which
+            the object's motion becomes another one, in ascending order: slides end and pivots
+            begin there. None: a motion is of one kind.
 
     Returns:
         The space, for `SmallestMargin` and `MarginShortfall`.
@@ -266,7 +292,14 @@ def attach_evaluator(
         (True, True)
     """
     information = setup.getSpaceInformation() if hasattr(setup, "getSpaceInformation") else setup
-    space = EvaluatedSpace(information, evaluator, to_state, margin=margin, resolution=resolution)
+    space = EvaluatedSpace(
+        information,
+        evaluator,
+        to_state,
+        margin=margin,
+        resolution=resolution,
+        breakpoints=breakpoints,
+    )
     information.setStateValidityChecker(_States(space))
     information.setMotionValidator(_Motions(space))
     return space

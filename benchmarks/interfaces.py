@@ -1,0 +1,70 @@
+"""What adapters cost beside the evaluator that they ask."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tabulate import tabulate
+
+from benchmarks.timing import medians, timer
+from graspless_pin import Evaluator, load_scene
+
+_SCENE = Path(__file__).parents[1] / "examples" / "trihand_push_box.yaml"
+_PINS = [*((f"finger_{k}_tip", "object") for k in (1, 2, 3)), ("object", "table")]
+_STATES = 50
+
+
+def interfaces() -> str:
+    """A row for each adapter whose library is installed."""
+    rows = []
+    for name, calls in {"Drake: gaps and optimum": _drake}.items():
+        try:
+            own, adapted = calls()
+        except ImportError as error:
+            rows.append([name, "", "", f"left out: {error}"])
+            continue
+        timers = [timer(call, time.process_time) for call in (own, adapted)]
+        alone, through = medians(timers, budget=5.0)
+        milliseconds = [f"{1e3 * one / _STATES:.2f}" for one in (alone, through)]
+        rows.append([name, *milliseconds, f"{through / alone:.3f}"])
+    headers = ["adapter", "evaluator ms", "through the adapter ms", "ratio"]
+    note = (
+        f"Medians of {_STATES} states with joints and pose a little off, with derivatives. The aim "
+        "is 1.1."
+    )
+    return f"## Adapters\n\n{tabulate(rows, headers, tablefmt='github')}\n\n{note}"
+
+
+def _drake() -> tuple[Callable[[], Any], Callable[[], Any]]:
+    autodiff: Any = import_module("pydrake.autodiffutils")
+    evaluator = Evaluator(load_scene(_SCENE), algorithm="margin", pins=_PINS)
+    functions = import_module("graspless_pin.interfaces.drake").PinnedFunctions(evaluator)
+    T, rng = evaluator.scene.object.T_world_object, np.random.default_rng(0)
+    pose = np.array([1.0, 0.0, 0.0, 0.0, *T[:3, 3]])
+    count = len(evaluator.joint_names)
+
+    def states() -> Any:
+        for _ in range(_STATES):
+            off = rng.uniform(-1e-3, 1e-3, count + 7)
+            off[count : count + 4] = 0.0
+            yield np.append(evaluator.configuration(), pose) + off
+
+    def own() -> None:
+        for state in states():
+            T_object = T.copy()
+            T_object[:3, 3] = state[-3:]
+            found = evaluator.pinned(state[:count], T_object)
+            assert found.by_gaps is not None and found.by_optimum is not None  # noqa: S101
+
+    def adapted() -> None:
+        for state in states():
+            variables = autodiff.InitializeAutoDiff(state)[:, 0]
+            functions.gaps(variables)
+            functions.optimum(variables)
+
+    return own, adapted

@@ -1,0 +1,329 @@
+"""Gaps, optima and torques for a ``MathematicalProgram`` of Drake, and states of its plants.
+
+Needs the extra ``drake``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.caching import Bounded
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.planning.evaluator import Evaluator
+from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.motion_and_contacts import Motion
+
+try:
+    # By name, as what their stubs say of arrays is not what numpy's say.
+    _autodiff: Any = import_module("pydrake.autodiffutils")
+    _eigen: Any = import_module("pydrake.common.eigen_geometry")
+    _math: Any = import_module("pydrake.math")
+except ImportError as error:
+    raise ImportError(
+        f"programs of Drake need it ({error}); install it with pip install 'graspless-pin[drake]'"
+    ) from None
+
+__all__ = ["PinnedFunctions", "plant_states"]
+
+ToState = Callable[[Any], tuple[Any, Any] | None]
+"""From variables to (a,) positions of joints and a pose (4, 4) or ``RigidTransform``; either may
+be None: as in the scene. Both are of floats or ``AutoDiffXd``, as the variables are."""
+
+_MOST_KEPT = 256
+_OUTSIDE = 1e-6  # rad or m that a bound may be broken by: what optimisers leave
+_SAME_PLACE = 1e-6  # m, and of the entries of rotations
+
+
+class PinnedFunctions:
+    """States with pinned contacts as functions that Drake evaluates, with their gradients.
+
+    Each function takes an array of variables, floats or ``AutoDiffXd``, and returns an array, for
+    ``AddConstraint`` and, by an entry of it, ``AddCost``. A state is solved once, whichever
+    functions ask for it. Where there are no torques, optimum and torques are NaN, where there is no
+    such state the gaps, too, and so are their derivatives: SNOPT, IPOPT and NLopt take a shorter
+    step then. See `Evaluator.pinned`.
+
+    Attributes:
+        evaluator: Evaluates the states.
+
+    Examples:
+        A fingertip is brought down to the box, and the others stay where they are:
+
+        >>> import numpy as np
+        >>> from pydrake.solvers import MathematicalProgram, SnoptSolver
+        >>> from graspless_pin import Evaluator, load_scene
+        >>> from graspless_pin.interfaces.drake import PinnedFunctions
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> pins = [*((f"finger_{k}_tip", "object") for k in (1, 2, 3)), ("object", "table")]
+        >>> evaluator = Evaluator(scene, pins=pins)
+        >>> functions, program = PinnedFunctions(evaluator), MathematicalProgram()
+        >>> q = program.NewContinuousVariables(len(evaluator.joint_names), "q")
+        >>> bounds = program.AddBoundingBoxConstraint(*evaluator.joint_limits, q)
+        >>> shut = program.AddConstraint(functions.gaps, np.zeros(7), np.zeros(7), q)
+        >>> opened = evaluator.configuration({"finger_1_distal": 0.85})  # rad
+        >>> near = program.AddQuadraticErrorCost(np.eye(9), opened, q)
+        >>> found = SnoptSolver().Solve(program, opened)
+        >>> found.is_success(), bool(abs(functions.gaps(found.GetSolution(q))).max() < 1e-6)
+        (True, True)
+    """
+
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        to_state: ToState | None = None,
+        *,
+        twist: ArrayLike | Motion | None = None,
+    ) -> None:
+        """Take the evaluator, and what its states are functions of.
+
+        Args:
+            evaluator: Has pins, and no regularisation.
+            to_state: From variables to (q, T_world_object), or None where there is no such state.
+                None: the variables are the positions of `Evaluator.joint_names`, and after them,
+                if there are seven more, the object's pose as Drake's floating bodies have it: a
+                quaternion w, x, y, z of any length, and the position, m.
+            twist: See `Evaluator.evaluate`; the motion is the same in all states.
+
+        Raises:
+            ArgumentError: As for `Evaluator.pinned` and `PinnedState.by_optimum` of the scene's own
+                state.
+        """
+        first, scene = evaluator.pinned(None, None, twist), evaluator.scene
+        if first.evaluation.found:
+            _ = first.by_optimum  # says what is wrong before a program asks
+        self.evaluator = evaluator
+        self._to_state, self._twist = to_state or self._joints_and_pose, twist
+        self._center = scene.object.center_of_mass
+        self._gap_count = len(first.gaps)
+        self._torque_count = 0 if scene.hand is None else len(scene.hand.actuated_joint_names)
+        self._states: dict[bytes, PinnedState | None] = Bounded(_MOST_KEPT)
+
+    def gaps(self, variables: Any) -> Any:
+        """Return the (P,) gaps of the pins, m: see `PinnedState.gaps`."""
+        return self._figures(variables, self._gap_count, lambda at: at.gaps, lambda at: at.by_gaps)
+
+    def optimum(self, variables: Any) -> Any:
+        """Return the (1,) optimum: the largest margin, N, or what `PinnedState.optimum` is."""
+        return self._figures(
+            variables, 1, lambda at: np.array([at.optimum]), lambda at: at.by_optimum, torques=True
+        )
+
+    def torques(self, variables: Any) -> Any:
+        """Return the (L,) motor torques: see `PinnedState.torques`."""
+        return self._figures(
+            variables,
+            self._torque_count,
+            lambda at: at.torques,
+            lambda at: at.by_torques,
+            torques=True,
+        )
+
+    def _figures(
+        self,
+        variables: Any,
+        count: int,
+        values_of: Callable[[PinnedState], FloatArray],
+        derivatives_of: Callable[[PinnedState], Derivatives],
+        *,
+        torques: bool = False,
+    ) -> Any:
+        variables = np.asarray(variables)
+        found = self._to_state(variables)
+        q, T = (None, None) if found is None else found
+        q, T = _entries(q), _entries(T)
+        state = None if found is None else self._state(_values(q), _values(T))
+        known = state is not None and (state.evaluation.found or not torques)
+        values = values_of(state) if state is not None and known else np.full(count, np.nan)
+        if variables.dtype != object:
+            return np.array(values, dtype=float)
+        size = _autodiff.ExtractGradient(variables[:, None]).shape[1]
+        gradient = np.full((count, size), np.nan)
+        if state is not None and known:
+            gradient = self._chained(derivatives_of(state), q, T, size)
+        return _autodiff.InitializeAutoDiff(values, gradient)[:, 0]
+
+    def _state(self, q: FloatArray | None, T: FloatArray | None) -> PinnedState | None:
+        """Return the state of a configuration; None: a joint is outside its limits."""
+        if q is not None:
+            inside = np.clip(q, *self.evaluator.joint_limits)
+            if np.abs(inside - q).max(initial=0.0) > _OUTSIDE:
+                return None
+            q = inside
+        key = b"".join([one.tobytes() for one in (q, T) if one is not None])
+        if key not in self._states:
+            self._states[key] = self.evaluator.pinned(q, T, self._twist)
+        return self._states[key]
+
+    def _chained(self, by: Derivatives, q: Any, T: Any, size: int) -> FloatArray:
+        """Return (count, size) derivatives by what q and T are functions of."""
+        gradient = np.zeros((len(np.atleast_2d(by.q)), size))
+        if q is not None:
+            gradient += np.atleast_2d(by.q) @ _gradient(q, size)
+        if T is not None:
+            R, moved = _values(T)[:3, :3], _gradient(T.ravel(), size).reshape(4, 4, size)
+            spin = np.einsum("ikn,jk->ijn", moved[:3, :3], R)
+            turned = np.einsum("ikn,k->in", moved[:3, :3], self._center)
+            twist = np.vstack([moved[:3, 3] + turned, spin[[2, 0, 1], [1, 2, 0]]])
+            gradient += np.atleast_2d(by.pose) @ twist
+        return gradient
+
+    def _joints_and_pose(self, variables: Any) -> tuple[Any, Any]:
+        count = len(self.evaluator.joint_names)
+        if len(variables) not in (count, count + 7):
+            raise ArgumentError(
+                "variables",
+                f"needs {count} joint positions, and 7 more for the object's pose if that is "
+                f"variable, got {len(variables)}",
+            )
+        return variables[:count], _pose(variables[count:]) if len(variables) > count else None
+
+
+def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
+    """Return what takes positions of a ``MultibodyPlant`` to states of an evaluator.
+
+    Joints have the same names in both; those of a mount with a prefix, ``left/joint``, are looked
+    for in the plant's model instance of that name. It is a ``to_state`` of `PinnedFunctions` for
+    programs with the variables of a plant, such as those of ``InverseKinematics``, and takes a
+    context to a scene: ``evaluator.scene_at(*states(plant.GetPositions(context)))``.
+
+    Args:
+        evaluator: Knows the scene.
+        plant: Finalized; of floats.
+        body: Name of the object's body in the plant; its frame is the object's.
+
+    Returns:
+        From (n,) positions, floats or ``AutoDiffXd``, to ((a,) positions of
+        `Evaluator.joint_names`, (4, 4) pose of the object).
+
+    Raises:
+        ArgumentError: If the plant lacks a joint or the body, or has a link elsewhere than the
+            scene has it.
+
+    Examples:
+        >>> import numpy as np
+        >>> from pydrake.math import RigidTransform
+        >>> from pydrake.multibody.parsing import Parser
+        >>> from pydrake.multibody.plant import MultibodyPlant
+        >>> from pydrake.multibody.tree import SpatialInertia
+        >>> from graspless_pin import Evaluator, load_scene
+        >>> from graspless_pin.interfaces.drake import plant_states
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> evaluator, plant = Evaluator(scene), MultibodyPlant(0.0)
+        >>> box = plant.AddRigidBody("box", SpatialInertia.SolidBoxWithMass(1.0, 0.12, 0.16, 0.1))
+        >>> base = plant.GetFrameByName("palm", Parser(plant).AddModels("robots/trihand.urdf")[0])
+        >>> X_base = RigidTransform(scene.hand.T_world_base)
+        >>> weld = plant.WeldFrames(plant.world_frame(), base, X_base)
+        >>> plant.Finalize()
+        >>> states, context = plant_states(evaluator, plant, "box"), plant.CreateDefaultContext()
+        >>> plant.SetFreeBodyPose(context, box, RigidTransform(scene.object.T_world_object))
+        >>> for name in evaluator.joint_names:
+        ...     _ = plant.GetJointByName(name).set_angle(context, scene.hand.q[name])
+        >>> state = evaluator.scene_at(*states(plant.GetPositions(context)))
+        >>> bool(np.allclose(state.hand.positions, scene.hand.positions))
+        True
+    """
+    places = [_joint(plant, name).position_start() for name in evaluator.joint_names]
+    if not plant.HasBodyNamed(body):
+        raise ArgumentError("body", f"{body!r} is none of the plant's; name the object's body")
+    if evaluator.scene.hand is not None:
+        _check_links(plant, evaluator.scene.hand)
+    index = plant.GetBodyByName(body).index()
+    plants = {False: (plant, plant.CreateDefaultContext())}
+
+    def to_state(positions: Any) -> tuple[Any, Any]:
+        positions = np.asarray(positions)
+        differentiated = positions.dtype == object
+        if differentiated not in plants:
+            other = plant.ToAutoDiffXd()
+            plants[True] = other, other.CreateDefaultContext()
+        own, context = plants[differentiated]
+        own.SetPositions(context, positions)
+        T = own.EvalBodyPoseInWorld(context, own.get_body(index)).GetAsMatrix4()
+        return positions[places], T
+
+    return to_state
+
+
+def _joint(plant: Any, name: str) -> Any:
+    """Return the joint of the plant that a scene's joint is."""
+    prefix, _, own = name.rpartition("/")
+    try:
+        joint = plant.GetJointByName(own, *_instances(plant, prefix))
+    except RuntimeError as error:
+        raise ArgumentError("plant", f"lacks the scene's joint {name!r}: {error}") from None
+    if joint.num_positions() != 1:
+        count = joint.num_positions()
+        raise ArgumentError("plant", f"has {count} positions of joint {name!r}, the scene has 1")
+    return joint
+
+
+def _instances(plant: Any, prefix: str) -> list[Any]:
+    return [plant.GetModelInstanceByName(prefix)] if prefix else []
+
+
+def _check_links(plant: Any, hand: Hand) -> None:
+    """Compare the links that both have, with all joints as they are in the scene."""
+    context = plant.CreateDefaultContext()
+    positions = plant.GetPositions(context)
+    for name, value in hand.q.items():
+        prefix, _, own = name.rpartition("/")
+        if plant.HasJointNamed(own, *_instances(plant, prefix)):
+            positions[_joint(plant, name).position_start()] = value
+    plant.SetPositions(context, positions)
+    for link in hand.link_names:
+        prefix, _, own = link.rpartition("/")
+        instances = _instances(plant, prefix)
+        if not plant.HasBodyNamed(own, *instances):
+            continue
+        there = plant.GetBodyByName(own, *instances)
+        T = plant.EvalBodyPoseInWorld(context, there).GetAsMatrix4()
+        off = np.abs(T - hand.pose_of(link))[:3]
+        if off.max() > _SAME_PLACE:
+            raise ArgumentError(
+                "plant",
+                f"has link {link!r} {np.linalg.norm(off[:, 3]):.3g} m from where the scene has it, "
+                "or turned; weld the hand's base at scene.hand.T_world_base",
+            )
+
+
+def _pose(variables: Any) -> Any:
+    """Return (4, 4) of a quaternion w, x, y, z of any length, and a position."""
+    number = _autodiff.AutoDiffXd if variables.dtype == object else float
+    wxyz = variables[:4] / np.sqrt(variables[:4] @ variables[:4])
+    turn = _eigen.Quaternion_[number](wxyz)
+    return _math.RigidTransform_[number](turn, variables[4:]).GetAsMatrix4()
+
+
+def _entries(values: Any) -> Any:
+    """Return an array of floats or of ``AutoDiffXd``, never of both; None stays."""
+    if values is None:
+        return None
+    if hasattr(values, "GetAsMatrix4"):
+        values = values.GetAsMatrix4()
+    found = np.asarray(values)
+    if found.dtype != object:
+        return found.astype(float)
+    own = _autodiff.AutoDiffXd
+    each = [one if isinstance(one, own) else own(one) for one in found.flat]
+    return np.array(each, dtype=object).reshape(found.shape)
+
+
+def _values(entries: Any) -> Any:
+    if entries is None or entries.dtype != object:
+        return entries
+    return _autodiff.ExtractValue(entries.reshape(-1, 1)).reshape(entries.shape)
+
+
+def _gradient(entries: Any, size: int) -> FloatArray:
+    """Return (N, size) derivatives of N entries."""
+    if entries.dtype != object:
+        return np.zeros((len(entries), size))
+    gradient = _autodiff.ExtractGradient(entries[:, None])
+    return gradient if gradient.size else np.zeros((len(entries), size))
