@@ -30,7 +30,7 @@ PINNED ?= 100
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips uncertain timings planning-tasks mistakes clean hands place states pinned published-plan dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips uncertain timings planning-tasks mistakes clean hands place states pinned published-plan dense wheel frozen size adapters
 
 install: $(STAMP)
 
@@ -162,6 +162,10 @@ dense: install
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)
+
+# Each adapter's tests, in a fresh environment with its one extra.
+adapters:
+	$(PYTHON) .ci/adapters.py $(ADAPTERS)
 
 frozen: install
 	$(BIN)/python -m tests.oracles.frozen $(BASE) $(FROZEN)
