@@ -1,6 +1,7 @@
 """Pinned contacts: what they are at a contact, away from one, and for an optimiser."""
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -202,6 +203,36 @@ def test_what_has_no_pinned_state_is_named():
     smooth = pinned("trihand_push_box", regularization=1e-3).pinned()
     with pytest.raises(ArgumentError, match="regularisation"):
         _ = smooth.by_optimum
+
+
+def test_friction_and_mass_that_are_given_are_those_of_the_state():
+    """Whatever the scene has them from: a number, a support's own, or materials."""
+    plain = example("trihand_push_box").with_changes(motion=None)
+    told = {
+        "object.material": "box",
+        "hand.material": "rubber",
+        "materials": {"rubber": {"box": 0.7}},
+    }
+    of_materials = plain.with_changes({"friction": 0.3, **told})
+    found = []
+    for scene in (plain, of_materials):
+        state = Evaluator(scene, pins=[*TIPS, ("object", "table")]).pinned(
+            friction=[0.5, 0.6, 0.7, 0.4], mass=0.4
+        )
+        problem = state.evaluation.solution.problem
+        assert problem.friction.tolist() == [0.5, 0.6, 0.7, 0.4, 0.4, 0.4, 0.4]
+        np.testing.assert_allclose(problem.external_wrench[:3], 0.4 * scene.gravity)
+        found.append(state.optimum)
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+    evaluator = pinned("trihand_push_box")
+    wrong: Any
+    for wrong, message in (
+        ({"friction": [0.5]}, "friction"),
+        ({"friction": [0.5, 0.5, 0.5, -0.1]}, "friction"),
+        ({"mass": 0.0}, "mass: is 0.0; it must be positive"),
+    ):
+        with pytest.raises(ArgumentError, match=message):
+            evaluator.pinned(**wrong)
 
 
 def test_figures_of_the_oracle_are_those_of_the_state():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -93,6 +94,13 @@ class Configurations:
         if self._hand is None or not named.keys() <= set(self.joint_names):
             return None
         return self.array({} if q is None else q)
+
+    def with_scene(self, scene: Scene) -> Configurations:
+        """Return the same states of a scene that differs in mass and friction alone."""
+        other = copy(self)
+        vars(other).pop("without_limits", None)
+        other.scene = scene
+        return other
 
     @cached_property
     def without_limits(self) -> Configurations:

@@ -211,17 +211,26 @@ class Evaluator:
         q: Configuration | None = None,
         T_world_object: ArrayLike | None = None,
         twist: ArrayLike | Motion | None = None,
+        *,
+        friction: ArrayLike | None = None,
+        mass: float | None = None,
     ) -> PinnedState:
         """Return gaps, margin and torques of a state with their gradients: what an optimiser needs.
 
-        The arguments are those of `evaluate`.
+        Args:
+            q: See `evaluate`.
+            T_world_object: See `evaluate`.
+            twist: See `evaluate`.
+            friction: (B,) coefficients of the bodies that are pinned, each once in the order of
+                `PinnedState.bodies`; None: as in the scene.
+            mass: Of the object, kg; None: as in the scene.
 
         Raises:
-            ArgumentError: As for `evaluate`; if the evaluator has no pins, or a regularisation; or
-                if a joint stands outside its limits.
+            ArgumentError: As for `evaluate`; if the evaluator has no pins; if a joint stands
+                outside its limits; or if a coefficient is negative or the mass not positive.
             SceneError: As for `evaluate`.
         """
-        return pinned_state(self._solver, q, T_world_object, twist)
+        return pinned_state(self._solver, q, T_world_object, twist, friction, mass)
 
     def evaluate_many(
         self,

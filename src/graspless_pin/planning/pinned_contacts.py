@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
-from graspless_pin.algorithms.gradients import agreeing, gradients_at, optimum_gradients
+from graspless_pin.algorithms.gradients import (
+    Gradients,
+    agreeing,
+    gradients_at,
+    optimum_gradients,
+)
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.nearest_points import Rates
 from graspless_pin.geometry.hand.joint_columns import JointColumns
@@ -20,10 +25,11 @@ from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.pins import pin_rates, pinned_points
 from graspless_pin.planning.problem_rates import ContactRates, ProblemRates, problem_rates
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, changed
 from graspless_pin.scene import Scene
+from graspless_pin.scene.load_wrenches import object_wrench
 
 if TYPE_CHECKING:
     from graspless_pin.planning.state_solver import StateSolver
@@ -31,14 +37,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Derivatives(Brief):
-    """Derivatives of some figures by the hand's configuration and by the object's pose.
+    """Derivatives of some figures by configuration, pose, friction and mass.
 
     Attributes:
         q: (..., a) by the joints of `Evaluator.joint_names`, per rad or m.
         pose: (..., 6) by the object's twist about its centre of mass, [linear; angular] in world
             axes, per m and rad.
-        unique: (..., a + 6) where these are derivatives, q first; elsewhere the figure has or may
-            have a kink, and they are one of several one-sided derivatives.
+        friction: (..., B) by the coefficients of the B bodies, each once in the order of
+            `PinnedState.bodies`, per unit.
+        mass: (..., 1) by the object's mass, per kg.
+        unique: (..., a + 6 + B + 1) where these are derivatives, in this order; elsewhere the
+            figure has or may have a kink, and they are one of several one-sided derivatives.
 
     Examples:
         >>> from graspless_pin import Evaluator, load_scene
@@ -51,7 +60,30 @@ class Derivatives(Brief):
 
     q: FloatArray
     pose: FloatArray
+    friction: FloatArray
+    mass: FloatArray
     unique: NDArray[np.bool_]
+
+
+class _Rates(NamedTuple):
+    """How a state's problem changes with what its figures are differentiated by.
+
+    Attributes:
+        moving: By the a joints and the object's twist.
+        surfaces: (M, B) one where a contact has the coefficient of a body.
+        weight: (6,) wrench per kg of the object.
+        smooth: Whether no contact is at a kink.
+    """
+
+    moving: ProblemRates
+    surfaces: FloatArray
+    weight: FloatArray
+    smooth: bool
+
+    def of(self, by: Gradients) -> FloatArray:
+        """Return (a + 6 + B + 1,) what derivatives by the problem's data come to."""
+        weight = by.external_wrench @ self.weight
+        return np.concatenate([self.moving.of(by), by.friction @ self.surfaces, [weight]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,8 +113,7 @@ class PinnedState(Brief):
     bodies: tuple[str, ...]
     gaps: FloatArray
     by_gaps: Derivatives
-    _rates: ProblemRates | None = None
-    _smooth: bool = True
+    _rates: _Rates | None = None
 
     @property
     def margin(self) -> float:
@@ -116,7 +147,7 @@ class PinnedState(Brief):
         """
         data = optimum_gradients(self.evaluation.solution)
         own, *others = self._each((data.point, *data.alternatives))
-        return _derivatives(own, agreeing(own, *others) & self._smooth)
+        return self._derivatives(own, agreeing(own, *others))
 
     @cached_property
     def by_torques(self) -> Derivatives:
@@ -129,21 +160,38 @@ class PinnedState(Brief):
         data = optimum_gradients(self.evaluation.solution)
         own, *others = map(self._each, OptimalSet(data.solution).torque_points())
         rows = [agreeing(*one) for one in zip(own, *others, strict=True)]
-        return _derivatives(own, np.array(rows, dtype=bool).reshape(own.shape) & self._smooth)
+        return self._derivatives(own, np.array(rows, dtype=bool).reshape(own.shape))
 
     def _each(self, points: Sequence[OptimalPoint]) -> FloatArray:
-        """(N, a + 6) what each of N choices of forces and multipliers gives."""
-        rates = self._rates
-        assert rates is not None  # noqa: S101 - there are torques
+        """(N, a + 6 + B + 1) what each of N choices of forces and multipliers gives."""
+        rates = self._known_rates
         found = [rates.of(gradients_at(self.evaluation.solution, at)) for at in points]
-        return np.array(found).reshape(-1, rates.spins.shape[-1])
+        size = rates.moving.spins.shape[-1] + rates.surfaces.shape[1] + 1
+        return np.array(found).reshape(-1, size)
+
+    def _derivatives(self, values: FloatArray, unique: NDArray[np.bool_]) -> Derivatives:
+        count = self.by_gaps.q.shape[-1]
+        q, pose, friction, mass = np.split(values, [count, count + 6, -1], axis=-1)
+        unique = unique & self._known_rates.smooth
+        return Derivatives(
+            read_only(q), read_only(pose), read_only(friction), read_only(mass), unique
+        )
+
+    @property
+    def _known_rates(self) -> _Rates:
+        assert self._rates is not None  # noqa: S101 - there are torques
+        return self._rates
 
 
-def pinned_state(solver: StateSolver, q: Any, T_world_object: Any, twist: Any) -> PinnedState:
+def pinned_state(
+    solver: StateSolver, q: Any, T_world_object: Any, twist: Any, friction: Any, mass: Any
+) -> PinnedState:
     """Return a state with its gradients: see `Evaluator.pinned`."""
     pins = solver.configurations.pins
     if pins is None:
         raise ArgumentError("pins", "were not given to this evaluator: Evaluator(scene, pins=...)")
+    if friction is not None or mass is not None:
+        solver = solver.with_scene(_with_surfaces(solver.configurations.scene, friction, mass))
     evaluation = solver.evaluate(q, T_world_object, twist)
     if evaluation.status is StateStatus.OUTSIDE_LIMITS:
         raise ArgumentError("q", f"cannot be taken: {evaluation.reason}; clip it to joint_limits")
@@ -156,12 +204,16 @@ def pinned_state(solver: StateSolver, q: Any, T_world_object: Any, twist: Any) -
     n = len(coupling)
     gaps = np.array([one.gap for one in rates])
     smooth = np.array([one.smooth for one in rates])
+    bodies = tuple([one.contact.body for one in points])
+    surfaces = np.array([[one == body for body in dict.fromkeys(bodies)] for one in bodies], float)
+    none = np.zeros((len(points), surfaces.shape[1] + 1))
     by_gaps = Derivatives(
         read_only(gaps[:, :n] @ coupling),
         read_only(gaps[:, n:]),
-        np.repeat(smooth[:, None], coupling.shape[1] + 6, axis=1),
+        read_only(none[:, :-1]),
+        read_only(none[:, -1:]),
+        np.repeat(smooth[:, None], coupling.shape[1] + 6 + none.shape[1], axis=1),
     )
-    bodies = tuple([one.contact.body for one in points])
     values = read_only(np.array([one.gap for one in points]))
     if not evaluation.found:
         return PinnedState(evaluation, bodies, values, by_gaps)
@@ -173,9 +225,33 @@ def pinned_state(solver: StateSolver, q: Any, T_world_object: Any, twist: Any) -
         np.array([one.middle for one in moving]), turns, center, np.roll(center, 3, axis=1)
     )
     count = len(evaluation.joint_names)
-    data = problem_rates(scene, columns, count, contacts).reduced(coupling)
-    smooth = all(one.smooth for one in moving)
-    return PinnedState(evaluation, bodies, values, by_gaps, data, smooth)
+    made = problem_rates(scene, columns, count, contacts).reduced(coupling)
+    # The wrench is linear in the mass.
+    heavier = scene.with_changes(object=scene.object.with_mass(scene.object.mass + 1.0))
+    weight = object_wrench(heavier) - object_wrench(scene)
+    rates = _Rates(made, surfaces[kept], weight, all(one.smooth for one in moving))
+    return PinnedState(evaluation, bodies, values, by_gaps, rates)
+
+
+def _with_surfaces(scene: Scene, friction: Any, mass: Any) -> Scene:
+    """Return a scene whose contacts are given with other friction, and with another mass."""
+    own, supports, table = scene.object, scene.supports, scene.friction
+    if mass is not None:
+        own = own.with_mass(mass)
+    if friction is None:
+        return scene.with_changes(object=own)
+    given = scene.given_contacts or ()
+    bodies = tuple(dict.fromkeys(contact.body for contact in given))
+    values = finite_array("friction", friction, (len(bodies),)).tolist()
+    each = dict(zip(bodies, values, strict=True))
+    return scene.with_changes(
+        object=changed(own, material=None),
+        hand_material=None,
+        friction={**table, **each},
+        supports=tuple(
+            [changed(one, friction=each.get(one.name, one.friction)) for one in supports]
+        ),
+    )
 
 
 def _carrying(evaluation: Evaluation, positions: FloatArray) -> list[int]:
@@ -220,7 +296,3 @@ def _spin(scene: Scene, problem: QuasistaticProblem, contact: int, rate: Rates) 
 def _center(joint_count: int) -> FloatArray:
     """(3, n + 6) how the centre of mass moves."""
     return np.hstack([np.zeros((3, joint_count)), np.eye(3), np.zeros((3, 3))])
-
-
-def _derivatives(values: FloatArray, unique: NDArray[np.bool_]) -> Derivatives:
-    return Derivatives(read_only(values[..., :-6]), read_only(values[..., -6:]), unique)

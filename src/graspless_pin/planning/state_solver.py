@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -92,6 +93,12 @@ class StateSolver:
     def with_objective(self, objective: Objective) -> StateSolver:
         """Return one for another objective, that has learned nothing."""
         return StateSolver(self.configurations, objective, self.options, self.checks)
+
+    def with_scene(self, scene: Scene) -> StateSolver:
+        """Return one for a pinned scene of another mass and friction; they learn together."""
+        other = copy(self)
+        other.configurations = self.configurations.with_scene(scene)
+        return other
 
     def solved(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation | WarmState:
         """Solve for one state, with as few records as can be: see `Evaluator.evaluate`.

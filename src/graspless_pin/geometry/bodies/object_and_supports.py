@@ -181,6 +181,16 @@ class ManipulatedObject(Brief, _PlacedShape):
         placed = self._placed(pose)
         return changed(self, "center_of_mass_world", T_world_object=pose, placed_bodies=placed)
 
+    def with_mass(self, mass: float) -> ManipulatedObject:
+        """Return this object with another mass, kg; an inertia that was stated stays.
+
+        Raises:
+            ArgumentError: If it is not positive.
+        """
+        if not (math.isfinite(mass) and mass > 0.0):
+            raise ArgumentError("mass", f"is {mass!r}; it must be positive, in kg")
+        return changed(self, "own_inertia", mass=float(mass))
+
     @cached_property
     def center_of_mass_world(self) -> NDArray[np.float64]:
         """(3,) read-only centre of mass in the world frame, m."""
