@@ -203,13 +203,18 @@ class Counted:
         """Take the evaluator."""
         self.states = 0
         solver: Any = evaluator._solver
-        looked_at = solver.looked_at
+        posed, reaches = solver.posed, solver.loops.reaches
 
         def count(*args: Any, **keywords: Any) -> Any:
             self.states += 1
-            return looked_at(*args, **keywords)
+            return posed(*args, **keywords)
 
-        solver.looked_at = count
+        def count_in_loops(*args: Any, **keywords: Any) -> Any:
+            reached = reaches(*args, **keywords)
+            self.states += reached is not None
+            return reached
+
+        solver.posed, solver.loops.reaches = count, count_in_loops
 
 
 def dense_states(
