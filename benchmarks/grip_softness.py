@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from tabulate import tabulate
@@ -83,7 +84,7 @@ def soft_cases(scene: Scene, grip: str, failed: Sequence[tuple[str, float]]) -> 
         failed: Algorithm and the feedback that is said to be needed.
     """
     for algorithm, needed in failed:
-        more = {"margin": MARGIN} if algorithm == "torque" else {}
+        more: dict[str, Any] = {"margin": MARGIN} if algorithm == "torque" else {}
         torques = scene.solve(algorithm, **more).torques
 
         def run(gain: float, model: ContactModel, torques: FloatArray = torques) -> SimulatedRun:

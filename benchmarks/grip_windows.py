@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from tabulate import tabulate
@@ -133,7 +134,7 @@ class EndCase:
 def stable_cases(scene: Scene, grip: str) -> Iterator[StableCase]:
     """Yield what is found for a grip whose best case needs feedback, without any and with less."""
     for algorithm in ("margin", "torque"):
-        more = {"margin": MARGIN} if algorithm == "torque" else {}
+        more: dict[str, Any] = {"margin": MARGIN} if algorithm == "torque" else {}
         best = scene.solve(algorithm, **more)
         if not best.found:
             continue

@@ -16,7 +16,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import chain, islice, product
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import trimesh
@@ -222,7 +222,7 @@ def cases(
     with capture():
         scene = load_scene(path)
         for algorithm in algorithms:
-            more = {"margin": MARGIN} if algorithm == "torque" else {}
+            more: dict[str, Any] = {"margin": MARGIN} if algorithm == "torque" else {}
             solution = scene.solve(algorithm, **more)
             if solution.found:
                 found += _of_torques(scene, path.stem, algorithm, solution.torques, soft=soft)

@@ -77,8 +77,7 @@ def on_page_markdown(markdown: str, **_: object) -> str:
 
 def solution_of(scene: Scene, margin: float | None = None) -> TorqueSolution:
     """Return the solution of Algorithm 2 with a required margin (N); None: of Algorithm 1."""
-    asked = {"algorithm": "margin"} if margin is None else {"algorithm": "torque", "margin": margin}
-    solution = scene.solve(**asked)
+    solution = scene.solve("margin") if margin is None else scene.solve("torque", margin=margin)
     if not solution.found:
         raise PluginError(f"{scene.name}: not found: {solution.status}")
     return solution

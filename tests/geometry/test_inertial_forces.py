@@ -65,10 +65,10 @@ def test_a_base_that_turns_is_a_joint_below_all_others() -> None:
         hand, rates, changes = moving("panda", seed)
         first = "panda_joint1"
         whole = hand_motions(hand, STILL, rates, changes)
-        others = ({name: one for name, one in part.items() if name != first}
-                  for part in (rates, changes))  # fmt: skip
+        slower, steadier = ({name: one for name, one in part.items() if name != first}
+                            for part in (rates, changes))  # fmt: skip
         base = RigidMotion(np.r_[np.zeros(5), rates[first]], np.r_[np.zeros(5), changes[first]])
-        split = hand_motions(hand, base, *others)
+        split = hand_motions(hand, base, slower, steadier)
         np.testing.assert_allclose(split.wrenches, whole.wrenches, atol=1e-9)
         np.testing.assert_allclose(split.torques(hand), whole.torques(hand), atol=1e-9)
 

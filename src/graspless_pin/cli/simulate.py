@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -93,9 +93,8 @@ def simulate_scene(
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
         with waiting_for("solving"):
-            solution = loaded.solve(
-                algorithm, **({} if required is None else {"stability": required})
-            )
+            asked: dict[str, Any] = {} if required is None else {"stability": required}
+            solution = loaded.solve(algorithm, **asked)
         echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to simulate: {solution.status.message}")

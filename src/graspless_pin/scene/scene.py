@@ -151,11 +151,13 @@ class Scene(SceneFields):
 
     @overload
     def solve(
-        self, algorithm: str | None = None, *, uncertainty: Uncertainty, **options: Any
-    ) -> RobustSolution: ...
+        self, algorithm: str | None = None, *, uncertainty: None = None, **options: Any
+    ) -> TorqueSolution: ...
 
     @overload
-    def solve(self, algorithm: str | None = None, **options: Any) -> TorqueSolution: ...
+    def solve(
+        self, algorithm: str | None = None, *, uncertainty: Uncertainty, **options: Any
+    ) -> RobustSolution: ...
 
     def solve(
         self,

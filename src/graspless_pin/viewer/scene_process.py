@@ -166,7 +166,7 @@ def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
         try:
             changed = changed_scene(scene, settings.values)
             takes_margin = not useless("margin", settings.algorithm)
-            options = {"margin": settings.required_margin} if takes_margin else {}
+            options: dict[str, Any] = {"margin": settings.required_margin} if takes_margin else {}
             solution = changed.solve(settings.algorithm, **options)
         except GrasplessPinError as error:
             if isinstance(error, StateError) and error.kind is StateFault.NO_CONTACT:
