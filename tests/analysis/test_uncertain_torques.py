@@ -23,6 +23,8 @@ from graspless_pin.algorithms.uncertainty import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem.members import joined
 from graspless_pin.programs.objectives import Torque
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
 
 CORNERS = Uncertainty(mass=0.2, center_of_mass=0.01)
 
@@ -128,6 +130,18 @@ def test_changed_scenes_balance_under_the_torques(name, given, feedback):
     assert found.coverage is Coverage.WHOLE_SET
     added = None if feedback is None else yielding(scene.problem())
     assert max(unbalanced(scene, given, found, 15, 3, added)) < BALANCED
+
+
+def test_the_proof_stands_in_a_document():
+    scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+    unknown = Uncertainty(mass=0.2, center_of_mass=0.005)
+    found = scene.solve(
+        "torque", margin=0.05, uncertainty=unknown, static_friction="coulomb", feedback=1.0
+    )
+    document = solution_document(found.solution)
+    assert verify_document(document).proven
+    document["contacts"][0]["force"][0] += 0.1
+    assert not verify_document(document).passed
 
 
 def test_nominal_torques_do_not_serve_the_corners():
