@@ -86,14 +86,15 @@ class EdgeState(NamedTuple):
         valid: Whether nothing speaks against it.
         contacts: What touches and slides; equal only where the contacts are the same.
         query: The state as `Evaluator.evaluate` takes it.
-        posed: Its scene and problem.
+        posed: Its scene and problem; None of an object that moves with a link: in the hand nothing
+            changes, and yes or no is all that was asked for.
     """
 
     fraction: float
     valid: bool
     contacts: tuple[Any, ...]
     query: tuple[FloatArray, FloatArray | None, FloatArray | None]
-    posed: PosedScene
+    posed: PosedScene | None = None
 
 
 class Edge:
@@ -193,15 +194,19 @@ class Edge:
         return MotionMargins(read_only(fractions.copy()), read_only(margins.copy()))
 
     def _margin(self, state: EdgeState) -> float:
-        scene, problem, _ = state.posed
-        if not state.valid or problem is None:
+        if not state.valid:
+            return -np.inf
+        scene, problem, _ = state.posed or self._solver.posed(*state.query)
+        if problem is None:
             return -np.inf
         return self._solver.margin_of(scene, problem, self._required)[0]
 
     def _look(self, fraction: float) -> EdgeState:
-        pose, twist = (None, None) if self._carried else self._screw.at(fraction)
-        query = self._start + fraction * self._way, pose, twist
-        solver, solve = self._solver, self._required >= 0.0
+        q, solver, solve = self._start + fraction * self._way, self._solver, self._required >= 0.0
+        if self._carried:
+            reached = solver.reaches(q, None, None, self._required)
+            return EdgeState(fraction, reached, (), (q, None, None))
+        query = q, *self._screw.at(fraction)
         found = solver.posed(*query, solve=solve)
         if self._ends_by_touching(fraction, found):
             query = *query[:2], np.zeros(6)
