@@ -268,3 +268,16 @@ def test_the_schema_of_studies_states_their_bounds():
     assert most("SamplingEntry", "depth") == bounds.DEEPEST_HALVINGS
     for key in ("time_limit", "sample_time_limit"):
         assert most("ComputeEntry", key) == bounds.LONGEST_TIME
+
+
+def test_tolerances_are_told_in_their_units():
+    told = run("tolerances", PAPER / "cuboid_at_rest.yaml", "--algorithm", "torque")
+    assert told.exit_code == 0 and "--feedback tells" in told.stdout
+    for words in ("more mass", "centre of mass", " cm", " deg", "push", " N m"):
+        assert words in told.stdout
+    ball = ROOT / "examples" / "allegro_sphere_on_slope.yaml"
+    held = run("tolerances", ball, "--feedback", "1").stdout
+    masses = [text.split("%")[0].split()[-1] for text in (held, run("tolerances", ball).stdout)]
+    assert float(masses[0]) > 1.0 and float(masses[1]) == 0.0
+    assert "--feedback" not in held
+    assert run("tolerances", ball, "--feedback", "-1").exit_code == 2

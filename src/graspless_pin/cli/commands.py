@@ -23,6 +23,7 @@ __all__ = ["app"]
 _COMMANDS = {
     "solve": "solve.solve_scene",
     "robustness": "robustness.robustness_scene",
+    "tolerances": "tolerances.tolerances_of_scene",
     "verify": "verify.verify",
     "report": "report.report",
     "view": "view.view_scene",
