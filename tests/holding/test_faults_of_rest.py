@@ -219,7 +219,8 @@ def test_without_lies_all_is_decided_and_every_site_is_asked(
     for site in SITES:
         lie_in(monkeypatch, site, lambda answer, site=site: asked.add(site) or answer)
     for name, case in CASES.items():
-        assert assert_true(name) is case.status
+        # Which outcome a tree meets first hangs on rounding.
+        assert assert_true(name, node_limit=1000) is case.status
     assert asked == set(SITES)
 
 

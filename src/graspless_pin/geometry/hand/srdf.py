@@ -103,7 +103,8 @@ def _applied(robot: RobotModel, file: Path) -> RobotModel:
             frozenset((one.get("link1", ""), one.get("link2", "")))
             for one in root.findall("disable_collisions")
         ),
-        groups={name: groups.joints(name) for name in groups.elements},
+        # An SRDF of a whole robot may stand beside the URDF of its hand.
+        groups={name: own for name in groups.elements if (own := groups.joints(name))},
         group_states=_states(robot, file, root),
     )
 
