@@ -11,6 +11,7 @@ from graspless_pin import (
     Controller,
     QuasistaticProblem,
     SlidingMode,
+    Status,
     Uncertainty,
     enumerate_modes,
     load_scene,
@@ -18,7 +19,8 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.robust_torques import Coverage, served_share
+from graspless_pin.algorithms.robust_solution import Coverage
+from graspless_pin.algorithms.robust_torques import served_share
 from graspless_pin.algorithms.uncertainty import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem.members import joined
@@ -229,6 +231,34 @@ def test_both_ends_of_one_coefficient_prove_nothing_between_them():
     narrow = maximize_margin(two_sliding_contacts(0.12), uncertainty=Uncertainty(friction=0.1))
     assert narrow.found
     assert narrow.coverage is Coverage.WHOLE_SET
+
+
+def test_what_an_answer_says():
+    problem = contacts_alone("paper/sphere_on_slope")
+    refused = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=CORNERS)
+    assert "feedback=" in str(refused)
+    weak = Uncertainty(effort=0.99)
+    alone = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=weak)
+    assert "this member alone cannot be served:\n  effort limits -99 %" in str(alone)
+    cuboid = contacts_alone("paper/cuboid_at_rest")
+    found = minimize_torque(cuboid, 0.1, static_friction="coulomb", uncertainty=CORNERS)
+    assert list(found.torques_by_joint.values()) == found.torques.tolist()
+    assert "proven for the whole set" in str(found)
+    assert all(name in str(found) for name in cuboid.joint_names)
+    wrong = Uncertainty(torque=[0.0, 0.99], torque_offset=[0.0, 20.0])
+    said = str(minimize_torque(cuboid, 0.1, static_friction="coulomb", uncertainty=wrong))
+    assert f"torques of {cuboid.joint_names[1]} " in said
+    assert f"torques of {cuboid.joint_names[0]} " not in said
+
+
+def test_time_that_is_over_finds_nothing():
+    problem = contacts_alone("allegro_mug_against_wall", 8)
+    unknown = Uncertainty(mass=0.1, center_of_mass=0.004, force=0.2, moment=0.01)
+    found = minimize_torque(
+        problem, 0.05, static_friction="coulomb", uncertainty=unknown, time_limit=0.0
+    )
+    assert found.status is Status.NOT_FOUND_IN_LIMIT
+    assert np.isnan(found.max_torque)
 
 
 def test_a_set_without_width_is_the_nominal_problem():

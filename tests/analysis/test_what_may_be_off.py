@@ -52,7 +52,9 @@ def test_each_is_borne_just_so_far(name, feedback):
     off = tolerances(problem, torques, feedback=feedback, static_friction=COULOMB)
     added = None if feedback is None else yielding(problem)
     assert {one.quantity for one in off.each} >= set(Quantity) - {Quantity.TILT}
+    springs = 0.0 if feedback is None else feedback
     for one in off.each:
+        assert (one.deflection > 0.0) <= (springs > 0.0)
         assert one.borne <= one.failing
         assert one.borne >= 0.985 * one.failing or np.isinf(one.failing)
         if one.quantity is Quantity.TILT or np.isinf(one.failing):
@@ -64,6 +66,17 @@ def test_each_is_borne_just_so_far(name, feedback):
         # Contacts that slide fail with more friction or less, and not all alike.
         if one.quantity is not Quantity.FRICTION or not problem.is_sliding.any():
             assert beyond > BALANCED, one.quantity
+
+
+def test_stiffer_joints_give_way_less():
+    problem = load_scene("examples/allegro_sphere_on_slope.yaml").problem()
+    torques = minimize_torque(problem, 0.1, static_friction=COULOMB).torques
+    soft, stiff = (
+        tolerances(problem, torques, feedback=gain, static_friction=COULOMB).of("more mass")
+        for gain in (1.0, 4.0)
+    )
+    assert soft.failing == pytest.approx(stiff.failing, rel=1e-4)
+    assert soft.deflection == pytest.approx(4.0 * stiff.deflection, rel=1e-3)
 
 
 def test_pushes_from_all_sides_are_borne():

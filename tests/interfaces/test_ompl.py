@@ -263,6 +263,13 @@ def test_an_object_that_moves_with_a_link():
     assert SmallestMargin(space).stateCost(start).value() == pytest.approx(margin, abs=1e-6)
 
 
+def test_states_of_some_joints_need_a_function():
+    evaluator = Evaluator(load_scene("examples/panda_carry_bar.yaml"), attached_to="panda_hand")
+    setup = geometric.SimpleSetup(joint_space(evaluator, evaluator.joint_names[:2]))
+    with pytest.raises(ArgumentError, match="2 values and the evaluator 7 joints"):
+        attach_evaluator(setup, evaluator)
+
+
 def test_what_is_said_without_ompl():
     text = "import sys; sys.modules['ompl'] = None; import graspless_pin.interfaces.ompl"
     done = subprocess.run(  # noqa: S603 - our own text

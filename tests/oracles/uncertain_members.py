@@ -19,7 +19,7 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from graspless_pin import QuasistaticProblem, Scene, Uncertainty, load_scene
-from graspless_pin.algorithms.robust_torques import Coverage, RobustSolution
+from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Load
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import (
     Uncertainty,
@@ -23,15 +23,15 @@ from graspless_pin.algorithms.uncertainty import (
     members_of,
     nominal_member,
 )
-from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import Controller, gain_shares
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.members import Member, feedback_torques, joined, under_commands
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
-from graspless_pin.records import Brief
+from graspless_pin.records import changed
 from graspless_pin.solution import Status, TorqueSolution
 
 _AT_ONCE, _MORE = 16, 6
@@ -45,119 +45,6 @@ _SHARE = 1e-3
 
 Feedback = float | ArrayLike | Controller
 """Joint stiffness that adds to torques: one or (L,), N m/rad (N/m), or a controller's."""
-
-
-class Coverage(StrEnum):
-    """Which members an answer is proven for."""
-
-    WHOLE_SET = "the whole set"
-    """Forces of any member are means of those of the corners, in one mode."""
-    CORNERS = "the corners of the set"
-    """Modes differ from corner to corner: between them nothing is proven."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RobustSolution(Brief):
-    """Torques that serve a whole set of problems, and the forces of its corners.
-
-    See the example of `Uncertainty`.
-
-    Attributes:
-        solution: Of the joined problem of the members that were needed: its certificate proves the
-            answer.
-        coverage: Which members it is proven for.
-        bound: No torques for all corners are better than this, in the unit of the objective's
-            value: N for Algorithm 1, N m or N for Algorithm 2.
-        members: K corners of the set, those of the solution first.
-        joint_names: L names.
-        conflict: Numbers of members that no torques serve together, and any fewer of them do. Empty
-            where torques were found, or where it is not proven that there are none.
-        feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
-            constant.
-    """
-
-    solution: TorqueSolution
-    coverage: Coverage
-    bound: float
-    members: tuple[Member, ...]
-    joint_names: tuple[str, ...]
-    conflict: tuple[int, ...] = ()
-    feedback: FloatArray | None = None
-
-    @property
-    def status(self) -> Status:
-        """What is known of the joined problem."""
-        return self.solution.status
-
-    @property
-    def found(self) -> bool:
-        """Whether there are torques."""
-        return self.solution.found
-
-    @property
-    def margin(self) -> float:
-        """The margin that all members keep, N; NaN where nothing was found."""
-        return self.solution.margin
-
-    @property
-    def max_torque(self) -> float:
-        """The largest |torque| that is commanded in any member; NaN where nothing was found."""
-        return self.solution.max_torque
-
-    @property
-    def commands(self) -> FloatArray:
-        """(J, L) commanded torques of the solution's J members, N m (N).
-
-        They are the same but for what feedback adds.
-
-        Raises:
-            NoSolutionError: If nothing was found.
-        """
-        forces = self.contact_forces
-        commanded = [
-            member.commanded(member.problem.J.T @ force.ravel())
-            for member, force in zip(self.members, forces, strict=False)
-        ]
-        return np.array(commanded if self.feedback is not None else commanded[:1] * len(forces))
-
-    @property
-    def torques(self) -> FloatArray:
-        """(L,) torques to command, N m (N); with feedback those of the nominal problem."""
-        return self.commands[0]
-
-    @property
-    def deflections(self) -> FloatArray:
-        """(J, L) how far each joint gives way in each member to make the feedback, rad (m).
-
-        Raises:
-            NoSolutionError: If nothing was found, or there is no feedback.
-        """
-        if self.feedback is None:
-            raise NoSolutionError("Constant torques have no deflections: give the feedback.")
-        differences = self.commands - self.torques
-        return np.divide(
-            -differences, self.feedback, out=np.zeros_like(differences), where=self.feedback > 0.0
-        )
-
-    @property
-    def contact_forces(self) -> FloatArray:
-        """(J, M, 3) forces of the solution's J members, N, world axes."""
-        count = self.members[0].problem.contact_count
-        return self.solution.contact_forces.reshape(-1, count, 3)
-
-    def __str__(self) -> str:
-        """Return what was found, for which members, or which are in conflict."""
-        if not self.found:
-            lines = [f"no torques for the whole set: {self.status.message}"]
-            if self.conflict:
-                lines.append("these members cannot be served together:")
-                lines += [f"  {self.members[number].words}" for number in self.conflict]
-            return "\n".join(lines)
-        unit = self.solution.max_torque_unit
-        return (
-            f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} {unit}, proven for "
-            f"{self.coverage}"
-        )
 
 
 def solve_robust(
@@ -194,7 +81,11 @@ def solve_robust(
     """
     if not isinstance(uncertainty, Uncertainty):
         raise ArgumentError("uncertainty", f"is {uncertainty!r:.80}; it must be an Uncertainty")
-    options.need_weak("the argument uncertainty", "ask `stability` of the torques at each member")
+    options.need_weak(
+        "an uncertainty is about forces that may balance",
+        "leave it out, and ask `stability` of the torques",
+    )
+    limits = Limits.of(options)
     members = members_of(problem, uncertainty, weight)
     directions = stiffness = None
     if feedback is not None:
@@ -208,12 +99,17 @@ def solve_robust(
     chosen, others = _spread(members, at_once)
     while True:
         together = joined(chosen, directions)
-        found = _best(together, objective, options, chosen, modes)
+        found = _best(together, objective, limits.within(options), chosen, modes)
         lacking = (
             []
             if not found[0].found
-            else _lacking(found[0], objective, options, chosen, others, directions)
+            else _lacking(found[0], objective, options, chosen, others, directions, limits)
         )
+        if limits.passed and others and found[0].found:
+            # What was not looked at may be without forces under these torques.
+            ended = changed(found[0], status=Status.NOT_FOUND_IN_LIMIT, _forces=None, _mode=None)
+            found = ended, *found[1:]
+            break
         if not lacking:
             break
         chosen += [others[number] for number in lacking]
@@ -236,6 +132,8 @@ def joint_stiffness(
         ArgumentError: If it is negative, no number, of another number of joints, or not stated.
     """
     if isinstance(feedback, Controller) or np.ndim(feedback) == 0:
+        if not isinstance(feedback, Controller):
+            feedback = real_number("feedback", feedback, 0.0)
         controller = Controller.of("feedback", feedback)
         if not controller.is_stated or controller.holds_joints:
             raise ArgumentError("feedback", "states no stiffness; give one, N m/rad")
@@ -348,6 +246,7 @@ def _lacking(
     chosen: Sequence[Member],
     others: Sequence[Member],
     directions: FloatArray | None,
+    limits: Limits,
 ) -> list[int]:
     """Return which other members the torques do not serve, the worst few."""
     needed = solution.margin if objective.maximizes else objective.required_margin
@@ -360,12 +259,13 @@ def _lacking(
         size = chosen[0].problem.contact_count
         given = solution.given_mode
         mode = SlidingMode(given.selection[:size], given.signs[:size])
-    margins = np.array(
-        [
-            margin_of_member(one, commanded, options, directions=directions, mode=mode)
-            for one in others
-        ]
-    )
+    margins = np.full(len(others), np.inf)
+    for number, one in enumerate(others):
+        if limits.passed:
+            break
+        margins[number] = margin_of_member(
+            one, commanded, options, directions=directions, mode=mode
+        )
     lacking = np.flatnonzero(margins < needed - _AS_GOOD * force)
     return lacking[np.argsort(margins[lacking])][:_MORE].tolist()
 

@@ -81,6 +81,9 @@ class Tolerance(Brief):
         direction: (3,) unit vector of the change that fails there, world axes; of torques (L,);
             None where there is but one.
         contacts: The contacts at which it fails.
+        deflection: How far the joint that gives way most does so there to make the feedback, rad
+            (m); 0 without feedback, NaN where that was not worked out. Where it is not small,
+            contacts are elsewhere by then.
         boundary: (K, 3) changes that are just borne, one in each direction that was looked at, in
             the unit of `borne`; their hull is borne.
     """
@@ -90,6 +93,7 @@ class Tolerance(Brief):
     failing: float
     direction: FloatArray | None = None
     contacts: tuple[int, ...] = ()
+    deflection: float = 0.0
     boundary: FloatArray | None = None
 
 
@@ -126,10 +130,12 @@ class Tolerances(Brief):
                 f"{scale * one.failing:.3g} {unit}" if np.isfinite(one.failing) else "none found"
             )
             contacts = ", ".join(map(str, one.contacts))
-            rows.append(
-                (one.quantity, f"{scale * one.borne:.3g} {unit}", fails, self._way(one), contacts)
-            )
-        return tabulate(rows, headers=("off", "borne", "fails at", "direction", "at contact"))
+            far = f"{one.deflection:.2g}" if one.deflection > 0.0 else ""
+            borne = f"{scale * one.borne:.3g} {unit}"
+            rows.append((one.quantity, borne, fails, self._way(one), contacts, far))
+        headers = ("off", "borne", "fails at", "direction", "at contact", "joints give way")
+        given = len(headers) - (not any(row[-1] for row in rows))
+        return tabulate([row[:given] for row in rows], headers=headers[:given])
 
     def _way(self, one: Tolerance) -> str:
         if one.direction is None:
@@ -181,10 +187,10 @@ def tolerances(
     how = SolveOptions.parse(**options)
     given = finite_array("torques", torques, (problem.joint_count,))
     weight = weight_of_arrays(problem) if weight is None else weight
-    directions = None
+    stiffness = None
     if feedback is not None:
-        directions = feedback_torques(problem, joint_stiffness(problem, feedback, fingers))
-    search = _Search(problem, given, directions, how, options)
+        stiffness = joint_stiffness(problem, feedback, fingers)
+    search = _Search(problem, given, stiffness, how, options)
     if search.fails(0.0 * search.rest.external_wrench):
         raise NoSolutionError("No contact forces balance the load under these torques.")
     return Tolerances(problem, given, tuple(search.all(weight)))
@@ -197,13 +203,14 @@ class _Search:
         self,
         problem: QuasistaticProblem,
         torques: FloatArray,
-        directions: FloatArray | None,
+        stiffness: FloatArray | None,
         how: SolveOptions,
         options: SolveKeywords,
     ) -> None:
         self.problem, self.torques, self.how, self.options = problem, torques, how, options
-        self.member, self.directions = nominal_member(problem), directions
-        self.rest = under_commands(self.member, torques, directions)
+        self.member, self.stiffness = nominal_member(problem), stiffness
+        self.directions = None if stiffness is None else feedback_torques(problem, stiffness)
+        self.rest = under_commands(self.member, torques, self.directions)
         self.convex = how.rules.static_friction is StaticFriction.COULOMB
 
     def all(self, weight: Weight) -> list[Tolerance]:
@@ -257,17 +264,28 @@ class _Search:
         times = found.magnitudes / np.linalg.norm(loads, axis=1)
         return np.where(found.magnitudes > _CERTAIN * self.problem.scales.force, times, 0.0)
 
-    def _contacts(self, load: FloatArray) -> tuple[int, ...]:
-        """Return the contacts that have no room left under a load that is just borne."""
+    def _at_the_end(self, load: FloatArray) -> tuple[tuple[int, ...], float]:
+        """Return what is so under a load that is just borne.
+
+        Returns:
+            The contacts that have no room left, and how far joints give way.
+        """
         found = solve_problem(self._under((1.0 - _CERTAIN) * load), Margin(), self.how)
-        limits = limiting_contacts(found) if found.found else {}
-        return tuple(sorted({contact for many in limits.values() for contact in many}))
+        if not found.found:
+            return (), 0.0 if self.stiffness is None else np.nan
+        limits = limiting_contacts(found)
+        contacts = tuple(sorted({contact for many in limits.values() for contact in many}))
+        if self.stiffness is None:
+            return contacts, 0.0
+        added, soft = np.abs(found.torques - self.torques), self.stiffness > 0.0
+        return contacts, float((added[soft] / self.stiffness[soft]).max(initial=0.0))
 
     def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
         times = float(self._rays(load[None])[0])
         if times >= most:
             return Tolerance(quantity, most, np.inf)
-        return Tolerance(quantity, times, times, contacts=self._contacts(times * load))
+        contacts, deflection = self._at_the_end(times * load)
+        return Tolerance(quantity, times, times, contacts=contacts, deflection=deflection)
 
     def _joints(self, joints: NDArray[np.intp]) -> Tolerance:
         """Return by how much the torque of any one joint may be off, either way."""
@@ -277,8 +295,8 @@ class _Search:
         times = self._rays(loads)
         worst = int(times.argmin())
         least = float(times[worst])
-        contacts = self._contacts(least * loads[worst])
-        return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), contacts)
+        told = self._at_the_end(least * loads[worst])
+        return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), *told)
 
     def _ball(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
         """Return how large a change may be in any direction.
@@ -312,7 +330,7 @@ class _Search:
             min(borne, least) if self.convex else least,
             least,
             read_only(ways[worst] @ axes),
-            self._contacts(least * (ways[worst] @ loads)),
+            *self._at_the_end(least * (ways[worst] @ loads)),
             read_only(times[:, None] * (ways @ axes)),
         )
 
@@ -341,7 +359,8 @@ class _Search:
         change = change - self.problem.external_wrench[:3]
         size = float(np.linalg.norm(change))
         way = read_only(change / size) if size > 0.0 and quantity is Quantity.TILT else None
-        return Tolerance(quantity, low, high, way)
+        deflection = 0.0 if self.stiffness is None else np.nan
+        return Tolerance(quantity, low, high, way, deflection=deflection)
 
 
 def _ring(count: int = 16) -> FloatArray:

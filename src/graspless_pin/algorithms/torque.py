@@ -15,7 +15,8 @@ from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueS
 from graspless_pin.solution import TorqueSolution
 
 if TYPE_CHECKING:
-    from graspless_pin.algorithms.robust_torques import Feedback, RobustSolution
+    from graspless_pin.algorithms.robust_solution import RobustSolution
+    from graspless_pin.algorithms.robust_torques import Feedback
     from graspless_pin.algorithms.uncertainty import Uncertainty
 
 

@@ -194,6 +194,7 @@ def members_of(
     idle = ~problem.jacobian.any(axis=0)  # errors of these joints move no contact force
     factors, offsets = np.where(idle, 0.0, factors), np.where(idle, 0.0, offsets)
     sliding = np.flatnonzero(problem.is_sliding & (friction > 0.0))
+    _check_size(uncertainty, friction[sliding], factors, offsets)
     ends = {
         "mass": _ends(np.array([uncertainty.mass])),
         "center_of_mass": _ends(uncertainty.center_of_mass),
@@ -204,14 +205,6 @@ def members_of(
         "torque": _ends(factors),
         "torque_offset": _ends(offsets),
     }
-    corners = prod(map(len, ends.values()))
-    if corners > MOST_MEMBERS:
-        told = ", ".join(f"{name} {len(many)}" for name, many in ends.items() if len(many) > 1)
-        raise ArgumentError(
-            "uncertainty",
-            f"has {corners} corners ({told}); at most {MOST_MEMBERS} are looked at: let fewer "
-            "joints or axes be uncertain",
-        )
     less = np.where(problem.is_sliding, problem.friction, (1.0 - friction) * problem.friction)
     limits = (
         np.where(problem.lower_torque < 0.0, 1.0 - effort, 1.0) * problem.lower_torque,
@@ -239,7 +232,10 @@ def members_of(
                 push = np.concatenate([force, moment])
                 wrench = apart + weight.wrench(float(mass[0]), off, down) + push
             carried = problem.gravity_torques + links @ (down - weight.down)
-            words = _words(mass, off, down - weight.down, force, moment, kinetic, factor, offset)
+            words = _words(
+                problem, mass, off, down - weight.down, force, moment, kinetic, factor, offset
+            )
+            words = _with_effort(words, uncertainty.effort)
             loads.append((wrench, carried, offset, words))
         kept = _hull(problem, np.array([np.concatenate([w, g - o]) for w, g, o, _ in loads]))
         for wrench, carried, offset, words in (loads[number] for number in kept):
@@ -299,18 +295,55 @@ def _ends(halves: FloatArray) -> FloatArray:
     return corners * halves
 
 
+def _check_size(
+    uncertainty: Uncertainty, kinetic: FloatArray, factors: FloatArray, offsets: FloatArray
+) -> None:
+    """Refuse sets with too many corners, before any of them is made."""
+    boxes = {
+        "mass": np.array([uncertainty.mass]), "center_of_mass": uncertainty.center_of_mass,
+        "force": uncertainty.force, "moment": uncertainty.moment, "friction": kinetic,
+        "torque": factors, "torque_offset": offsets,
+    }  # fmt: skip
+    counts = {name: 2 ** int(np.count_nonzero(box)) for name, box in boxes.items()}
+    counts["tilt"] = 2 * _SIDES if uncertainty.tilt > 0.0 else 1
+    corners = prod(counts.values())
+    if corners > MOST_MEMBERS:
+        told = ", ".join(f"{name} {count}" for name, count in counts.items() if count > 1)
+        raise ArgumentError(
+            "uncertainty",
+            f"has {corners} corners ({told}); at most {MOST_MEMBERS} are looked at: let fewer "
+            "joints or axes be uncertain, each of which doubles them",
+        )
+
+
+def _with_effort(words: str, effort: FloatArray) -> str:
+    if not effort.any():
+        return words
+    lack = f"effort limits {-100.0 * effort.max():.3g} %"
+    return lack if words == "nominal" else f"{words}, {lack}"
+
+
 def _words(
-    mass: FloatArray, off: FloatArray, tilted: FloatArray, force: FloatArray, moment: FloatArray,
+    problem: QuasistaticProblem, mass: FloatArray, off: FloatArray, tilted: FloatArray,
+    force: FloatArray, moment: FloatArray,
     kinetic: FloatArray, factor: FloatArray, offset: FloatArray,
 ) -> str:  # fmt: skip
     told = [f"mass {100.0 * mass[0]:+.3g} %"] if mass.any() else []
     for name, value, unit in (
         ("centre of mass", off, "m"), ("gravity", tilted, "of its size"), ("push", force, "N"),
         ("moment", moment, "N m"), ("kinetic friction", kinetic, "of each"),
-        ("torques", factor, "of each"), ("torques", offset, "N m"),
     ):  # fmt: skip
         if value.any():
             told.append(f"{name} [{', '.join(f'{x:+.3g}' for x in value.tolist())}] {unit}")
+    for value, scale, unit in ((factor, 100.0, " %"), (offset, 1.0, "")):
+        named = [
+            f"{joint} {scale * x:+.3g}{unit or f' {kind}'}"
+            for joint, kind, x in zip(
+                problem.joint_names, problem.joint_units, value.tolist(), strict=True
+            )
+            if x
+        ]
+        told += [f"torques of {', '.join(named)}"] if named else []
     return ", ".join(told) or "nominal"
 
 

@@ -28,8 +28,9 @@ _WHAT_TO_DO = {
     "xacro file": "look at it with 'graspless-pin inspect {path}', or name it in a scene as "
     "'hand: {{urdf: {path}}}'",
     "SDF file": "write it as a URDF or as an MJCF",
-    "MuJoCo model": "look at it with 'graspless-pin inspect {path}', or name it in a scene as "
-    "'hand: {{urdf: {path}}}'",
+    "MuJoCo model": "look at it with 'graspless-pin inspect {path}', name it in a scene as "
+    "'hand: {{urdf: {path}}}', or make a scene of the whole file with scene_from_mjcf of "
+    "graspless_pin.interfaces.mujoco",
     "table of results": "read it with graspless_pin.read_results({path!r})",
     "Jupyter notebook": "open it with Jupyter",
     "Python program": "run it with 'python {path}'",

@@ -277,7 +277,8 @@ def attach_evaluator(
         The space, for `SmallestMargin` and `MarginShortfall`.
 
     Raises:
-        ArgumentError: If the margin is negative.
+        ArgumentError: If the margin is negative, or states have other values than joints and
+            there is no function for them.
 
     Examples:
         >>> from ompl import geometric
@@ -292,6 +293,13 @@ def attach_evaluator(
         (True, True)
     """
     information = setup.getSpaceInformation() if hasattr(setup, "getSpaceInformation") else setup
+    values, joints = information.getStateDimension(), len(evaluator.joint_names)
+    if to_state is None and values != joints:
+        raise ArgumentError(
+            "to_state",
+            f"is needed: a state of the space has {values} values and the evaluator {joints} "
+            "joints; give a function from a state to (q, T_world_object)",
+        )
     space = EvaluatedSpace(
         information,
         evaluator,

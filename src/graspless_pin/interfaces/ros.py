@@ -75,6 +75,8 @@ def waypoints_from_trajectory(
         >>> bool(abs(again.smallest_margin - profile.smallest_margin) < 1e-9)
         True
     """
+    if isinstance(stay, str) or not isinstance(stay, Sequence):
+        raise ArgumentError("stay", f"is {stay!r}; give a list of joint names")
     if trajectory is None and object_poses is None:
         raise ArgumentError("trajectory", "is None, and so is object_poses; give one of them")
     waypoints: list[Waypoint] = []

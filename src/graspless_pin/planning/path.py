@@ -124,10 +124,12 @@ class PathProfile(Brief):
 
     def __str__(self) -> str:
         """Return a short account, a line for each thing that happens."""
-        least = brief_figure(self.smallest_margin, float(np.abs(self.margins).max()))
+        told = "not feasible"
+        if self.found:
+            largest = float(np.abs(self.margins).max())
+            told = f"smallest margin {brief_figure(self.smallest_margin, largest)} N"
         lines = [
-            f"a path of {self.times[-1] - self.times[0]:g} s, {len(self.times)} waypoints, "
-            f"smallest margin {least} N"
+            f"a path of {self.times[-1] - self.times[0]:g} s, {len(self.times)} waypoints, {told}"
         ]
         for change in self.contact_changes:
             parts = [

@@ -43,7 +43,7 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.suggestions import what_to_pass
 
 if TYPE_CHECKING:
-    from graspless_pin.algorithms.robust_torques import RobustSolution
+    from graspless_pin.algorithms.robust_solution import RobustSolution
     from graspless_pin.algorithms.tolerances import Tolerances
     from graspless_pin.algorithms.uncertainty import Uncertainty
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.robust_torques import Feedback, RobustSolution, solve_robust
+from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.robust_torques import Feedback, solve_robust
 from graspless_pin.algorithms.tolerances import Tolerances, tolerances
 from graspless_pin.algorithms.uncertainty import Uncertainty, Weight
 from graspless_pin.errors import ArgumentError

@@ -1,0 +1,167 @@
+"""What is found for a set of problems: torques that serve all, forces of each, what is proven."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+import numpy as np
+from tabulate import tabulate
+
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.members import Member
+from graspless_pin.records import Brief
+from graspless_pin.solution import Status, TorqueSolution
+
+
+class Coverage(StrEnum):
+    """Which members an answer is proven for."""
+
+    WHOLE_SET = "the whole set"
+    """Forces of any member are means of those of the corners, in one mode."""
+    CORNERS = "the corners of the set"
+    """Modes differ from corner to corner: between them nothing is proven."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RobustSolution(Brief):
+    """Torques that serve a whole set of problems, and the forces of its corners.
+
+    See the example of `Uncertainty`.
+
+    Attributes:
+        solution: Of the joined problem of the members that were needed: its certificate proves the
+            answer.
+        coverage: Which members it is proven for; where nothing was found, which members it is
+            proven for that nothing serves them.
+        bound: No torques for all corners are better than this, in the unit of the objective's
+            value: N for Algorithm 1, N m or N for Algorithm 2.
+        members: K corners of the set, those of the solution first.
+        joint_names: L names.
+        conflict: Numbers of members that no torques serve together, and any fewer of them do. Empty
+            where torques were found, or where it is not proven that there are none.
+        feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
+            constant.
+    """
+
+    solution: TorqueSolution
+    coverage: Coverage
+    bound: float
+    members: tuple[Member, ...]
+    joint_names: tuple[str, ...]
+    conflict: tuple[int, ...] = ()
+    feedback: FloatArray | None = None
+
+    @property
+    def status(self) -> Status:
+        """What is known of the joined problem."""
+        return self.solution.status
+
+    @property
+    def found(self) -> bool:
+        """Whether there are torques."""
+        return self.solution.found
+
+    @property
+    def margin(self) -> float:
+        """The margin that all members keep, N; NaN where nothing was found."""
+        return self.solution.margin
+
+    @property
+    def max_torque(self) -> float:
+        """The largest |torque| that is commanded in any member; NaN where nothing was found."""
+        return self.solution.max_torque
+
+    @property
+    def commands(self) -> FloatArray:
+        """(J, L) commanded torques of the solution's J members, N m (N).
+
+        They are the same but for what feedback adds.
+
+        Raises:
+            NoSolutionError: If nothing was found.
+        """
+        forces = self.contact_forces
+        commanded = [
+            member.commanded(member.problem.J.T @ force.ravel())
+            for member, force in zip(self.members, forces, strict=False)
+        ]
+        return np.array(commanded if self.feedback is not None else commanded[:1] * len(forces))
+
+    @property
+    def torques(self) -> FloatArray:
+        """(L,) torques to command, N m (N); with feedback those of the nominal problem."""
+        return self.commands[0]
+
+    @property
+    def torques_by_joint(self) -> Mapping[str, float]:
+        """The same by name."""
+        named = dict(zip(self.joint_names, self.torques.tolist(), strict=True))
+        return MappingProxyType(named)
+
+    @property
+    def worst(self) -> int:
+        """Number of the solution's member whose forces keep the least margin.
+
+        Raises:
+            NoSolutionError: If nothing was found.
+        """
+        forces = zip(self.members, self.contact_forces, strict=False)
+        return int(np.argmin([member.problem.margin_of(force) for member, force in forces]))
+
+    @property
+    def deflections(self) -> FloatArray:
+        """(J, L) how far each joint gives way in each member to make the feedback, rad (m).
+
+        Raises:
+            NoSolutionError: If nothing was found, or there is no feedback.
+        """
+        if self.feedback is None:
+            raise NoSolutionError("Constant torques have no deflections: give the feedback.")
+        differences = self.commands - self.torques
+        return np.divide(
+            -differences, self.feedback, out=np.zeros_like(differences), where=self.feedback > 0.0
+        )
+
+    @property
+    def contact_forces(self) -> FloatArray:
+        """(J, M, 3) forces of the solution's J members, N, world axes."""
+        count = self.members[0].problem.contact_count
+        return self.solution.contact_forces.reshape(-1, count, 3)
+
+    def __str__(self) -> str:
+        """Return what was found, for which members, or which are in conflict."""
+        if not self.found:
+            lines = [f"no torques for the whole set: {self.status.message}"]
+            if len(self.conflict) == 1:
+                lines.append("this member alone cannot be served:")
+            elif self.conflict:
+                lines.append("these members cannot be served together:")
+            lines += [f"  {self.members[number].words}" for number in self.conflict]
+            if len(self.conflict) > 1 and self.feedback is None:
+                lines.append(
+                    "constant torques are right for one load only along a motion that no contact "
+                    "resists; feedback=STIFFNESS adds what the joints' stiffness gives there"
+                )
+            return "\n".join(lines)
+        problem, unit = self.members[0].problem, self.solution.max_torque_unit
+        commands = self.commands
+        rows = [
+            (name, f"{commands[0, k]:.4g}", f"{commands[:, k].min():.4g}",
+             f"{commands[:, k].max():.4g}", kind)
+            for k, (name, kind) in enumerate(
+                zip(problem.joint_names, problem.joint_units, strict=True)
+            )
+        ]  # fmt: skip
+        headers = ("joint", "torque", "least", "most", "")
+        if self.feedback is None:
+            rows, headers = [(row[0], row[1], row[4]) for row in rows], ("joint", "torque", "")
+        return (
+            f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} {unit}, proven for "
+            f"{self.coverage}\n"
+            f"least room where: {self.members[self.worst].words}\n\n"
+            f"{tabulate(rows, headers=headers, disable_numparse=True)}"
+        )
