@@ -33,10 +33,10 @@ STEP = 1e-5
 DIRECTIONS = 3
 """Of joints and pose together, drawn for each state."""
 SPREAD_Q, SPREAD_X, SPREAD_TURN = 0.03, 0.003, 0.03  # rad, m, rad
-BEND = {"gaps": 0.02, "optimum": 2e-3, "torques": 2e-3}
+BEND = 0.02
 """Of the largest derivative: where the slopes before and after differ by more, there is a kink."""
-WORST = {"gaps": 1e-4, "optimum": 2e-3, "torques": 2e-3}
-"""Of the largest derivative; what is left is the solver's gap over the step."""
+WORST = {"gaps": 1e-4, "optimum": 0.5 * BEND, "torques": 0.5 * BEND}
+"""Of the largest derivative: the solver's gap over the step, and what a smaller kink makes."""
 
 
 def pins_of(scene: Scene) -> list[tuple[str, str]]:
@@ -112,7 +112,7 @@ def compared(name: str, algorithm: str, count: int, seed: int = 0) -> tuple[Coun
                 slope = (ends[0][kind] - ends[1][kind]) / (2.0 * STEP)
                 scale = max(float(np.abs(rows[kind]).max()), 1e-3)
                 bend = np.abs(ends[0][kind] + ends[1][kind] - 2.0 * middle[kind]) / STEP
-                straight = bend <= BEND[kind] * scale
+                straight = bend <= BEND * scale
                 counts[f"{kind} with a kink within the step"] += int((~straight).sum())
                 unique = derivatives.unique.all(axis=-1) & straight
                 off = np.abs(rows[kind] @ way - slope)[unique]
