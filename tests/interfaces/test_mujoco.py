@@ -299,7 +299,7 @@ def test_what_cannot_be_taken_over_is_named() -> None:
         scene = scene_from_mjcf(model, data)
     codes = {one.code for one in found}
     assert codes == {FindingCode.LEFT_OUT_OF_MJCF}
-    assert {one.subject for one in found} == {"drawer", "geom_7", "sticky", "glue"}
+    assert {one.subject for one in found} == {"drawer", "geom_7", "sticky", "glue", "hand"}
     assert any("ellipsoid" in one.message for one in found)
     assert {support.name for support in scene.supports} == {"floor", "drawer", "sticky"}
     assert set(scene.load_findings) == set(found)

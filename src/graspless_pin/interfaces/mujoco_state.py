@@ -159,6 +159,13 @@ class ModelState:
             first = names.index(hand_body) + 1
             return first, self._below(first)
         if not motor_joints(source):
+            jointed = np.flatnonzero(self.model.body_jntnum).tolist()
+            if not all(self.is_free(body) for body in jointed):
+                self.tell(
+                    "hand",
+                    "no joint has a motor, so the scene has no hand",
+                    "what has joints stands still as supports; add motors under <actuator>",
+                )
             return None, np.zeros(count, dtype=bool)
         first, inside = robot_bodies(source)
         inside[0] = False

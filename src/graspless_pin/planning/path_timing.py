@@ -184,16 +184,17 @@ def fastest_timing(
         "", names, nothing, nothing, positions, np.nan * slopes, np.nan * slopes, nothing,
         (TimingLimit.NOTHING,) * len(where), ((),) * len(where), at.scene.contacts.bodies,
     )  # fmt: skip
+    asked = f" with a margin of {margin:g} N" if margin else ""
     for k, point in enumerate(along):
         if point is None:
             q = ", ".join(f"{value:.4g}" for value in positions[k].tolist())
-            why = f"no torques within the limits hold the object at point {k}, q = [{q}]"
+            who = "no torques within the limits" if torques is None else "the given torques do not"
+            why = f"{who} hold the object{asked} at point {k}, q = [{q}]"
             return replace(blank, reason=f"{why}, whatever the speed")
     told = [point for point in along if point is not None]
     for end, point in (("start", told[0]), ("end", told[-1])):
         at_rest, _ = program.margin(point.wrench, point.torques, 0.0, 0.0)
         if not at_rest >= margin - LOST * problem.scales.force:
-            asked = f" with a margin of {margin:g} N" if margin else ""
             why = f"the torques do not hold the object at rest at the {end}{asked}"
             return replace(blank, reason=why)
     speeds = _fastest_speeds(toppra, spline, told, where)
