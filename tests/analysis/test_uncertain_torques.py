@@ -18,12 +18,13 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
+from graspless_pin.algorithms import robust_torques
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.robust_torques import served_share
 from graspless_pin.algorithms.uncertainty import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.problem.members import joined
+from graspless_pin.problem.members import feedback_torques, joined
 from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -231,6 +232,19 @@ def test_both_ends_of_one_coefficient_prove_nothing_between_them():
     narrow = maximize_margin(two_sliding_contacts(0.12), uncertainty=Uncertainty(friction=0.1))
     assert narrow.found
     assert narrow.coverage is Coverage.WHOLE_SET
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_feedback_of_all_members_stays_within_the_largest_torque(at_once, monkeypatch):
+    """Whichever members the search begins with."""
+    monkeypatch.setattr(robust_torques, "_AT_ONCE", at_once)
+    problem, unknown = contacts_alone("trihand_push_box", 8), Uncertainty(mass=0.1)
+    found = minimize_torque(
+        problem, 0.03, static_friction="coulomb", uncertainty=unknown, feedback=1.0
+    )
+    directions = feedback_torques(problem, np.ones(problem.joint_count))
+    together = minimize_torque(joined(found.members, directions), 0.03, static_friction="coulomb")
+    assert found.max_torque == pytest.approx(together.max_torque, rel=1e-5)
 
 
 def test_what_an_answer_says():

@@ -38,7 +38,8 @@ class RobustSolution(Brief):
         coverage: Which members it is proven for; where nothing was found, which members it is
             proven for that nothing serves them.
         bound: No torques for all corners are better than this, in the unit of the objective's
-            value: N for Algorithm 1, N m or N for Algorithm 2.
+            value: N for Algorithm 1, N m or N for Algorithm 2. NaN where it is proven that there
+            are none.
         members: K corners of the set, those of the solution first.
         joint_names: L names.
         conflict: Numbers of members that no torques serve together, and any fewer of them do. Empty

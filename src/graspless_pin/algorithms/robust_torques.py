@@ -115,6 +115,8 @@ def solve_robust(
         chosen += [others[number] for number in lacking]
         others = [one for number, one in enumerate(others) if number not in lacking]
     solution, coverage, bound = found
+    if not solution.found and solution.status is not Status.NOT_FOUND_IN_LIMIT:
+        bound = math.nan
     conflict: tuple[int, ...] = ()
     if solution.status is Status.INFEASIBLE_FORCES:
         conflict = _conflict(chosen, objective, options, directions)
@@ -263,11 +265,23 @@ def _lacking(
     for number, one in enumerate(others):
         if limits.passed:
             break
+        within = one if directions is None else _within(one, solution, objective)
         margins[number] = margin_of_member(
-            one, commanded, options, directions=directions, mode=mode
+            within, commanded, options, directions=directions, mode=mode
         )
     lacking = np.flatnonzero(margins < needed - _AS_GOOD * force)
     return lacking[np.argsort(margins[lacking])][:_MORE].tolist()
+
+
+def _within(member: Member, solution: TorqueSolution, objective: Objective) -> Member:
+    """Return a member whose feedback may command no more than was found to be enough."""
+    problem, most = member.problem, (1.0 + _AS_GOOD) * solution.value
+    low, high = problem.lower_torque, problem.upper_torque
+    if isinstance(objective, TorqueShare):
+        low, high = most * low, most * high
+    elif isinstance(objective, Torque):
+        low, high = np.maximum(low, -most), np.minimum(high, most)
+    return replace(member, problem=problem.with_changes(torque_limits=(low, high)))
 
 
 def margin_of_member(
@@ -288,7 +302,7 @@ def margin_of_member(
         mode: The one mode in which it is; None: any.
 
     Returns:
-        The margin; negative where forces balance beyond the cones alone, -inf where none do.
+        The margin; -inf where no forces in the cones balance.
     """
     problem = under_commands(member, commanded, directions)
     found = solve_problem(problem, Margin(), options, mode=mode)
