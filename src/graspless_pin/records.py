@@ -1,4 +1,4 @@
-"""What frozen records share: copies that are not checked again, and a short ``repr``.
+"""What frozen records share: own arrays, pickles, a short ``repr``, copies not checked again.
 
 This is the one place that writes into frozen records.
 """
@@ -10,7 +10,8 @@ from collections.abc import Set as AbstractSet
 from dataclasses import fields
 from enum import Enum
 from pathlib import PurePath
-from typing import Any, TypeVar
+from types import MappingProxyType
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -96,3 +97,37 @@ def _value(value: Any) -> str:
 def _few(text: str, values: Any) -> str:
     """Return a text if it is short, else how many values it has."""
     return text if len(text) <= _LONGEST else f"<{len(values)} items>"
+
+
+class PickledByFields:
+    """A dataclass that pickles make again from its fields.
+
+    Arrays come out of a pickle writeable, read-only views of mappings do not go into one, and
+    cached values would travel with it; making the record anew does without all that and runs
+    ``__post_init__``.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the fields."""
+        values = (getattr(self, item.name) for item in fields(cast("Any", self)))
+        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+
+
+class Record(PickledByFields):
+    """A frozen dataclass that owns its arrays and dictionaries."""
+
+    def __post_init__(self) -> None:
+        """Make them read-only."""
+        for name, value in list(vars(self).items()):
+            _make_read_only(value)
+            if isinstance(value, dict):
+                object.__setattr__(self, name, MappingProxyType(dict(value)))
+
+
+def _make_read_only(value: Any) -> None:
+    """Make all arrays in a value read-only."""
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif isinstance(value, tuple | Mapping):
+        for item in value.values() if isinstance(value, Mapping) else value:
+            _make_read_only(item)

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin import compiled
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
 from graspless_pin.geometry.bodies.shape import convex_geometry
-from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
-from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.distances import near_solids, separation, solids_of
 
 COUNT = 60
 DEPTH = 0.004

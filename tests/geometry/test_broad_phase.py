@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.shape import convex_geometry
-from graspless_pin.geometry.contact.broad_phase import near_pairs
+from graspless_pin.geometry.contact.distances import near_pairs
 
 SHAPES = (
     coal.Box(0.1, 0.3, 0.02),

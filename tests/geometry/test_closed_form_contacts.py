@@ -14,9 +14,9 @@ from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, P
 from graspless_pin.geometry.bodies.polytopes import Polytope
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact import finding
-from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.convex_sets import convex_set
+from graspless_pin.geometry.contact.distances import near_solids, solids_of
 from graspless_pin.geometry.contact.finding import (
     ContactLimits,
     contact_arrays,

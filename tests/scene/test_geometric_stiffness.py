@@ -15,7 +15,7 @@ from test_minimum_stiffness import G, ball, standing
 
 from graspless_pin import MinimumStiffness, Scene, load_scene, minimum_stiffness
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.posing.bent_hands import bent_hand
+from graspless_pin.geometry.posing.finger_joints import bent_hand
 from graspless_pin.scene import Acceleration, Load
 
 STEP = 1e-5

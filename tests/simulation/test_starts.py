@@ -6,7 +6,7 @@ from tests.scene.scene_tools import EXAMPLES
 
 from graspless_pin import Controller, Scene, load_scene
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.posing.bent_hands import bent_hand
+from graspless_pin.geometry.posing.finger_joints import bent_hand
 from graspless_pin.simulation import simulate
 from graspless_pin.simulation.model import SOFT, STIFF, simulation_model
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from graspless_pin import Stability, load_scene
-from graspless_pin.geometry.posing.bent_hands import bent_hand
+from graspless_pin.geometry.posing.finger_joints import bent_hand
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.visualization import Role, draw_scene
 from graspless_pin.visualization.drawing import object_radius

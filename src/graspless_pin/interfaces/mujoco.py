@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.findings import capture, emit
+from graspless_pin.geometry.hand.actuation import EffortLimit
 from graspless_pin.geometry.hand.assembly import ControlModes
-from graspless_pin.geometry.hand.effort_limits import EffortLimit
 from graspless_pin.holding.controller import Controller
 from graspless_pin.interfaces.mujoco_bodies import (
     friction_of_links,

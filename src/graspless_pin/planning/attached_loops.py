@@ -13,7 +13,7 @@ from graspless_pin.algorithms.batch_optimum import LoadSweep, are_for
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.compiled import core
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
-from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.posing.overlaps import pairs_of

@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.batch_optimum import WarmOptimum
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
-from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.distances import near_solids, separation, solids_of
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.geometry.hand.work_space import Kinematics

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration

@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.geometry.hand.inertial_forces import STILL, motions_at
 from graspless_pin.geometry.hand.work_space import Kinematics
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.contact_program import LOST, ContactProgram, motor_limits
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
+from graspless_pin.records import Record
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import checked_scene, place_of
 from graspless_pin.scene.load_wrenches import object_wrench

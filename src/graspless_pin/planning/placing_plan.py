@@ -10,9 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import transformed
 from graspless_pin.geometry.posing.arms import Arm, arm_above
 from graspless_pin.geometry.posing.opposing import (
@@ -22,6 +21,7 @@ from graspless_pin.geometry.posing.opposing import (
     opposing_postures,
 )
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Record
 from graspless_pin.scene import Scene
 
 _POSTURES = 24

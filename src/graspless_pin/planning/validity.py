@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
-from graspless_pin.geometry.posing.clearance import Clearance, least_clearance
+from graspless_pin.geometry.posing.overlaps import Clearance, least_clearance
 from graspless_pin.planning.evaluation import StateStatus
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import FloatArray, read_only, real_number

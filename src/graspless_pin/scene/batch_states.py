@@ -18,7 +18,7 @@ from graspless_pin.caching import Bounded
 from graspless_pin.compiled import core
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
-from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.contact.motion import SPEED_TOLERANCE
 from graspless_pin.geometry.hand.posed_links import joints_of
 from graspless_pin.geometry.poses import transformed, turning_velocities

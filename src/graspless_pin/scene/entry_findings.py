@@ -10,7 +10,7 @@ import numpy as np
 from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
-from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_schema import PoseEntry
 from graspless_pin.scene.scene_schema import SceneEntry

@@ -20,10 +20,9 @@ from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray, real_number
-from graspless_pin.records import changed
+from graspless_pin.records import PickledByFields, changed
 from graspless_pin.scene.body_schema import ObjectEntry
 from graspless_pin.scene.hand_schema import HandEntry
 from graspless_pin.scene.loads import Acceleration, Load

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, PickledByFields
 
 
 class LoadAxes(StrEnum):

@@ -16,7 +16,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import FindingCode, capture, emit
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
-from graspless_pin.geometry.hand.effort_limits import is_placeholder
+from graspless_pin.geometry.hand.actuation import is_placeholder
 from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.geometry.contact.broad_phase import near_pairs
-from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.distances import near_pairs, separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.verdict import MovingPart, Stability, StabilityKeywords, StabilityVerdict
 from graspless_pin.problem.checks import finite_array

@@ -18,12 +18,12 @@ from graspless_pin.errors import SceneError
 from graspless_pin.geometry import BodyKind, ManipulatedObject, unwanted_overlaps
 from graspless_pin.geometry.hand.jointed_bodies import JointedBody, jointed_bodies
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import invert
 from graspless_pin.holding.controller import ARMATURE, Controller, gain_shares
 from graspless_pin.holding.dynamics import contact_jacobian
 from graspless_pin.problem import ControlMode, QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.records import Record
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.joints import fingers_of_motors

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.geometry import ManipulatedObject
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import pose_matrix, transformed
 from graspless_pin.holding.controller import Controller, gain_shares
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
+from graspless_pin.records import Record
 from graspless_pin.scene import Scene
 from graspless_pin.simulation.model import (
     FIXTURE,

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.pickling import Record
-from graspless_pin.geometry.posing.bent_hands import bent_hand
+from graspless_pin.geometry.posing.finger_joints import bent_hand
 from graspless_pin.holding.verdict import DynamicOutcome
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.records import Record
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization.contacts import draw_contacts, with_outcome

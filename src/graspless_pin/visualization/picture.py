@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.records import Record
 
 
 class Role(StrEnum):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.pickling import PickledByFields
+from graspless_pin.records import PickledByFields
 from graspless_pin.suggestions import names_in_words
 
 Pair = frozenset[str]

@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
-from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import checked_inertia, read_only
-from graspless_pin.records import Brief, changed
+from graspless_pin.records import Brief, PickledByFields, changed
 
 
 class _PlacedShape(PickledByFields, ABC):

@@ -1,19 +1,26 @@
-"""Signed distances between bodies, as coal measures them."""
+"""Signed distances between bodies, as coal measures them, and which of many bodies may touch.
+
+The latter by the boxes around their convex sets, all at once.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 
+from graspless_pin.caching import Derived
+from graspless_pin.compiled import core
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.contact.broad_phase import box_centers, solids_of
+from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.convex_sets import (
     DISTANCE_REQUEST,
+    ConvexSet,
     Plane,
     Polytope,
     Revolved,
@@ -23,6 +30,160 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
 from graspless_pin.geometry.poses import transformed
 from graspless_pin.problem.checks import FloatArray
+
+_ENDLESS = 1e12  # m; finite, as zero times infinity is not a number
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """K convex sets in the frames of their geometries.
+
+    Attributes:
+        names: K names of the bodies that they are pieces of.
+        sets: K sets.
+        ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
+            large before small, then by the kind of geometry; names decide between like shapes.
+        centers: (K, 3) centres of boxes around them, m.
+        half_extents: (K, 3) half the edge lengths of these boxes, m.
+        reaches: (K,) radii of spheres around them about these centres, m.
+        has_plane: Whether one of them is a half-space.
+    """
+
+    names: tuple[str, ...]
+    sets: tuple[ConvexSet, ...]
+    ranks: tuple[tuple[int, float, str, str], ...]
+    centers: FloatArray
+    half_extents: FloatArray
+    reaches: FloatArray
+    has_plane: bool
+
+    @cached_property
+    def for_loops(self) -> Any:
+        """The same sets as the compiled loops take them."""
+        if core is None:
+            return None
+        faces = [
+            np.column_stack([one.face_normals, one.face_offsets])
+            if isinstance(one, Polytope)
+            else np.empty((0, 4))
+            for one in self.sets
+        ]
+        planes = [
+            [*one.normal, one.offset] if isinstance(one, Plane) else [0.0] * 4 for one in self.sets
+        ]
+        kind_of = {Plane: core.PLANE, Revolved: core.OTHER}
+        kinds = [
+            core.BALL
+            if isinstance(one, Revolved) and one.is_sphere
+            else kind_of.get(type(one), core.POLYTOPE)
+            for one in self.sets
+        ]
+        return core.ConvexSets(
+            kinds=kinds,
+            bodies=[self.names.index(name) for name in self.names],
+            centers=self.centers,
+            half_extents=self.half_extents,
+            reaches=self.reaches,
+            planes=np.reshape(planes, (-1, 4)),
+            starts=np.cumsum([0, *map(len, faces)]),
+            faces=np.concatenate([np.empty((0, 4)), *faces]),
+        )
+
+
+def solids_of(shapes: BodyShapes) -> Solids:
+    """Return the sets of some shapes, remembered for as long as the shapes live.
+
+    Raises:
+        SceneError: A geometry is of a kind that contacts cannot be found for.
+        MeshError: The points of a hull all lie in one plane.
+    """
+    return _SOLIDS.of(shapes)
+
+
+def _solids(shapes: BodyShapes) -> Solids:
+    sets = tuple(
+        convex_set(name, geometry)
+        for name, geometry in zip(shapes.names, shapes.geometries, strict=True)
+    )
+    bounded = [None if isinstance(one, Plane) else one for one in sets]
+    centers, halves = np.zeros((len(sets), 3)), np.full((len(sets), 3), _ENDLESS)
+    for index, one in enumerate(bounded):
+        if one is not None:
+            centers[index], halves[index] = one.center, one.half_extents
+    return Solids(
+        shapes.names,
+        sets,
+        tuple(map(_rank, shapes.names, shapes.geometries, sets)),
+        centers,
+        halves,
+        np.array([_ENDLESS if one is None else one.radius for one in bounded]),
+        any(one is None for one in bounded),
+    )
+
+
+def _rank(name: str, geometry: Any, solid: ConvexSet) -> tuple[int, float, str, str]:
+    kind = type(geometry).__name__
+    if isinstance(solid, Plane):
+        return 0, 0.0, kind, name
+    return (1 if isinstance(solid, Polytope) else 2), -solid.radius, kind, name
+
+
+def near_pairs(
+    first: Sequence[CollisionBody], second: Sequence[CollisionBody], tolerance: float
+) -> list[tuple[int, int]]:
+    """Pairs whose gap may be within the tolerance; half-spaces are always near.
+
+    A pair is far if a side of the first body's box, along that body's own axes, parts it from the
+    sphere around the second, or if a side of one of the boxes along the bodies' own axes parts the
+    two boxes.
+
+    Args:
+        first: P bodies, no half-spaces.
+        second: K bodies.
+        tolerance: m.
+
+    Returns:
+        Indices into ``first`` and ``second``, ordered by the second, then by the first.
+
+    Raises:
+        SceneError: A geometry is of a kind that contacts cannot be found for.
+    """
+    one, two = PlacedBodies.of(first), PlacedBodies.of(second)
+    return near_solids(one, solids_of(one.shapes), two, solids_of(two.shapes), tolerance)
+
+
+def near_solids(
+    one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids, tolerance: float
+) -> list[tuple[int, int]]:
+    """Return what `near_pairs` does for bodies whose sets are known."""
+    k, p = np.nonzero(least_gaps(one, solids, two, others) <= tolerance)
+    return list(zip(p.tolist(), k.tolist(), strict=True))
+
+
+def least_gaps(one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids) -> FloatArray:
+    """Return (K, P) lower bounds on the signed distances of K other bodies and P bodies, m."""
+    R = one.poses[:, :3, :3]
+    # For each of the second's bodies and each of the first's, in the frame of the latter.
+    axes = R.transpose(0, 2, 1) @ two.poses[:, None, :3, :3]
+    offsets = box_centers(two, others)[:, None] - box_centers(one, solids)
+    local = (offsets[..., None, :] @ R)[..., 0, :]
+    size = np.abs(axes)
+    reach = np.minimum(
+        (size @ others.half_extents[:, None, :, None])[..., 0], others.reaches[:, None, None]
+    )
+    along = np.abs(local) - solids.half_extents - reach
+    across = np.abs((local[..., None, :] @ axes)[..., 0, :]) - others.half_extents[:, None]
+    across -= (solids.half_extents[:, None] @ size)[..., 0, :]
+    return np.maximum(along, across).max(axis=2)
+
+
+def box_centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
+    """(K, 3) centres of the boxes around bodies, world frame, m."""
+    rotated = bodies.poses[:, :3, :3] @ solids.centers[..., None]
+    return rotated[..., 0] + bodies.poses[:, :3, 3]
+
+
+_SOLIDS = Derived(_solids, most=math.inf)
 
 
 @dataclass(frozen=True, eq=False)

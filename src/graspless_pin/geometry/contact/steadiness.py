@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.convex_sets import Plane, Polytope, Revolved
+from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.problem.checks import FloatArray
 
 

@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, capture, emit
-from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
-from graspless_pin.geometry.hand.configuration import joint_positions
-from graspless_pin.geometry.hand.effort_limits import (
+from graspless_pin.geometry.hand.actuation import (
+    Actuation,
     EffortLimit,
     expand_overrides,
+    plan_actuation,
     resolve_effort_limits,
 )
+from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints, plan_control
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.records import Record
 
 LIMIT_TOLERANCE = 1e-6
 """How far outside its limits a named joint may stand (rounded input), radians or metres."""

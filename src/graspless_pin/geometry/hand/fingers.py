@@ -1,14 +1,24 @@
-"""Which joints and links make a finger, and how each of them is controlled."""
+"""Which joints and links make a finger, and how each of them is controlled.
+
+A robot file may name them; otherwise fingers are the branches below the palm of the kinematic tree.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.hand.link_shapes import LinkGeometry
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Brief
 
 
@@ -172,3 +182,246 @@ def _moved_links(tree: KinematicTree, finger: str, joints: Sequence[str]) -> tup
     return tuple(
         link for link, carrier in tree.link_joints.items() if tree.supports[carrier, columns].any()
     )
+
+
+_FAR = 0.9  # share of a jaw's reach from its joint that is its far end
+_SHUT, _OPEN = 0.25, 0.5  # share of its reach that the far end is away from what it closes on
+_POINT = 1e-6  # m, radius of a point as coal knows it
+_TAIL = re.compile(r"([^a-z0-9]+|joint|link)$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class HandStructure:
+    """What the tree of one robot says about its hands.
+
+    Attributes:
+        palms: The links that carry fingers; empty if the tree neither branches nor ends in a jaw.
+        fingers: The branches below the palms by name, in model order.
+        arm_joints: Movable joints that carry a palm.
+        outer_joints: Movable joints that are not below a palm: arms, legs, necks; all without one.
+    """
+
+    palms: tuple[str, ...]
+    fingers: dict[str, FingerSpec]
+    arm_joints: tuple[str, ...]
+    outer_joints: tuple[str, ...]
+
+
+def discover_hands(
+    tree: KinematicTree, root: str, palms: Sequence[str] = (), prefix: str = ""
+) -> HandStructure:
+    """Find the palms of one robot and the fingers below them.
+
+    A palm is a body that carries two branches or more and below which no body does so again;
+    joints of one branch that a single actuator moves together are one mechanism, however they
+    branch. Of the body's links it is the lowest one that all branches hang on. So a gripper on an
+    arm has one palm and a humanoid with two hands has two.
+
+    Fingers are named by what the names of their joints have in common, as long as that tells them
+    apart, else ``finger_1``, ``finger_2``, ... in model order.
+
+    A robot that does not branch may end in a jaw that closes on a fixed one, as hobby arms do: the
+    link below its last joint is a finger where the shapes say so, and the link above a palm.
+
+    Args:
+        tree: The kinematic tree.
+        root: Root link of the robot in it.
+        palms: The links that carry fingers, instead of those that the rule finds.
+        prefix: Put before the names of numbered fingers.
+
+    Returns:
+        The structure.
+
+    Raises:
+        ArgumentError: If a named palm is not a link of the robot.
+    """
+    walker = _Walker(tree, root)
+    for palm in palms:
+        if palm not in walker.links:
+            raise unknown_name("palm", "link", palm, walker.links)
+    found = tuple(palms) or tuple(walker.palms_below(root)) or walker.fixed_jaw()
+    branches = [branch for palm in found for branch in walker.branches(palm)]
+    order = list(tree.link_frames)
+    branches.sort(key=order.index)
+    inside = [walker.subtree(branch) for branch in branches]
+    joints = [walker.joints_of(links) for links in inside]
+    names = _finger_names(tree, joints, prefix)
+    fingers = {
+        name: FingerSpec(tuple(own), tuple(links), walker.tip(links))
+        for name, own, links in zip(names, joints, inside, strict=True)
+    }
+    own_joints = walker.joints_of(walker.links)
+    below = {joint for palm in found for joint in walker.joints_of(walker.subtree(palm)[1:])}
+    carried = [tree.supports[tree.link_joints[palm]] for palm in found]
+    return HandStructure(
+        palms=found,
+        fingers=fingers,
+        arm_joints=tuple(
+            joint for joint in own_joints if any(mask[tree.joint_index[joint]] for mask in carried)
+        ),
+        outer_joints=tuple(joint for joint in own_joints if joint not in below),
+    )
+
+
+class _Walker:
+    """The links of one robot: who hangs on whom, and through which kind of joint."""
+
+    def __init__(self, tree: KinematicTree, root: str) -> None:
+        self._tree = tree
+        self._children: dict[str, list[str]] = {link: [] for link in tree.link_frames}
+        for link, parent in tree.parent_links.items():
+            if parent is not None:
+                self._children[parent].append(link)
+        self._order = {link: index for index, link in enumerate(tree.link_frames)}
+        self.links = self.subtree(root)
+
+    def subtree(self, link: str) -> list[str]:
+        """Return ``link`` and all links below it, in model order."""
+        found = [link]
+        for item in found:  # grows while it is walked
+            found += self._children[item]
+        return [link, *sorted(found[1:], key=self._order.__getitem__)]
+
+    def branches(self, link: str) -> list[str]:
+        """Return the first link of every movable branch below ``link``."""
+        first: list[str] = []
+        for child in self._children[link]:
+            first += [child] if self._moves(child) else self.branches(child)
+        return first
+
+    def joints_of(self, links: Sequence[str]) -> list[str]:
+        """Return the movable joints directly above ``links``, in model order."""
+        joints = {self._tree.link_joints[link] for link in links if self._moves(link)}
+        return [self._tree.joint_names[joint - 1] for joint in sorted(joints)]
+
+    def palms_below(self, body: str) -> Iterator[str]:
+        """Yield the palms at or below the body whose topmost link is ``body``."""
+        branches = self.branches(body)
+        deeper = [
+            palm
+            for branch in branches
+            if not self._is_one_mechanism(branch)
+            for palm in self.palms_below(branch)
+        ]
+        if deeper:
+            yield from deeper
+        elif len(branches) > 1:
+            yield self._common_link(body, branches)
+
+    def tip(self, links: Sequence[str]) -> str:
+        """Return the link at the end of a finger: the last one with a shape, if one has."""
+        depth = {
+            link: int(self._tree.supports[self._tree.link_joints[link]].sum()) for link in links
+        }
+        last = [link for link in links if depth[link] == max(depth.values())]
+        shaped = {item.link for item in self._tree.geometries}
+        return next((link for link in reversed(last) if link in shaped), last[-1])
+
+    def fixed_jaw(self) -> tuple[str, ...]:
+        """Return the link that the last link of a chain closes on as a jaw, if it does.
+
+        The far end of a jaw comes near what it closes on at one end of its range and is well away
+        at the other. It closes on what lies beyond the joint, as seen from the one before: a
+        forearm that folds onto its upper arm is no jaw.
+        """
+        tree = self._tree
+        movable = [link for link in self.links if self._moves(link)]
+        if not movable:
+            return ()
+        link = max(movable, key=lambda one: int(tree.supports[tree.link_joints[one]].sum()))
+        own, palm = tree.link_joints[link], tree.parent_links[link]
+        carrier = 0 if palm is None else tree.link_joints[palm]
+        jaw = [item for item in tree.geometries if item.joint == own]
+        fixed = [
+            item for item in tree.geometries if item.joint == carrier and item.link in self.links
+        ]
+        lower, upper = tree.lower[own - 1], tree.upper[own - 1]
+        turns = tree.joint_kinds[own - 1] == "revolute"
+        if palm is None or not jaw or not fixed or not turns or not np.isfinite(upper - lower):
+            return ()
+        corners = np.vstack([_corners(item) for item in jaw])
+        middle = np.clip(0.0, tree.lower, tree.upper)
+        poses = []
+        for end in (lower, upper):
+            middle[own - 1] = end
+            T_world_joint = tree.kinematics(middle).T_world_joint
+            poses.append((T_world_joint[own], T_world_joint[carrier]))
+        axis = tree.kinematics(middle).J[3:, own - 1] @ poses[1][0][:3, :3]
+        reaches = np.linalg.norm(corners - np.outer(corners @ axis, axis), axis=1)
+        reach = float(reaches.max())
+        far = corners[reaches >= _FAR * reach]
+        nearest = []
+        for T_jaw, T_fixed in poses:
+            points = _moved(np.linalg.inv(T_fixed) @ T_jaw, far)
+            nearest.append(min((_nearest(fixed, one) for one in points), key=lambda one: one[0]))
+        (shut, met), (ajar, _) = sorted(nearest, key=lambda one: one[0])
+        joint = (np.linalg.inv(poses[0][1]) @ poses[0][0])[:3, 3]
+        beyond = np.linalg.norm(met) > np.linalg.norm(joint)
+        alongside = np.linalg.norm(met - joint) >= _OPEN * reach
+        closes = shut <= _SHUT * reach and ajar >= _OPEN * reach
+        return (palm,) if closes and beyond and alongside else ()
+
+    def _moves(self, link: str) -> bool:
+        """Return whether the joint above ``link`` is movable."""
+        parent = self._tree.parent_links[link]
+        above = 0 if parent is None else self._tree.link_joints[parent]
+        return self._tree.link_joints[link] != above
+
+    def _is_one_mechanism(self, branch: str) -> bool:
+        """Return whether one actuator alone moves all joints of a branch."""
+        joints = self.joints_of(self.subtree(branch))
+        rows = [self._tree.joint_index[joint] for joint in joints]
+        return len(self._tree.coupling.drivers(rows)) == 1
+
+    def _common_link(self, body: str, branches: Sequence[str]) -> str:
+        """Return the lowest link of a body that all branches hang on."""
+        common = body
+        while True:
+            below = [
+                child
+                for child in self._children[common]
+                if not self._moves(child) and set(branches) <= set(self.subtree(child))
+            ]
+            if not below:
+                return common
+            common = below[0]
+
+
+def _finger_names(tree: KinematicTree, joints: Sequence[Sequence[str]], prefix: str) -> list[str]:
+    """Name fingers by the common beginning of their joints' names, or else by number."""
+    names = []
+    for own in joints:
+        alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*own, strict=False))
+        name = "".join(letters[0] for letters in alike)
+        while (shorter := _TAIL.sub("", name)) != name:
+            name = shorter
+        names.append(name)
+    taken = {*tree.joint_names, ""}  # modes and limits go by finger or joint name
+    if len(set(names)) < len(names) or not taken.isdisjoint(names):
+        return [f"{prefix}finger_{number}" for number in range(1, len(joints) + 1)]
+    return names
+
+
+def _corners(item: LinkGeometry) -> FloatArray:
+    """Return (V, 3) vertices of a shape in the frame of the joint that carries it, m."""
+    # Loaded here: only a gripper with a fixed jaw needs triangles, and trimesh with them.
+    from graspless_pin.geometry.bodies.shapes import shape_of
+
+    return _moved(item.T_joint_geometry, shape_of(item.shape).surface().vertices)
+
+
+def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def _nearest(shapes: Sequence[LinkGeometry], point: FloatArray) -> tuple[float, FloatArray]:
+    """Return how far a point is from the nearest of some shapes, and where on it, joint's frame."""
+    dot, found = coal.Sphere(_POINT), []
+    for item in shapes:
+        T, answer = item.T_joint_geometry, coal.DistanceResult()
+        coal.distance(
+            item.shape, coal.Transform3s(T[:3, :3], T[:3, 3]),
+            dot, coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), answer,
+        )  # fmt: skip
+        found.append((float(answer.min_distance), np.asarray(answer.getNearestPoint1())))
+    return min(found, key=lambda one: one[0])

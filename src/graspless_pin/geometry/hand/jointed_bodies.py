@@ -9,9 +9,9 @@ import numpy as np
 
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.work_space import joint_motions
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import invert
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.records import Record
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, hull_corners
 from graspless_pin.geometry.bodies.meshes import scaled_mesh, warn_of_scale
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
-from graspless_pin.geometry.pickling import Record
+from graspless_pin.records import Record
 
 if TYPE_CHECKING:
     import trimesh

@@ -16,9 +16,14 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.hand.mjcf_geoms import geom_shape, is_known
 from graspless_pin.geometry.hand.mjcf_motors import Mimic, couplings, motor_joints, motors
-from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf
+from graspless_pin.geometry.hand.mjcf_source import (
+    MjcfSource,
+    geom_shape,
+    is_known,
+    pose,
+    read_mjcf,
+)
 from graspless_pin.geometry.hand.robot_model import (
     LinkShape,
     RobotJoint,

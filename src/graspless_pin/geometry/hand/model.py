@@ -14,7 +14,7 @@ from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.hand.actuation import Actuation
+from graspless_pin.geometry.hand.actuation import Actuation, EffortLimit
 from graspless_pin.geometry.hand.assembly import (
     ControlModes,
     assembled_mounts,
@@ -26,7 +26,6 @@ from graspless_pin.geometry.hand.configuration import (
     independent_rates,
     joint_positions,
 )
-from graspless_pin.geometry.hand.effort_limits import EffortLimit
 from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.hand.posed_links import (
@@ -36,13 +35,12 @@ from graspless_pin.geometry.hand.posed_links import (
     posed_links,
 )
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import as_pose, invert, turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.records import changed
+from graspless_pin.records import Record, changed
 
 _LONGEST = 80  # characters of a list of fingers
 

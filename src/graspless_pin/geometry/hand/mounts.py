@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import Cut
-from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
-from graspless_pin.geometry.hand.finger_discovery import discover_hands
-from graspless_pin.geometry.hand.fingers import check_fingers, driving_joints
+from graspless_pin.geometry.hand.actuation import expand_overrides, spread_names
+from graspless_pin.geometry.hand.fingers import check_fingers, discover_hands, driving_joints
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree, unknown_name

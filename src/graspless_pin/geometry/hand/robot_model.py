@@ -16,10 +16,10 @@ import numpy as np
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.bodies.shape import Shape
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Record
 
 MOVABLE_KINDS = ("revolute", "prismatic", "continuous")
 FREE_KINDS = ("floating", "planar")

@@ -26,10 +26,9 @@ from graspless_pin.geometry.hand.coupling import (
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries
 from graspless_pin.geometry.hand.robot_model import LinkShape, RobotJoint, RobotLink, RobotModel
 from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace, joint_motions
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, Record
 from graspless_pin.suggestions import names_in_words
 
 

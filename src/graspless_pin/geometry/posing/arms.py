@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import KinematicTree
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Record
 
 _WRIST = 3
 _LEVER = 0.1  # m: how far from the palm a radian counts as much as it moves there

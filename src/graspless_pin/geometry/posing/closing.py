@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
-from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import (
     LinkDistances,
     bounded_set,
+    near_pairs,
     nearest_separation,
     separation,
 )

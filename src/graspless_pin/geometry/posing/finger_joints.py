@@ -1,4 +1,4 @@
-"""Which independent joints move a finger, how far they go, and which of them flex it."""
+"""Which independent joints move a finger, how far they go and which flex it; hands moved so."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
@@ -98,3 +98,17 @@ def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
         if turns[column] == turns[last] and abs(cosine) > _COS_PARALLEL:
             rates[column] = math.copysign(1.0, cosine)
     return rates
+
+
+def bent_hand(hand: Hand, change: FloatArray) -> Hand:
+    """Return the hand with its actuators moved by (L,) rad or m; entries after them are left out.
+
+    Raises:
+        SceneError: If a joint would leave its limits.
+    """
+    columns = hand.actuation.from_independent
+    moved = hand.positions[list(hand.tree.coupling.leaders)] + columns @ change[: columns.shape[1]]
+    try:
+        return hand.with_configuration(moved)
+    except ArgumentError as error:
+        raise SceneError(f"a joint stands at its limit: {error}") from error

@@ -15,7 +15,6 @@ from graspless_pin.geometry.bodies.shapes import shape_of
 from graspless_pin.geometry.contact.distances import Separation, bounded_set, nearest_separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
-from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
@@ -25,6 +24,7 @@ from graspless_pin.geometry.posing.finger_joints import (
 )
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Record
 
 _PATIENCE, _FEW = 3, 4  # times the count that are tried, while fewer than its fourth are good
 _NEAR_START = 0.01  # m a half-range: how far off a tip may stay for a posture near the start

@@ -14,8 +14,12 @@ from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Capsule, MeshShape
-from graspless_pin.geometry.contact.broad_phase import box_centers, solids_of
-from graspless_pin.geometry.contact.distances import nearest_separation, separation
+from graspless_pin.geometry.contact.distances import (
+    box_centers,
+    nearest_separation,
+    separation,
+    solids_of,
+)
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 
