@@ -13,7 +13,7 @@ from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.objectives import Margin
-from graspless_pin.solution.proof import ConflictSplit
+from graspless_pin.solution.certificate import ConflictSplit
 
 
 def stiff_cuboid() -> QuasistaticProblem:

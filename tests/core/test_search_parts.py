@@ -26,7 +26,7 @@ from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin, Torque
-from graspless_pin.solution.proof import ContactSplit
+from graspless_pin.solution.certificate import ContactSplit
 from graspless_pin.solvers import Outcome
 
 RULES = Rules.parse()

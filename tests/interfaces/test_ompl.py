@@ -12,7 +12,7 @@ import pytest
 
 from graspless_pin import Evaluator, load_scene
 from graspless_pin.errors import ArgumentError
-from graspless_pin.planning.screw_motion import ScrewMotion
+from graspless_pin.planning.edges import ScrewMotion
 
 pytest.importorskip("ompl", reason="OMPL is not installed: pip install 'graspless-pin[ompl]'")
 from ompl import base, geometric, util

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin import Evaluator, Scene, load_scene
 from graspless_pin.planning import EvaluatedStates
-from graspless_pin.planning.screw_motion import segment_twist
+from graspless_pin.planning.edges import segment_twist
 from graspless_pin.solution.tables import Table
 
 FINGER = Path(__file__).resolve().parents[2] / "examples" / "robots" / "point_finger.urdf"

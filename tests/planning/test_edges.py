@@ -14,7 +14,7 @@ from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.planning import StateStatus
-from graspless_pin.planning.screw_motion import ScrewMotion
+from graspless_pin.planning.edges import ScrewMotion
 
 
 @pytest.mark.parametrize("turn", [0.0, 1e-6, 0.4, 2.5])

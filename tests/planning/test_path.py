@@ -18,7 +18,7 @@ from graspless_pin.planning import (
     joint_trajectory,
     write_path_csv,
 )
-from graspless_pin.planning.screw_motion import segment_twist
+from graspless_pin.planning.edges import segment_twist
 
 
 def pivoting(angles, times=None):

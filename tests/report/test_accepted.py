@@ -14,7 +14,7 @@ from graspless_pin.holding.verdict import DualBound, OutcomeSet
 from graspless_pin.report import solution_document
 from graspless_pin.report.accepted import accepted
 from graspless_pin.report.verify import verify_document
-from graspless_pin.solution.proof import ModeProof, SolutionProof
+from graspless_pin.solution.certificate import ModeProof, SolutionProof
 
 CUBOID = PAPER / "cuboid_at_rest.yaml"
 

@@ -19,7 +19,7 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.solution.proof import ConflictSplit, ContactSplit, KinematicLeaf
+from graspless_pin.solution.certificate import ConflictSplit, ContactSplit, KinematicLeaf
 
 SignItem = tuple[int, int, int]
 """Contact, component and sign of a virtual sliding; the sign 0: the contact is selected."""

@@ -20,10 +20,10 @@ from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import Witness
 from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.programs.dual_refinement import certain_bound, sharpened
+from graspless_pin.programs.active_set_polish import certain_bound, sharpened
 from graspless_pin.programs.program import Program
 from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
-from graspless_pin.solution.proof import (
+from graspless_pin.solution.certificate import (
     BoundLeaf,
     DualVariables,
     KinematicLeaf,

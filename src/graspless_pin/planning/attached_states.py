@@ -31,7 +31,7 @@ from graspless_pin.scene.contact_arrays import touching_of, with_touching
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 from graspless_pin.scene.problem_data import jointed_contacts
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.proof import DualVariables
+from graspless_pin.solution.certificate import DualVariables
 
 _AXES = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
 """Which tangents lie along where a scene states none: pyramids with 4 k edges are the same."""

@@ -15,9 +15,9 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import as_pose
 from graspless_pin.holding.verdict import StabilityKeywords, StabilityVerdict
 from graspless_pin.planning.configurations import Configuration
+from graspless_pin.planning.edges import segment_twist
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
-from graspless_pin.planning.screw_motion import segment_twist
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.records import Brief

@@ -20,10 +20,14 @@ from graspless_pin.algorithms.gradients import (
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.nearest_points import Rates
 from graspless_pin.geometry.hand.joint_columns import JointColumns
-from graspless_pin.planning.configuration_gradient import frame_turns
+from graspless_pin.planning.configuration_gradient import (
+    ContactRates,
+    ProblemRates,
+    frame_turns,
+    problem_rates,
+)
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.pins import pin_rates, pinned_points
-from graspless_pin.planning.problem_rates import ContactRates, ProblemRates, problem_rates
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.programs.objectives import Algorithm

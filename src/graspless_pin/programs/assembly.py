@@ -20,9 +20,8 @@ from graspless_pin.problem.scales import (
     MOST_STRICT,
 )
 from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.cones import face_rows, reach_of
+from graspless_pin.programs.cones import ForceLayout, face_rows, layout_of, reach_of
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
-from graspless_pin.programs.layout import ForceLayout, layout_of
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.programs.program import FARTHEST, Program
 

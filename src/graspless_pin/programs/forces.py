@@ -19,8 +19,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.scales import Strictness, passive_levers
-from graspless_pin.programs.cones import ConeRows, cone_reach, cone_rows
-from graspless_pin.programs.layout import ForceLayout, layout_of
+from graspless_pin.programs.cones import ConeRows, ForceLayout, cone_reach, cone_rows, layout_of
 from graspless_pin.programs.program import FARTHEST
 
 

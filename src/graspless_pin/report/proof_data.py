@@ -18,7 +18,7 @@ from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Block, Program
 from graspless_pin.report.verify.reading import KNOWN_CONES
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.proof import (
+from graspless_pin.solution.certificate import (
     BoundLeaf,
     ConflictSplit,
     ContactSplit,

@@ -12,8 +12,8 @@ from graspless_pin.algorithms.named_objectives import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
 from graspless_pin.geometry.contact.contact_points import ContactArrays
+from graspless_pin.geometry.contact.curvature import normal_jumps
 from graspless_pin.geometry.contact.distances import near_pairs, nearest_separation, separation
-from graspless_pin.geometry.contact.steadiness import normal_jumps
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray

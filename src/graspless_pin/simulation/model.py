@@ -28,10 +28,12 @@ from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.load_wrenches import ActingForce, acting_forces, hand_motion
-from graspless_pin.simulation.mjcf import Mjcf, add, add_mass
-from graspless_pin.simulation.scene_bodies import (
+from graspless_pin.simulation.mjcf import (
     OBJECT,
     FrictionOf,
+    Mjcf,
+    add,
+    add_mass,
     check_at_rest,
     hand_surface,
     write_object,

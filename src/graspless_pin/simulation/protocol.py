@@ -20,6 +20,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
 from graspless_pin.records import Record
 from graspless_pin.scene import Scene
+from graspless_pin.simulation.mjcf import OBJECT
 from graspless_pin.simulation.model import (
     FIXTURE,
     HOLDING_GAIN,
@@ -30,7 +31,6 @@ from graspless_pin.simulation.model import (
     SimulationModel,
     simulation_model,
 )
-from graspless_pin.simulation.scene_bodies import OBJECT
 
 FIXTURE_TIME = 0.3
 """s in which the object is held; the load grows during the first two thirds."""

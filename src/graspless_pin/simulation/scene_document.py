@@ -26,15 +26,17 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.serialization import plain, stated_hand, stated_scene
-from graspless_pin.simulation.mjcf import Mjcf, add, add_mass
-from graspless_pin.simulation.model import STIFF, write_options
-from graspless_pin.simulation.scene_bodies import (
+from graspless_pin.simulation.mjcf import (
     FrictionOf,
+    Mjcf,
+    add,
+    add_mass,
     check_at_rest,
     hand_surface,
     write_object,
     write_supports,
 )
+from graspless_pin.simulation.model import STIFF, write_options
 
 CUSTOM_TEXT = "graspless_pin"
 """Name of the text under ``<custom>`` that holds what MJCF has no word for."""

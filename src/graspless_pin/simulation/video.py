@@ -16,8 +16,8 @@ from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import GrasplessPinError, SceneError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.simulation.mjcf import OBJECT
 from graspless_pin.simulation.protocol import Simulation, load_mujoco
-from graspless_pin.simulation.scene_bodies import OBJECT
 
 _SIZE = 480, 640  # rows, columns
 _FRAMES = 50  # a second, of simulated time; played at half the speed

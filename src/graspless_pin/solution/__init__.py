@@ -1,7 +1,13 @@
 """What the algorithms return."""
 
-from graspless_pin.solution.certificate import FOUND, UNDECIDED, Certificate, Guarantee, Status
-from graspless_pin.solution.proof import Evidence
+from graspless_pin.solution.certificate import (
+    FOUND,
+    UNDECIDED,
+    Certificate,
+    Evidence,
+    Guarantee,
+    Status,
+)
 from graspless_pin.solution.torque_solution import TorqueSolution, checked_solution
 
 __all__ = [

@@ -22,8 +22,16 @@ from graspless_pin.programs.assembly import ScaledProgram, scaled_program
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.records import changed
-from graspless_pin.solution.certificate import FOUND, Certificate, Guarantee, Status
-from graspless_pin.solution.proof import NO_EVIDENCE, DualVariables, Evidence, SolutionProof
+from graspless_pin.solution.certificate import (
+    FOUND,
+    NO_EVIDENCE,
+    Certificate,
+    DualVariables,
+    Evidence,
+    Guarantee,
+    SolutionProof,
+    Status,
+)
 from graspless_pin.solution.tables import (
     certificate_text,
     contact_table,

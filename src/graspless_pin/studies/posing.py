@@ -12,9 +12,9 @@ from graspless_pin.scene.poses import close_fingers
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import YamlSource
-from graspless_pin.studies.posing_schema import CloseEntry, PlaceEntry, PosingEntry
 from graspless_pin.studies.rows import Row
 from graspless_pin.studies.sample_parts import SampleParts
+from graspless_pin.studies.study_schema import CloseEntry, PlaceEntry, PosingEntry
 
 NOT_PLACED = "not_placed"
 """Status of a sample whose hand has no place of the rank that is asked for."""

@@ -41,7 +41,6 @@ from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.posing import NOT_PLACED, parted, try_to_place
-from graspless_pin.studies.posing_schema import PosingEntry
 from graspless_pin.studies.results import (
     check_columns,
     format_of,
@@ -56,6 +55,7 @@ from graspless_pin.studies.sample_evaluation import Failure
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.sampling import AdaptiveSamples
 from graspless_pin.studies.study import Study
+from graspless_pin.studies.study_schema import PosingEntry
 from graspless_pin.versions import versions
 
 if TYPE_CHECKING:
