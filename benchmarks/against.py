@@ -23,7 +23,7 @@ from tabulate import tabulate
 
 from benchmarks.ratios import ALLOWED, LEAST_ROUNDS, Ratio, ratios_of
 from benchmarks.study_loops import STUDIES, study_rate
-from graspless_pin.child_processes import usable_cores
+from graspless_pin.child_process import usable_cores
 
 ROOT = Path(__file__).parents[1]
 ROUNDS = 9

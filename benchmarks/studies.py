@@ -14,7 +14,7 @@ from tabulate import tabulate
 
 from benchmarks.timing import as_new, timed
 from graspless_pin import QuasistaticProblem, maximize_margin
-from graspless_pin.child_processes import usable_cores
+from graspless_pin.child_process import usable_cores
 from graspless_pin.studies import Study, load_study, run_study
 from graspless_pin.studies.executors import Workforce, local_processes
 from graspless_pin.studies.sample_parts import Sample

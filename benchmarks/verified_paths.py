@@ -15,7 +15,7 @@ import numpy as np
 
 from graspless_pin import Evaluator, Scene
 from graspless_pin.errors import SceneError
-from graspless_pin.planning.screw_motion import ScrewMotion
+from graspless_pin.planning.edges import ScrewMotion
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document

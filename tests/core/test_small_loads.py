@@ -13,9 +13,8 @@ import pytest
 from graspless_pin import QuasistaticProblem, Status, explain, maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import is_too_small
-from graspless_pin.programs.answers import asked, elastic
+from graspless_pin.programs.answers import asked, clipped, elastic
 from graspless_pin.programs.program import LARGEST_FIGURE, Program
-from graspless_pin.programs.reductions import clipped
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 

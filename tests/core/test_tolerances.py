@@ -8,9 +8,8 @@ import pytest
 from graspless_pin.programs import answers
 from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.active_set_polish import polished
-from graspless_pin.programs.answers import checked_answer, proven
+from graspless_pin.programs.answers import UNREACHED, checked_answer, proven, without_far_limits
 from graspless_pin.programs.program import FARTHEST, Program
-from graspless_pin.programs.reductions import UNREACHED, without_far_limits
 from graspless_pin.solvers import Outcome
 
 NONE = np.zeros(0)

@@ -18,7 +18,7 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.errors import ArgumentError, StateError
-from graspless_pin.planning import StateStatus, attached_loops
+from graspless_pin.planning import StateStatus, state_loops
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -230,7 +230,7 @@ def test_most_states_of_a_path_are_answered_by_loops(monkeypatch):
     assert len(alone) <= 20
     elsewhere = pickle.loads(pickle.dumps(evaluator))  # noqa: S301 - its own
     np.testing.assert_allclose(elsewhere.evaluate_many(q[:9]).margins, found.margins[:9], atol=1e-8)
-    monkeypatch.setattr(attached_loops, "core", None)
+    monkeypatch.setattr(state_loops, "core", None)
     without = Evaluator(bar(), attached_to="panda_hand", collisions=False)
     np.testing.assert_allclose(without.evaluate_many(q[:9]).margins, found.margins[:9], atol=1e-8)
     assert without.is_feasible(q[0], margin=1.0)

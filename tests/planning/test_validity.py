@@ -14,7 +14,7 @@ from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.planning import StateStatus
-from graspless_pin.planning.validity import StateValidity
+from graspless_pin.planning.edges import StateValidity
 
 SPREADS = {
     "allegro_box_on_slope": 0.4,

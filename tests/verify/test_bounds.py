@@ -10,8 +10,7 @@ from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque, optimize
 from graspless_pin.report.verify.bounds import proven_bound
-from graspless_pin.report.verify.multipliers import stated_multipliers
-from graspless_pin.report.verify.reading import read_forces, read_problem
+from graspless_pin.report.verify.reading import read_forces, read_problem, stated_multipliers
 
 COULOMB = {
     "margin": lambda: maximize_margin(scene("up"), static_friction="coulomb"),

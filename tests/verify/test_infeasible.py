@@ -8,7 +8,7 @@ from verified_documents import changed, documented, failed
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.solution_proof import ModeProver
 from graspless_pin.report.verify import verify_document
-from graspless_pin.report.verify.bounds import proven_violation
+from graspless_pin.report.verify.tree import proven_violation
 
 SCENES = ("sphere", "rest", "up", "down")
 LIMITS = (50.0, 1e3, 1e7, 1e8, 1e12)

@@ -12,8 +12,7 @@ from verified_documents import changed, documented, failed
 from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.reading import read_problem
-from graspless_pin.report.verify.states import State
-from graspless_pin.report.verify.tree import TreeWalk
+from graspless_pin.report.verify.tree import State, TreeWalk
 
 FLOOR = [[0.1, 0.1, -0.1], [-0.1, 0.1, -0.1], [0.0, -0.1, -0.1]]
 WALL = [[0.05, 0.1, 0.0], [-0.05, 0.1, 0.0]]

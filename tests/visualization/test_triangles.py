@@ -10,6 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.meshes import (
+    Triangles,
+    simplified,
+    slab_triangles,
+)
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -20,11 +25,6 @@ from graspless_pin.geometry.bodies.shapes import (
     Shape,
     Sphere,
     shape_of,
-)
-from graspless_pin.geometry.bodies.triangles import (
-    Triangles,
-    simplified,
-    slab_triangles,
 )
 
 MUG = Path(__file__).resolve().parents[2] / "examples" / "meshes" / "mug.stl"

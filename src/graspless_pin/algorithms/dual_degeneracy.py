@@ -21,7 +21,7 @@ from scipy.linalg import null_space
 from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation, formulate
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.marginals import Marginals, marginals
+from graspless_pin.programs.builder import Marginals, marginals
 from graspless_pin.solution import TorqueSolution
 
 _HELD = 1e-7

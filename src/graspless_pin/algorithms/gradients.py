@@ -22,7 +22,7 @@ from graspless_pin.algorithms.torque import maximize_margin
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.programs.marginals import Marginals
+from graspless_pin.programs.builder import Marginals
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution, checked_solution

@@ -17,7 +17,7 @@ RIGIDITY_TOLERANCE = 1e-6
 
 _STRAIGHT = 1e-12
 """Cosine of the pitch below which it is 90 degrees."""
-_IDENTITY = np.eye(4)
+_IDENTITY, _NO_TURN = np.eye(4), np.eye(3)
 
 
 def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArray[np.float64]:
@@ -39,11 +39,30 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArr
     origin = finite_numbers("position", position)
     if origin.shape != (3,):
         raise ArgumentError("position", f"needs 3 numbers (x, y, z in metres), got {origin.shape}")
+    if rotation is None:
+        return as_pose("rotation", rigid(origin))
+    return as_pose(
+        "rotation", rigid(origin, _rotation_matrix(finite_numbers("rotation", rotation)))
+    )
+
+
+def rigid(position: ArrayLike, R: NDArray[np.float64] = _NO_TURN) -> NDArray[np.float64]:
+    """Return a (4, 4) transform of a position (3,), m, and a rotation (3, 3), neither checked."""
     T = np.eye(4)
-    T[:3, 3] = origin
-    if rotation is not None:
-        T[:3, :3] = _rotation_matrix(finite_numbers("rotation", rotation))
-    return as_pose("rotation", T)
+    T[:3, :3], T[:3, 3] = R, position
+    return T
+
+
+def shifted(T: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a (4, 4) transform moved by (3,), m, in the destination's axes."""
+    return rigid(T[:3, 3] + way, T[:3, :3])
+
+
+def turned_about(
+    center: NDArray[np.float64], R: NDArray[np.float64], shift: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the (4, 4) transform that turns about a point (3,) and then moves by (3,), m."""
+    return rigid(center - R @ center + shift, R)
 
 
 def roll_pitch_yaw(R: NDArray[np.float64]) -> tuple[float, float, float]:

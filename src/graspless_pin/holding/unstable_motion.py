@@ -68,17 +68,17 @@ def coulomb_gaps(dynamics: Dynamics, forces: FloatArray, slips: FloatArray) -> F
     return np.abs(gaps) + np.where(held, 0.0, np.abs(forces[:, 0] * slips[:, 0]))
 
 
-def find_motion(dynamics: Dynamics, seed: int = 0) -> FloatArray | None:
+def find_motion(dynamics: Dynamics) -> FloatArray | None:
     """Return scaled forces of a moving outcome, None where the search found none."""
-    return next(found_motions(dynamics, seed), None)
+    return next(found_motions(dynamics), None)
 
 
-def found_motions(dynamics: Dynamics, seed: int = 0) -> Iterator[FloatArray]:
+def found_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
     """Yield scaled forces of moving outcomes, each in other contact states.
 
     The first start is without forces: what happens where contacts close without preload.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     count = dynamics.contact_count
     starts = np.zeros((_STARTS, count, 3))
     starts[1:, :, 0] = (

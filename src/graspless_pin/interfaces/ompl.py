@@ -19,12 +19,10 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.caching import Bounded
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.planning.configurations import Configuration
-from graspless_pin.planning.edges import RESOLUTION
+from graspless_pin.planning.edges import RESOLUTION, required_margin
 from graspless_pin.planning.evaluator import Evaluator
-from graspless_pin.planning.validity import required_margin
-from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.problem.checks import FloatArray, real_number, unknown_name
 
 try:
     from ompl import base

@@ -4,7 +4,7 @@ from graspless_pin.planning.configuration_gradient import (
     ConfigurationGradient,
     configuration_gradient,
 )
-from graspless_pin.planning.edges import MotionFault, MotionMargins
+from graspless_pin.planning.edges import MotionFault, MotionMargins, StateValidity
 from graspless_pin.planning.evaluated_states import EvaluatedStates
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
@@ -24,7 +24,6 @@ from graspless_pin.planning.squeeze_window import (
     WindowEnd,
     squeeze_window,
 )
-from graspless_pin.planning.validity import StateValidity
 
 __all__ = [
     "ConfigurationGradient",

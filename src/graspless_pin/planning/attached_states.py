@@ -19,12 +19,11 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.distances import near_solids, separation, solids_of
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import invert, transformed
 from graspless_pin.planning.configurations import Configuration, Configurations, unlimited
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, read_only, unknown_name
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.scene import Scene
 from graspless_pin.scene.contact_arrays import touching_of, with_touching

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.planning.pins import Pin, PinEntry, pinned_points, pins_of
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray, finite_array, unknown_name
 from graspless_pin.records import changed
 from graspless_pin.scene import Scene
 from graspless_pin.scene.motion_and_contacts import Motion

@@ -15,7 +15,15 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration, Configurations
-from graspless_pin.planning.edges import RESOLUTION, Edge, MotionFault, MotionMargins
+from graspless_pin.planning.edges import (
+    RESOLUTION,
+    Edge,
+    MotionFault,
+    MotionMargins,
+    StateValidity,
+    required_margin,
+    state_validity,
+)
 from graspless_pin.planning.evaluated_states import (
     EvaluatedStates,
     evaluated_states,
@@ -26,7 +34,6 @@ from graspless_pin.planning.many_states import Progress, checked_states
 from graspless_pin.planning.pinned_contacts import PinnedState, pinned_state
 from graspless_pin.planning.pins import PinEntry
 from graspless_pin.planning.state_solver import StateSolver
-from graspless_pin.planning.validity import StateValidity, required_margin, state_validity
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.caching import Derived
-from graspless_pin.child_processes import kept_processes, usable_cores
+from graspless_pin.child_process import kept_processes, usable_cores
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
 from graspless_pin.planning.state_solver import StateSolver
@@ -205,7 +205,7 @@ def _found_by_processes(
     processes, token = kept_processes(), _TOKENS.of(solver)
 
     def found(chunk: slice) -> Arrays:
-        child = processes.taken(_ready)
+        child = processes.taken(_found_there)
         part = states.part(chunk)
         try:
             there = child.call(_found_there, compute, token, None, part)
@@ -241,8 +241,3 @@ def _found_there(
         _SOLVERS[token] = solver
     known = _SOLVERS.get(token)
     return None if known is None else compute(known, states)
-
-
-def _ready() -> bool:
-    """Answer. Where this can be called, what evaluates states has been loaded."""
-    return True

@@ -22,10 +22,9 @@ from graspless_pin.geometry.contact.nearest_points import (
 )
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.poses import invert, transformed
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray, finite_array, unknown_name
 from graspless_pin.scene import Scene
 from graspless_pin.scene.motion_and_contacts import GivenContact
-from graspless_pin.suggestions import names_in_words
 
 PinEntry = tuple[str, str] | tuple[str, str, ArrayLike]
 """Two bodies, and perhaps the way that the face of the second looks which counts, its own axes."""
@@ -94,7 +93,7 @@ def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
     bodies = [own if body == "object" else str(body) for body in entry[:2]]
     for body in bodies:
         if body not in known:
-            raise ArgumentError(name, f"unknown body {body!r}; {names_in_words(body, known)}")
+            raise unknown_name(name, "body", body, known)
     if bodies.count(own) != 1:
         raise ArgumentError(name, f"pairs {bodies}; one of the two has to be the object, {own!r}")
     first, second = bodies

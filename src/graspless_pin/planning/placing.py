@@ -13,7 +13,7 @@ from queue import SimpleQueue
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.child_processes import ChildProcesses, usable_cores
+from graspless_pin.child_process import ChildProcesses, usable_cores
 from graspless_pin.errors import (
     ArgumentError,
     GrasplessPinError,
@@ -238,7 +238,7 @@ def _computed(
 
     def compute(own: Sequence[int]) -> None:
         try:
-            child = children.taken(_ready)
+            child = children.taken(try_candidates)
             try:
                 for one in child.iterate(try_candidates, plan, own):
                     found.put(one)
@@ -352,8 +352,3 @@ def _verdict(
     if not solution.found:
         return None
     return scene.stability(solution.torques, node_limit=nodes)
-
-
-def _ready() -> bool:
-    """Answer. Where this can be called, what tries candidates has been loaded."""
-    return True

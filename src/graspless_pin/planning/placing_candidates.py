@@ -14,7 +14,7 @@ from graspless_pin.errors import GrasplessPinError, StateError, internal_error
 from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
-from graspless_pin.geometry.poses import invert
+from graspless_pin.geometry.poses import invert, shifted
 from graspless_pin.geometry.posing.arms import brought_palm
 from graspless_pin.geometry.posing.closing import (
     ClosingResult,
@@ -123,7 +123,7 @@ def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
 
 def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
     hand = plan.hand
-    positions = hand.positions[list(hand.tree.coupling.leaders)].copy()
+    positions = hand.tree.coupling.independent(hand.positions)
     displacements = np.repeat(np.eye(4)[None], len(hand.base_poses), axis=0)
     draws = []
     for index, part in enumerate(plan.parts):
@@ -248,7 +248,7 @@ def _brought(
         back, last = back_until_free(open_hand, obstacles, draw.direction, farthest)
         if back is None:
             return (PlacingFault.OBJECT_IN_THE_WAY, PlacingFault.SUPPORT_IN_THE_WAY)[last]
-        stance = _stance(part, hand, _shifted(T, -back * draw.direction), rng) if back else stance
+        stance = _stance(part, hand, shifted(T, -back * draw.direction), rng) if back else stance
         if part.arm is None or not back:
             break
     else:
@@ -276,7 +276,7 @@ def _brought(
         shift = _shift_of(closing, together, target.placed_bodies)
         if not left or np.linalg.norm(shift) < _CENTERED:
             return closing, T
-        stance = _stance(part, hand, _shifted(T, T[:3, :3] @ shift), rng)
+        stance = _stance(part, hand, shifted(T, T[:3, :3] @ shift), rng)
     return PlacingFault.OBJECT_IN_THE_WAY
 
 
@@ -296,13 +296,6 @@ def _stance(
     if np.linalg.norm(wanted[:3, 3] - there[:3, 3]) > _OFF or turn > _ASKEW:
         return None
     return hand.with_configuration(positions), np.eye(4)
-
-
-def _shifted(T: FloatArray, way: FloatArray) -> FloatArray:
-    """Return a pose (4, 4) moved by (3,) m."""
-    moved = np.array(T)
-    moved[:3, 3] += way
-    return moved
 
 
 def _of_links(hand: Hand, links: frozenset[str]) -> PlacedBodies:
@@ -337,7 +330,7 @@ def _shift_of(
 def _idle_fingers_opened(part: HandPart, draw: Draw, closing: ClosingResult) -> FloatArray:
     """Return (a,) positions with the fingers that touch nothing open again, out of the way."""
     hand = closing.hand
-    positions = hand.positions[list(hand.tree.coupling.leaders)].copy()
+    positions = hand.tree.coupling.independent(hand.positions)
     idle = {one.finger for one in closing.fingers if not one.touching}
     for group in groups_of_fingers(hand, part.fingers):
         if idle.issuperset(group):

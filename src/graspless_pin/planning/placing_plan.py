@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.poses import transformed
+from graspless_pin.geometry.poses import rigid, transformed, turned_about
 from graspless_pin.geometry.posing.arms import Arm, arm_above
 from graspless_pin.geometry.posing.opposing import (
     OpposingPosture,
@@ -240,9 +240,7 @@ def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) 
     if point is None:
         point = transformed(plan.scene.object.T_world_object, inside)
     grip = posture.palm + rng.uniform(*_DEPTH) * (posture.meeting - posture.palm)
-    T = np.eye(4)
-    T[:3, :3] = R
-    T[:3, 3] = point - T[:3, :3] @ grip
+    T = rigid(point - R @ grip, R)
     return Draw(chosen, opened, T, direction, bool(rng.random() < 0.5))
 
 
@@ -276,9 +274,7 @@ def _varied(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator)
     way = rng.normal(size=3) * _TURN * (rng.random() < _TURNED)
     turn = Rotation.from_rotvec(way).as_matrix()
     center = plan.scene.object.center_of_mass_world
-    change = np.eye(4)
-    change[:3, :3] = turn
-    change[:3, 3] = center - turn @ center + rng.normal(size=3) * _SHIFT
+    change = turned_about(center, turn, rng.normal(size=3) * _SHIFT)
     bend = _BEND * rng.normal(size=len(draw.opened)) * (posture.opened - posture.closed)
     ends = np.sort([posture.closed, posture.opened], axis=0)
     opened = np.clip(draw.opened + bend, *ends)

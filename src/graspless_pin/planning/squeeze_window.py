@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import groupby
 from math import isfinite
 
 import numpy as np
@@ -244,8 +245,7 @@ def squeeze_window(
     line = _Line(problem, given, way, held, verdict_on)
     low, high = line.reach(lowest=-1.0 if direction is None else -np.inf)
     amounts = _amounts(samples, low, high)
-    points = {amount: line.at(amount) for amount in amounts.tolist()}
-    found = [*points.values()]
+    found = [line.at(amount) for amount in amounts.tolist()]
     middle = int(np.searchsorted(amounts, 0.0))
     lower = upper = None
     if found[middle].holds:
@@ -413,12 +413,8 @@ def _ended(point: _Point, reason: EndReason, message: str) -> WindowEnd:
 
 def _others(points: list[_Point], middle: int) -> list[tuple[float, float]]:
     """Return the stretches of samples that hold, but for that about the given torques."""
-    stretches: list[list[int]] = []
-    for index, point in enumerate(points):
-        if point.holds and stretches and stretches[-1][-1] == index - 1:
-            stretches[-1].append(index)
-        elif point.holds:
-            stretches.append([index])
+    runs = groupby(range(len(points)), key=lambda index: points[index].holds)
+    stretches = [[*run] for holds, run in runs if holds]
     return [
         (points[one[0]].amount, points[one[-1]].amount) for one in stretches if middle not in one
     ]

@@ -1,18 +1,34 @@
-"""Many states of one scene in loops: the hand elsewhere, and contacts found in each state."""
+"""Many states of one scene in loops: the hand elsewhere, and contacts found in each state.
+
+Of an object that moves with a link, all states are one problem under other loads.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cached_property, partial
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.batch_optimum import optima_of_states, state_optimum
+from graspless_pin.algorithms.batch_optimum import (
+    LoadSweep,
+    are_for,
+    optima_of_states,
+    state_optimum,
+)
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import closeness
+from graspless_pin.compiled import core
 from graspless_pin.errors import StateError
+from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
+from graspless_pin.geometry.contact.distances import solids_of
+from graspless_pin.geometry.hand.work_space import Kinematics
+from graspless_pin.geometry.poses import invert
+from graspless_pin.geometry.posing.overlaps import pairs_of
+from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import STATUSES, StateStatus, WarmAnswer
 from graspless_pin.planning.warm_starts import WarmStarts
@@ -20,10 +36,15 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
-from graspless_pin.scene.batch_states import PlainProblems, PlainStates
+from graspless_pin.scene.batch_states import PlainProblems, PlainStates, loops_of
+from graspless_pin.scene.load_wrenches import carried_loads
+from graspless_pin.scene.problem_data import jointed_contacts, loads_of
 from graspless_pin.scene.state_findings import StateChecks, state_findings
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
+_Group = tuple[NDArray[np.intp], Callable[[int], int]]
+"""Numbers of states that one loop takes, and what solves them from one of these on: it returns how
+many before one needs more."""
 
 
 class SolvedStates(NamedTuple):
@@ -50,6 +71,11 @@ class SolvedStates(NamedTuple):
         figures, torques = np.full((count, 6), np.nan), np.full((count, len(joint_names)), np.nan)
         faults = np.full(count, _FOUND, np.uint8)
         return cls(figures, torques, np.zeros(count, np.int32), faults, joint_names)
+
+    def refuse(self, number: int, at: Configurations, scene: Scene, checks: StateChecks) -> None:
+        """Enter the first of the `refusals` of a scene in one of the states, if there is any."""
+        for status, _ in islice(refusals(at, scene, checks), 1):
+            self.faults[number] = STATUSES.index(status)
 
     @property
     def sound(self) -> NDArray[np.bool_]:
@@ -100,7 +126,11 @@ class StateLoops:
         self._options = options
         self._checks = checks
         self._starts = starts
-        self._plain = PlainProblems(configurations.scene, collisions=checks.collisions)
+
+    @cached_property
+    def _plain(self) -> PlainProblems:
+        """What finds contacts in loops, and keeps what states with the same contacts share."""
+        return PlainProblems(self._at.scene, collisions=self._checks.collisions)
 
     def learn(self, scene: Scene, problem: QuasistaticProblem) -> None:
         """Keep what a problem that was solved by itself shares with those of the same contacts."""
@@ -111,7 +141,7 @@ class StateLoops:
         q: FloatArray | None,
         objective: Objective,
         alone: Callable[[int], object],
-        enough: float | None = None,  # noqa: ARG002 - here optima are as cheap
+        enough: float | None = None,
     ) -> SolvedStates | None:
         """Solve many states by warm starts in loops alone, and others one by one as they come.
 
@@ -121,27 +151,57 @@ class StateLoops:
             objective: What is optimised.
             alone: Called with the number of each state that has to be solved by itself, so that
                 what is learned there serves those after it.
-            enough: Margin of which it is enough to know whether it is reached, N; None: optima are
-                looked for.
+            enough: Margin of which it is enough to know whether it is reached, N, where that is
+                cheaper; None: optima are looked for.
 
         Returns:
             What was found; None: nothing can be, and nothing was called.
         """
-        states, hand = None if q is None else self._plain.at(q), self._at.scene.hand
-        if states is None or q is None or hand is None:
+        states = None if q is None else self._states(q, objective)
+        if states is None or q is None:
             return None
-        found = SolvedStates.room(len(q), hand.joint_names)
-        for shapes, order in states.groups():
-            order = self._sound(shapes, order, q, states, found.faults)
+        found = SolvedStates.room(len(q), self._torque_names)
+        for order, advance in self._groups(q, states, objective, enough, found):
             begin = 0
             while begin < len(order):
-                begin += self._advance(shapes, objective, order[begin:], states, found)
+                begin += advance(begin)
                 if begin < len(order):
                     alone(int(order[begin]))
                     begin += 1
         for number in np.flatnonzero(states.counts < 0).tolist():
             alone(number)
         return found
+
+    @property
+    def _torque_names(self) -> tuple[str, ...]:
+        """L names of the torques of all states."""
+        hand = self._at.scene.hand
+        return () if hand is None else hand.joint_names
+
+    def _states(self, q: FloatArray, objective: Objective) -> PlainStates | None:  # noqa: ARG002
+        """Return configurations posed by loops; None: they cannot be."""
+        return None if self._at.scene.hand is None else self._plain.at(q)
+
+    def _groups(
+        self,
+        q: FloatArray,
+        states: PlainStates,
+        objective: Objective,
+        enough: float | None,  # noqa: ARG002 - here optima are as cheap
+        found: SolvedStates,
+    ) -> Iterator[_Group]:
+        """Yield states with the same contacts, those alone that have no serious finding.
+
+        Args:
+            q: (K, a) configurations.
+            states: What loops have found of them.
+            objective: What is optimised.
+            enough: See `optima_of_states`.
+            found: Where what is found is entered.
+        """
+        for shapes, touching in states.groups():
+            order = self._sound(shapes, touching, q, states, found)
+            yield order, partial(self._advance, shapes, objective, order, states, found)
 
     def answer(self, q: FloatArray, objective: Objective) -> WarmAnswer | None:
         """Solve one state as many are; None: it has to be solved by itself.
@@ -186,7 +246,7 @@ class StateLoops:
         order: NDArray[np.intp],
         q: FloatArray,
         states: PlainStates,
-        faults: NDArray[np.uint8],
+        found: SolvedStates,
     ) -> NDArray[np.intp]:
         """Return those of some states that have no serious finding, and enter it for the others.
 
@@ -195,7 +255,7 @@ class StateLoops:
             order: Their numbers.
             q: (K, a) configurations.
             states: What loops have found.
-            faults: See `SolvedStates`.
+            found: Where findings are entered.
         """
         at, off = self._at, self._checks.need_hand and not shapes
         of_overlaps = self._checks._replace(need_hand=False)
@@ -204,14 +264,11 @@ class StateLoops:
         if not (off or doubtful) or self._without_problem(at.scene_at(q[order[0]], None, None)):
             return order
         if off:
-            faults[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
+            found.faults[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
             return order[:0]
         for number in doubtful:
-            for status, _ in islice(
-                refusals(at, at.scene_at(q[number], None, None), of_overlaps), 1
-            ):
-                faults[number] = STATUSES.index(status)
-        return order[faults[order] == _FOUND]
+            found.refuse(number, at, at.scene_at(q[number], None, None), of_overlaps)
+        return order[found.sound[order]]
 
     def _advance(
         self,
@@ -220,8 +277,9 @@ class StateLoops:
         order: NDArray[np.intp],
         states: PlainStates,
         found: SolvedStates,
+        begin: int,
     ) -> int:
-        """Solve states with the same contacts; how many before one needs more."""
+        """Solve states with the same contacts from one on; how many before one needs more."""
         alike = self._plain.alike(shapes)
         if alike is None:
             return 0
@@ -229,6 +287,7 @@ class StateLoops:
         learned, pool = self._starts.for_loops(bodies, problem, objective)
         if not pool.is_due():
             return 0
+        order = order[begin:]
         count = optima_of_states(
             problem, objective, self._options, learned, pool.starts, order, states,
             self._plain.moves, carriers, *self._plain.frame, found.figures, found.torques,
@@ -245,3 +304,140 @@ class StateLoops:
         except StateError:
             return True
         return False
+
+
+_NO_BODIES = PlacedBodies.of(())
+
+
+class AttachedLoops(StateLoops):
+    """Finds optima of states in the axes of the joint that carries the link."""
+
+    _at: AttachedConfigurations
+
+    def learn(self, scene: Scene | None = None, problem: QuasistaticProblem | None = None) -> None:  # noqa: ARG002
+        """Take what served last, or was left behind by a search since."""
+        for objective, sweep in list(self._sweeps.items()):
+            start = self._starts.best(self._at.touching.bodies, self._problem, objective)
+            sweep.learn(self._problem, start)
+
+    def answer(self, q: FloatArray, objective: Objective) -> None:
+        """Return None: a whole answer is solved by itself."""
+
+    def reaches(self, q: FloatArray, margin: float) -> bool | None:
+        """Do what `StateLoops.reaches` does, with no more than one state needs."""
+        objective = Margin()
+        states = self._states(q[None], objective)
+        if states is None or states.counts[0] < 0 or states.doubtful[0]:
+            return None
+        figures, torques = np.empty((1, 6)), np.empty((1, self._problem.joint_count))
+        loads, sweep = self._loads(states, slice(None)), self._sweep(objective)
+        if not sweep.advance(self._problem, loads, 0, figures, torques, enough=margin):
+            return None
+        _, value, _, _, _, unit = figures[0].tolist()
+        return is_reached(value, unit, margin)
+
+    @property
+    def _torque_names(self) -> tuple[str, ...]:
+        return self._problem.joint_names
+
+    def _states(self, q: FloatArray, objective: Objective) -> PlainStates | None:
+        if self._loops is None or not are_for(self._problem.cone_model, objective, self._options):
+            return None
+        return PlainStates(*self._loops.at(q))
+
+    def _groups(
+        self,
+        q: FloatArray,
+        states: PlainStates,
+        objective: Objective,
+        enough: float | None,
+        found: SolvedStates,
+    ) -> Iterator[_Group]:
+        within, problem = states.counts >= 0, self._problem
+        for number in np.flatnonzero(within & states.doubtful).tolist():
+            scene = self._at.answered_at(q[number], None, None)
+            found.refuse(number, self._at, scene, self._checks)
+        order = np.flatnonzero(within & found.sound)
+        loads, sweep = self._loads(states, order), self._sweep(objective)
+        figures, torques = np.empty((len(order), 6)), np.empty((len(order), problem.joint_count))
+
+        def advance(begin: int) -> int:
+            self.learn()
+            end = sweep.advance(problem, loads, begin, figures, torques, enough=enough)
+            solved = order[begin:end]
+            found.figures[solved], found.torques[solved] = figures[begin:end], torques[begin:end]
+            found.contact_counts[solved] = problem.contact_count
+            return end - begin
+
+        yield order, advance
+
+    def _loads(self, states: PlainStates, order: Any) -> FloatArray:
+        """Return (K, 2M + 6 + 3L) what bears on the contacts of some states as loops take it."""
+        at, problem = self._at, self._problem
+        kinematics = Kinematics(states.poses[order], states.columns[order])
+        wrenches, torques = carried_loads(
+            at.scene, at.hand, at.joint, kinematics, at.T_joint_object
+        )
+        torques = torques + states.weights[order]
+        if at.motors_carry:
+            torques = at.carrying(kinematics, wrenches, torques)
+        rows, count = np.empty((len(torques), len(self._row))), problem.contact_count
+        rows[:] = self._row
+        rows[:, count : count + 6] = at.in_axes(kinematics, wrenches)
+        begin = count + 6 + 2 * problem.joint_count
+        rows[:, begin : begin + problem.joint_count] += torques @ at.motors
+        return rows
+
+    def _sweep(self, objective: Objective) -> LoadSweep:
+        """Return the loops for an objective."""
+        sweeps = self._sweeps
+        if objective not in sweeps:
+            sweeps[objective] = LoadSweep(self._problem, objective, self._options, turning=True)
+            self.learn()
+        return sweeps[objective]
+
+    @cached_property
+    def _sweeps(self) -> dict[Objective, LoadSweep]:
+        """The loops by objective."""
+        return {}
+
+    @cached_property
+    def _problem(self) -> QuasistaticProblem:
+        """One of the problems, for what all of them share."""
+        return self._at.shared_problem(self._at.scene, self._at.scene.problem())
+
+    @cached_property
+    def _row(self) -> FloatArray:
+        """What of the loads no state changes; those of the joints are added to it."""
+        scene = self._at.scene
+        loads = loads_of(scene, jointed_contacts(scene))
+        return loads._replace(gravity_torques=np.zeros(self._problem.joint_count)).row()
+
+    @cached_property
+    def _loops(self) -> Any:
+        """The loops that pose the hand; None: nothing was compiled."""
+        if core is None:
+            return None
+        at, tree = self._at, self._at.hand.tree
+        pieces = at.scene.object.placed_bodies
+        T_object_pieces = invert(at.scene.object.T_world_object) @ pieces.poses
+        carriers, placements = tree.shape_placements
+        joined = BodyShapes(
+            (*tree.shapes.names, *pieces.shapes.names),
+            (*tree.shapes.geometries, *pieces.shapes.geometries),
+        )
+        moving = (
+            np.concatenate([carriers, np.full(len(pieces), at.joint)]),
+            np.concatenate([placements, at.T_joint_object @ T_object_pieces]),
+            solids_of(joined).for_loops,
+        )
+        pairs = _pairs(at, moving[-1], len(pieces)) if self._checks.collisions else None
+        return loops_of(at.scene, at.coupling(), moving, _NO_BODIES, pairs)
+
+
+def _pairs(at: AttachedConfigurations, sets: Any, pieces: int) -> Any:
+    """Return the pairs of links, and of links beside the object and its pieces, for loops."""
+    count, tree = len(at.beside), at.hand.tree
+    beside = np.flatnonzero(at.beside).tolist()
+    places = [*pairs_of(tree).places, *((k, count + p) for k in beside for p in range(pieces))]
+    return core.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])

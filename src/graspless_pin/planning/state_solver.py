@@ -12,7 +12,6 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import CLOSED
 from graspless_pin.algorithms.warm_start import reaches_margin
 from graspless_pin.errors import JointLimitError, StateError
-from graspless_pin.planning.attached_loops import AttachedLoops
 from graspless_pin.planning.attached_states import (
     AttachedConfigurations,
     turned_optimum,
@@ -21,7 +20,7 @@ from graspless_pin.planning.attached_states import (
 )
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import Evaluation, StateStatus, WarmAnswer
-from graspless_pin.planning.state_loops import StateLoops, is_reached, refusals
+from graspless_pin.planning.state_loops import AttachedLoops, StateLoops, is_reached, refusals
 from graspless_pin.planning.warm_starts import WarmStarts, WarmState
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -79,11 +78,8 @@ class StateSolver:
         self.options = options
         self.checks = checks
         self._starts = WarmStarts()
-        self.loops: StateLoops | AttachedLoops
-        if isinstance(configurations, AttachedConfigurations):
-            self.loops = AttachedLoops(configurations, options, checks, self._starts)
-        else:
-            self.loops = StateLoops(configurations, options, checks, self._starts)
+        loops = AttachedLoops if isinstance(configurations, AttachedConfigurations) else StateLoops
+        self.loops = loops(configurations, options, checks, self._starts)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what was given: what was learned is learned again elsewhere."""

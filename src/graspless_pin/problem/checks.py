@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.errors import ArgumentError
-from graspless_pin.suggestions import nearest_name
+from graspless_pin.suggestions import names_in_words, nearest_name
 
 _LARGEST_OF = {"regularization": LARGEST_REGULARIZATION}
 
@@ -233,6 +233,11 @@ def choice(options: type[_Choice], name: str, value: str) -> _Choice:
         ArgumentError: Naming the argument and the values it can have.
     """
     return options(one_of(tuple(options), name, value))
+
+
+def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> ArgumentError:
+    """Return the error for a name that is not among the known ones, which it lists."""
+    return ArgumentError(argument, f"unknown {kind} {name!r}; {names_in_words(name, known)}")
 
 
 def one_of(known: Collection[str], name: str, value: str) -> str:

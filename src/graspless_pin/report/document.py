@@ -26,8 +26,8 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.proof_data import cone_data, multipliers_data, objective_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
-from graspless_pin.report.verify.bounds import proven_violation
 from graspless_pin.report.verify.reading import KNOWN_CONES
+from graspless_pin.report.verify.tree import proven_violation
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 

@@ -34,8 +34,13 @@ from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.report.document import DOCUMENT_FORMAT
-from graspless_pin.report.proof_data import as_number, as_numbers, cone_data, read_multipliers
-from graspless_pin.report.stated_objective import StatedObjective
+from graspless_pin.report.proof_data import (
+    StatedObjective,
+    as_number,
+    as_numbers,
+    cone_data,
+    read_multipliers,
+)
 from graspless_pin.solution import FOUND, Certificate, Evidence, Guarantee, Status, TorqueSolution
 
 _SAME = 1e-9

@@ -14,7 +14,7 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.load_wrenches import object_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
-from graspless_pin.solution.tables import COLUMNS, figure, headed
+from graspless_pin.solution.tables import COLUMNS, counted, figure, headed
 
 
 def scene_solution_text(
@@ -40,11 +40,11 @@ def scene_solution_text(
     """
     problem = solution.problem
     facts = (
-        f"{scene.object.name}, {scene.object.mass:g} kg, {_count(problem.contact_count, 'contact')}"
-        f", {_count(problem.joint_count, 'joint')}"
+        f"{scene.object.name}, {scene.object.mass:g} kg, "
+        f"{counted(problem.contact_count, 'contact')}, {counted(problem.joint_count, 'joint')}"
     )
     if scene.loads:
-        facts += f", {_count(len(scene.loads), 'load')}"
+        facts += f", {counted(len(scene.loads), 'load')}"
     if scene.acceleration is not None:
         a = object_motion(scene).acceleration_of(scene.object.center_of_mass_world)
         facts += f", accelerating by {hypot(*a):.3g} m/s^2"
@@ -93,10 +93,6 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held:
     beyond = ": a contact may be pressed so far beyond max_normal_force"
     pressed = beyond if least.startswith("-") else ""
     return f"At worst, {who} leave a margin of {least} N{unproven}, {bounds.covers}{pressed}."
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _touching(scene: Scene) -> list[str]:

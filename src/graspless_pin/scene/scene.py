@@ -40,6 +40,7 @@ from graspless_pin.scene.scene_findings import findings_of, unused_figures
 from graspless_pin.scene.scene_stability import rest_model_of, verdict_of
 from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.tables import counted
 from graspless_pin.suggestions import what_to_pass
 
 if TYPE_CHECKING:
@@ -287,10 +288,10 @@ def scene_line(scene: Scene) -> str:
     """Return a scene in one line: its name and sizes; nothing is computed for it."""
     joints = "no hand"
     if scene.hand is not None:
-        joints = f"a hand of {_count(len(scene.hand.joint_names), 'joint')}"
+        joints = f"a hand of {counted(len(scene.hand.joint_names), 'joint')}"
     return (
         f"<Scene {scene.name!r}: {scene.object.name}, {scene.object.mass:g} kg, {joints}, "
-        f"{_count(len(scene.supports), 'support')}>"
+        f"{counted(len(scene.supports), 'support')}>"
     )
 
 
@@ -308,7 +309,7 @@ def scene_screen(scene: Scene) -> str:
         hand = scene.hand
         fingers = shorten(", ".join(hand.fingers) or "no fingers", _WIDEST, placeholder=" ...")
         lines.append(
-            f"hand      {fingers}: {_count(len(hand.joint_names), 'joint')}, "
+            f"hand      {fingers}: {counted(len(hand.joint_names), 'joint')}, "
             f"{len(hand.actuated_joint_names)} under force control"
         )
     for support in scene.supports[:_MOST]:
@@ -357,7 +358,3 @@ def _shape(shape: Shape) -> str:
 
 def _point(values: FloatArray) -> str:
     return f"[{', '.join(f'{value:.4g}' for value in (np.round(values, 9) + 0.0).tolist())}]"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import shape_of
+from graspless_pin.geometry.poses import rigid
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
@@ -217,9 +218,8 @@ def write_object(
     add_mass(body, manipulated.mass, manipulated.center_of_mass, manipulated.own_inertia)
     for load in scene.loads:
         if load.mass:
-            T = np.eye(4)
-            T[:3, 3] = manipulated.center_of_mass if load.at is None else load.at
-            payload = document.body(body, f"load/{load.name}", T)
+            at = manipulated.center_of_mass if load.at is None else load.at
+            payload = document.body(body, f"load/{load.name}", rigid(at))
             add_mass(payload, load.mass, np.zeros(3), np.zeros((3, 3)))
     surface = Surface(1.0, 0, 1, 0)  # the other body's friction counts
     for number, (piece, T) in enumerate(placed_pieces(manipulated)):

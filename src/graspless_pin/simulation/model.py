@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry import BodyKind, ManipulatedObject, unwanted_overlaps
-from graspless_pin.geometry.hand.jointed_bodies import JointedBody, jointed_bodies
+from graspless_pin.geometry.hand.joint_columns import JointedBody, jointed_bodies
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.poses import invert
+from graspless_pin.geometry.poses import invert, turned_about
 from graspless_pin.holding.controller import ARMATURE, Controller, gain_shares
 from graspless_pin.holding.dynamics import contact_jacobian
 from graspless_pin.problem import ControlMode, QuasistaticProblem
@@ -326,11 +326,9 @@ def _closing(
 
 def _moved(manipulated: ManipulatedObject, motion: FloatArray) -> ManipulatedObject:
     """Return the object moved by (6,): of its centre of mass, m, and about it, rad."""
-    T, center = np.array(manipulated.T_world_object), manipulated.center_of_mass_world
     R = Rotation.from_rotvec(motion[3:]).as_matrix()
-    T[:3, 3] = center + motion[:3] + R @ (T[:3, 3] - center)
-    T[:3, :3] = R @ T[:3, :3]
-    return manipulated.with_pose(T)
+    move = turned_about(manipulated.center_of_mass_world, R, motion[:3])
+    return manipulated.with_pose(move @ manipulated.T_world_object)
 
 
 def write_options(document: Mjcf, scene: Scene, contact_model: ContactModel) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.hand.jointed_bodies import (
+from graspless_pin.geometry.hand.joint_columns import (
     JointedBody,
     PlacedLink,
     jointed_bodies,

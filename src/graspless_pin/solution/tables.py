@@ -264,10 +264,10 @@ def certificate_text(
             f"tenth of the threshold it is {slow}, with ten times {fast}"
         )
     lines.append(
-        f"search: {_count(proof.nodes, 'node')}, "
-        f"{_count(proof.modes_examined, 'mode')}, "
-        f"{_count(proof.force_programs, 'force program')}, "
-        f"{_count(proof.kinematic_programs, 'kinematic program')}"
+        f"search: {counted(proof.nodes, 'node')}, "
+        f"{counted(proof.modes_examined, 'mode')}, "
+        f"{counted(proof.force_programs, 'force program')}, "
+        f"{counted(proof.kinematic_programs, 'kinematic program')}"
         + (f", answer by {proof.solver}" if proof.solver else "")
     )
     return "\n".join(lines)
@@ -340,5 +340,6 @@ def _is_everyday(size: float) -> bool:
     return _LEAST <= size <= _MOST
 
 
-def _count(number: int, noun: str) -> str:
+def counted(number: int, noun: str) -> str:
+    """Return a number of things in words: ``1 joint``, ``2 joints``."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -19,7 +19,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import ScaledProgram, scaled_program
-from graspless_pin.programs.marginals import Marginals, marginals
+from graspless_pin.programs.builder import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.records import changed
 from graspless_pin.solution.certificate import (

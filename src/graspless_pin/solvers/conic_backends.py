@@ -17,9 +17,8 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.answers import Backend, Multipliers, asked
+from graspless_pin.programs.answers import Backend, Multipliers, asked, without_far_limits
 from graspless_pin.programs.program import MatrixInequality, Program
-from graspless_pin.programs.reductions import without_far_limits
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
 clarabel: Any = compiled_clarabel

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled, path hook
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.answers import Backend, Multipliers
+from graspless_pin.programs.answers import Backend, Multipliers, without_fixed
 from graspless_pin.programs.program import Program
-from graspless_pin.programs.reductions import without_fixed
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
 _OPTIONS: dict[str, dict[str, Any]] = {

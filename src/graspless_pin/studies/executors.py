@@ -22,8 +22,7 @@ from functools import cached_property, partial
 from itertools import islice
 from typing import Any
 
-from graspless_pin.child_process import ChildProcess
-from graspless_pin.child_processes import ChildProcesses, kept_processes
+from graspless_pin.child_process import ChildProcess, ChildProcesses, kept_processes
 from graspless_pin.errors import CrashError, OverrunError, StudyError
 from graspless_pin.studies.rows import Row
 from graspless_pin.studies.sample_evaluation import Failure, evaluate_each, failure_row
@@ -160,14 +159,9 @@ def compute_here(
 def _taken(processes: ChildProcesses, instead_of: ChildProcess | None = None) -> ChildProcess:
     """Return a process that has loaded what evaluates samples."""
     try:
-        return processes.taken(_ready, instead_of)
+        return processes.taken(_together, instead_of)
     except CrashError as error:
         raise StudyError(str(error)) from None
-
-
-def _ready() -> bool:
-    """Answer. Where this can be called, what evaluates samples has been loaded."""
-    return True
 
 
 @dataclass(frozen=True)

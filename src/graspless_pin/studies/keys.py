@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, StudyError
-from graspless_pin.geometry.poses import invert, pose_matrix, transformed
+from graspless_pin.geometry.poses import invert, pose_matrix, rigid, transformed
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.keys import Tree, place_key, put
@@ -63,8 +63,7 @@ def move(
 ) -> None:
     """Move bodies by a distance (m) along a direction given in the world or in a body's frame."""
     direction = np.asarray(along, dtype=float) / np.linalg.norm(along)
-    T = np.eye(4)
-    T[:3, 3] = _frame(tree, frame)[:3, :3] @ direction * distance
+    T = rigid(_frame(tree, frame)[:3, :3] @ direction * distance)
     for pose in _poses(tree, what):
         _transform(pose, T)
 
@@ -79,12 +78,9 @@ def turn(
 ) -> None:
     """Turn bodies and directions by an angle (rad) about an axis in the world or a body's frame."""
     unit = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
-    rotation = np.eye(4)
-    rotation[:3, :3] = Rotation.from_rotvec(angle * unit).as_matrix()
-    center = np.eye(4)
-    center[:3, 3] = point
-    T_world_axis = _frame(tree, frame) @ center
-    T = T_world_axis @ rotation @ invert(T_world_axis)
+    T_world_axis = _frame(tree, frame) @ rigid(point)
+    R = Rotation.from_rotvec(angle * unit).as_matrix()
+    T = T_world_axis @ rigid(np.zeros(3), R) @ invert(T_world_axis)
     for pose in _poses(tree, what):
         _transform(pose, T)
     for vectors, index in _vectors(tree, what):

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
-from graspless_pin.studies.posing import NOT_PLACED
 from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE, OBJECTIVE_VALUE
 from graspless_pin.studies.sample_evaluation import Failure
+from graspless_pin.studies.sample_parts import NOT_PLACED
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 

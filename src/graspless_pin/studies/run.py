@@ -28,7 +28,7 @@ from rich.progress import (
 )
 
 from graspless_pin.atomic_write import remove_stale_drafts
-from graspless_pin.child_processes import usable_cores
+from graspless_pin.child_process import usable_cores
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.findings import capture
 from graspless_pin.problem.checks import whole_number
@@ -40,7 +40,6 @@ from graspless_pin.scene.validation_errors import validated
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
-from graspless_pin.studies.posing import NOT_PLACED, parted, try_to_place
 from graspless_pin.studies.results import (
     check_columns,
     format_of,
@@ -52,7 +51,7 @@ from graspless_pin.studies.results import (
 )
 from graspless_pin.studies.rows import Row
 from graspless_pin.studies.sample_evaluation import Failure
-from graspless_pin.studies.sample_parts import Sample, SampleParts
+from graspless_pin.studies.sample_parts import NOT_PLACED, Sample, SampleParts, parted, try_to_place
 from graspless_pin.studies.sampling import AdaptiveSamples
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.study_schema import PosingEntry

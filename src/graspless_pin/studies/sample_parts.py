@@ -1,19 +1,28 @@
-"""What the scenes of a study's samples leave for the next."""
+"""The scenes of a study's samples: what each leaves for the next, and where its hand goes.
+
+A hand is placed where a place is found, or closed, before its sample is computed.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from graspless_pin.caching import Bounded
 from graspless_pin.planning.hand_placement import HandPlacement
+from graspless_pin.planning.placing import place_hand
 from graspless_pin.scene.build_cache import SceneParts
 from graspless_pin.scene.keys import Tree, copied
 from graspless_pin.scene.load import FIELDS_BY_KEY
+from graspless_pin.scene.poses import close_fingers
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.validation_errors import is_alike
+from graspless_pin.scene.validation_errors import is_alike, validated
+from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.studies.keys import MOVABLE, Variable, movable_part, with_part
+from graspless_pin.studies.rows import Row
+from graspless_pin.studies.study_schema import CloseEntry, PlaceEntry, PosingEntry
 
 Sample = tuple[Any, ...]
 """The value of every variable."""
@@ -139,3 +148,96 @@ class SampleParts(SceneParts):
 def _are_same(one: Tree, other: Tree) -> bool:
     """Whether two scenes share all parts that could be moved."""
     return all(one.get(name) is other.get(name) for name in MOVABLE)
+
+
+NOT_PLACED = "not_placed"
+"""Status of a sample whose hand has no place of the rank that is asked for."""
+
+
+class PosedScene(NamedTuple):
+    """A sample's scene with its hand where it is computed.
+
+    Attributes:
+        scene: The scene; None: the hand has no such place.
+        row: What a row of results tells of it.
+    """
+
+    scene: Scene | None
+    row: Row
+
+
+def parted(tree: Tree) -> tuple[Tree, Tree]:
+    """Return the content of a scene file, and what `PosingEntry` takes, of a sample's keys."""
+    own = {name: tree[name] for name in PosingEntry.model_fields if name in tree}
+    return {name: item for name, item in tree.items() if name not in own}, own
+
+
+def posed(scene: Scene, tree: Tree, parts: SampleParts) -> PosedScene:
+    """Return a sample's scene with its hand placed or closed, as the sample's keys say.
+
+    Args:
+        scene: The scene with the hand where the scene file has it.
+        tree: The sample's keys.
+        parts: What scenes of earlier samples left: all ranks of one search are searched for once.
+
+    Raises:
+        GrasplessPinError: If the hand cannot be placed or closed with these options.
+    """
+    entry = _entry(scene, tree)
+    if entry.place is not None:
+        return _placed(scene, tree, entry.place, parts)
+    return PosedScene(scene, {}) if entry.close is None else _closed(scene, entry.close, parts)
+
+
+def try_to_place(scene: Scene, tree: Tree) -> None:
+    """Try one candidate, which meets all that could be wrong with the options of a place.
+
+    Args:
+        scene: See `posed`.
+        tree: See `posed`.
+
+    Raises:
+        GrasplessPinError: See `posed`.
+    """
+    entry = _entry(scene, tree)
+    if entry.place is not None:
+        one = entry.place.model_copy(update={"candidates": 1, "verdict_nodes": 0})
+        _placement(scene, one)
+
+
+def _entry(scene: Scene, tree: Tree) -> PosingEntry:
+    assert scene.path is not None  # noqa: S101 - the scene of a study comes from a file
+    return validated(YamlSource(scene.path, parted(tree)[1]), PosingEntry)
+
+
+def _placement(scene: Scene, entry: PlaceEntry) -> HandPlacement:
+    """Place the hand. It takes as long as it takes: time must not decide what a row says."""
+    return place_hand(scene, time_limit=None, workers=1, **entry.model_dump(exclude={"rank"}))
+
+
+def _placed(scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts) -> PosedScene:
+    search = {**tree, "place": entry.model_dump(exclude={"rank"})}
+    key = json.dumps(search, sort_keys=True, default=str)
+    if key not in parts.placements:
+        parts.placements[key] = _placement(scene, entry)
+    found = parts.placements[key]
+    row: Row = {"place_rank": entry.rank, "places_found": found.found}
+    if entry.rank <= found.found:
+        return PosedScene(found.places[entry.rank - 1].scene, row)
+    if found.places:
+        reason = f"there is no place of rank {entry.rank}: {found.found} were found"
+    else:
+        faults = [f"{count} x {fault.words}" for fault, count in found.faults.items()]
+        reason = f"no place among {found.tried} candidates: {'; '.join(faults)}"
+    return PosedScene(None, {"status": NOT_PLACED, "found": False, **row, "reason": reason})
+
+
+def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> PosedScene:
+    # What did not change keeps its hand, and with it the contacts.
+    sources = scene.hand, scene.object, repr(entry)
+    result = parts.latest.of(
+        "closed fingers", sources, lambda: close_fingers(scene, **entry.model_dump()).closing
+    )
+    untouching = [one.finger for one in result.fingers if not one.touching]
+    row: Row = {"open_fingers": "; ".join(untouching) or None}
+    return PosedScene(scene.with_changes(hand=result.hand), row)

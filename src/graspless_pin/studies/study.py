@@ -22,8 +22,7 @@ from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Variable, make_variable
-from graspless_pin.studies.posing import PosedScene, parted, posed
-from graspless_pin.studies.sample_parts import Sample, SampleParts
+from graspless_pin.studies.sample_parts import PosedScene, Sample, SampleParts, parted, posed
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import PosingEntry, StudyEntry
 

@@ -13,6 +13,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
+from graspless_pin.geometry.poses import turned_about
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.friction import FrictionTable
@@ -133,8 +134,8 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
         changed = changed.with_changes(object=replace(changed.object, mass=moved["mass"]))
     if "slope" in moved:
         angle = math.radians(_slope(scene)[1] - moved["slope"])
-        turn = _rotation(_tilt_axis(scene), angle)
-        changed = changed.with_changes(gravity=turn @ scene.gravity)
+        turn = Rotation.from_rotvec(angle * _tilt_axis(scene))
+        changed = changed.with_changes(gravity=turn.apply(scene.gravity))
     shift, turn = place_of(moved, OBJECT_PLACE)
     if moved.get(ALONG):
         normal = support_frame(scene)[:, 2]
@@ -174,10 +175,7 @@ def placed_values(group: str, shift: FloatArray, turn: FloatArray) -> dict[str, 
 
 def moved_about(center: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:
     """(4, 4) turning about a point by a rotation vector (rad), then shifting (m), world axes."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-    T[:3, 3] = center + shift - T[:3, :3] @ center
-    return T
+    return turned_about(center, Rotation.from_rotvec(turn).as_matrix(), shift)
 
 
 def support_frame(scene: Scene) -> FloatArray:
@@ -267,10 +265,6 @@ def _support_friction(scene: Scene, name: str) -> float | None:
         return table.coefficient("supports", name)
     except SceneError:
         return None
-
-
-def _rotation(axis: FloatArray, angle: float) -> FloatArray:
-    return Rotation.from_rotvec(angle * axis).as_matrix()
 
 
 def _up(scene: Scene) -> FloatArray:

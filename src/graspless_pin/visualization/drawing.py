@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, MeshError
-from graspless_pin.geometry.bodies.object_and_supports import Support
-from graspless_pin.geometry.bodies.shapes import HalfSpace, shape_of
-from graspless_pin.geometry.bodies.triangles import (
+from graspless_pin.geometry.bodies.meshes import (
     Triangles,
     file_triangles,
     simplified,
     slab_triangles,
 )
+from graspless_pin.geometry.bodies.object_and_supports import Support
+from graspless_pin.geometry.bodies.shapes import HalfSpace, shape_of
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape
 from graspless_pin.problem.checks import FloatArray, read_only

@@ -1,18 +1,23 @@
-"""Mesh files: reading them, their convex hulls, and what their size says about their unit."""
+"""Mesh files: reading them, their convex hulls, and what their size says about their unit.
+
+Shapes and collision geometries are drawn as meshes, too: `Triangles`, metres, outward faces.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.dense_hulls import hull_corners
+from graspless_pin.geometry.bodies.dense_hulls import hull_corners, with_fewer_triangles
 from graspless_pin.problem.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -188,3 +193,106 @@ def _hull_points(
         )
         found = (*found, turned)
     return points, found
+
+
+_SURFACES_KEPT = 256
+
+MOST_FACES = 4000
+"""Of a surface that is drawn, if nothing else is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A surface of triangles, counterclockwise when seen from outside.
+
+    Attributes:
+        vertices: (V, 3) read-only, m.
+        faces: (F, 3) read-only indices of vertices.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name, dtype in (("vertices", np.float64), ("faces", np.int64)):
+            array = np.array(getattr(self, name), dtype=dtype).reshape(-1, 3)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def moved(self, T: ArrayLike) -> Triangles:
+        """Return the surface at a (4, 4) pose."""
+        pose = np.asarray(T, dtype=float)
+        return Triangles(self.vertices @ pose[:3, :3].T + pose[:3, 3], self.faces)
+
+
+def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Triangles:
+    """Return a square slab whose top is the plane of a half-space, in the half-space's frame.
+
+    Args:
+        center: (2,) middle of the top, m.
+        half_width: Half the edge of the square, m.
+        thickness: How far the slab goes down, m.
+    """
+    x, y = np.asarray(center, dtype=float).tolist()
+    slab = unit_surface("box", (2.0 * half_width, 2.0 * half_width, thickness))
+    return Triangles(slab.vertices + np.array([x, y, -0.5 * thickness]), slab.faces)
+
+
+def simplified(triangles: Triangles, max_faces: int) -> Triangles:
+    """Return a surface of about so many triangles, or the same if it has no more.
+
+    Good for looking at, not for computing with.
+    """
+    if len(triangles.faces) <= max_faces:
+        return triangles
+    return Triangles(*with_fewer_triangles(triangles.vertices, triangles.faces, max_faces))
+
+
+@lru_cache(maxsize=_SURFACES_KEPT)
+def unit_surface(
+    name: str,
+    factors: float | tuple[float, ...],
+    *sizes: float,
+    lowered: float = 0.0,
+    **options: Any,
+) -> Triangles:
+    """Make a primitive at unit size first: trimesh drops triangles that it finds too small.
+
+    Args:
+        name: Of a function of `trimesh.creation`.
+        factors: What its vertices are scaled by, one number or three along x, y, z, m.
+        sizes: What the function takes.
+        lowered: How far the vertices are moved down before they are scaled.
+        options: What else the function takes.
+    """
+    import trimesh
+
+    unit = getattr(trimesh.creation, name)(*sizes, **options)
+    unit.apply_translation((0.0, 0.0, -lowered))
+    return Triangles(np.array(unit.vertices) * np.asarray(factors), unit.faces)
+
+
+def file_triangles(
+    path: Path, scale: MeshScale, max_faces: int, *, upright: bool = True
+) -> Triangles:
+    """Return the surface of a mesh file, the same as long as the file does not change.
+
+    Args:
+        path: See `scaled_mesh`.
+        scale: See `scaled_mesh`; one that mirrors turns the triangles round.
+        max_faces: A mesh with more triangles is simplified, see `simplified`.
+        upright: See `load_mesh`.
+
+    Raises:
+        MeshError: The file is missing or unreadable.
+    """
+    return _file_triangles(path, scale, max_faces, upright, file_state(path))
+
+
+@lru_cache(maxsize=_SURFACES_KEPT)
+def _file_triangles(
+    path: Path, scale: MeshScale, max_faces: int, upright: bool, _state: tuple[str, int, int]
+) -> Triangles:
+    mesh = scaled_mesh(path, scale, upright=upright)
+    return simplified(Triangles(mesh.vertices, mesh.faces), max_faces)

@@ -26,7 +26,7 @@ from pydantic import Field, GetPydanticSchema, create_model
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, MeshError
-from graspless_pin.geometry.bodies.triangles import MOST_FACES, Triangles
+from graspless_pin.geometry.bodies.meshes import MOST_FACES, Triangles
 from graspless_pin.intake.fields import Entry, FilePath, Length
 from graspless_pin.problem.checks import FloatArray, read_only
 

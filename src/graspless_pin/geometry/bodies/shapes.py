@@ -29,7 +29,15 @@ from graspless_pin.geometry.bodies.decomposition import (
     convex_pieces,
 )
 from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, HULL_TOLERANCE
-from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
+from graspless_pin.geometry.bodies.meshes import (
+    MOST_FACES,
+    Triangles,
+    file_state,
+    file_triangles,
+    hull_points,
+    scaled_mesh,
+    unit_surface,
+)
 from graspless_pin.geometry.bodies.shape import (
     Filling,
     Hull,
@@ -38,12 +46,6 @@ from graspless_pin.geometry.bodies.shape import (
     ShapeFile,
     checked_lengths,
     convex_geometry,
-)
-from graspless_pin.geometry.bodies.triangles import (
-    MOST_FACES,
-    Triangles,
-    file_triangles,
-    unit_surface,
 )
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.fields import Length

@@ -192,11 +192,6 @@ def convex_set(name: str, geometry: Any) -> ConvexSet:
         raise type(error)(f"body '{name}': {error}") from error
 
 
-def is_hull(geometry: Any) -> bool:
-    """Return whether a coal geometry is the convex hull of a mesh, flat facets all around."""
-    return isinstance(geometry, coal.Convex)
-
-
 def _convert(geometry: Any) -> ConvexSet:
     if isinstance(geometry, coal.ShapeBase) and geometry.getSweptSphereRadius() == 0.0:
         match geometry:

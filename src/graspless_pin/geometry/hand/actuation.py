@@ -23,9 +23,10 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
+from graspless_pin.problem.checks import unknown_name
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.records import Brief, Record
 

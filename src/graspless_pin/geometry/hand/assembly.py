@@ -26,11 +26,11 @@ from graspless_pin.geometry.hand.actuation import (
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints, plan_control
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_pose, invert
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.records import changed
 
 

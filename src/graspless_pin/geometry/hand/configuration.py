@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, JointLimitError
 from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
-from graspless_pin.problem.checks import in_order
+from graspless_pin.geometry.hand.tree import KinematicTree
+from graspless_pin.problem.checks import in_order, unknown_name
 
 
 def joint_positions(
@@ -50,7 +50,7 @@ def joint_positions(
             positions[indices] = [_finite(name, value) for name, value in q.items()]
     if len(coupling.leaders) < len(positions):
         given = positions[indices].tolist()
-        positions = coupling.S @ positions[list(coupling.leaders)] + coupling.offset
+        positions = coupling.all_positions(coupling.independent(positions))
         _check_followers(tree, dict(zip(indices, given, strict=True)), positions)
     return _within_limits(tree, positions, q)
 
@@ -81,7 +81,7 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
             f"needs shape ({count},), one number per independent joint, got {positions.shape}",
         )
     if count < len(tree.joint_names):
-        positions = coupling.S @ positions + coupling.offset
+        positions = coupling.all_positions(positions)
     return _within_limits(tree, positions)
 
 

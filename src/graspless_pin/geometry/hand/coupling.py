@@ -42,6 +42,14 @@ class Coupling(Record):
     S: NDArray[np.float64]
     offset: NDArray[np.float64]
 
+    def independent(self, positions: FloatArray) -> FloatArray:
+        """Return a copy (a,) of the independent joints' positions among all (n,), rad or m."""
+        return positions[list(self.leaders)]
+
+    def all_positions(self, independent: FloatArray) -> FloatArray:
+        """Return (n,) the positions of all joints at those (a,) of the independent ones."""
+        return self.S @ independent + self.offset
+
     def drivers(self, joints: Iterable[int]) -> list[int]:
         """Return which of the a independent joints move any of ``joints`` (indices among n)."""
         return np.flatnonzero(np.any(self.S[list(joints)] != 0.0, axis=0)).tolist()

@@ -15,10 +15,10 @@ import numpy as np
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.records import Brief
 
 
@@ -407,7 +407,7 @@ def _corners(item: LinkGeometry) -> FloatArray:
     # Loaded here: only a gripper with a fixed jaw needs triangles, and trimesh with them.
     from graspless_pin.geometry.bodies.shapes import shape_of
 
-    return _moved(item.T_joint_geometry, shape_of(item.shape).surface().vertices)
+    return shape_of(item.shape).surface().moved(item.T_joint_geometry).vertices
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:

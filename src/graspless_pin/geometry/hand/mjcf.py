@@ -33,6 +33,7 @@ from graspless_pin.geometry.hand.robot_model import (
     limit_of,
     root_of_tree,
 )
+from graspless_pin.geometry.poses import rigid
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray
 
@@ -153,9 +154,9 @@ class _Reader:
             is_last = joint == joints[-1] and not here.any()
             child = name if is_last else f"{name}_after_{source.joint(joint)}"
             start = float(model.qpos0[model.jnt_qposadr[joint]])
-            step = _moved(here - at)
+            step = rigid(here - at)
             if model.jnt_type[joint] == self._kinds.mjJNT_SLIDE:
-                step = step @ _moved(-start * axis)
+                step = step @ rigid(-start * axis)
             else:
                 step[:3, :3] = Rotation.from_rotvec(-start * axis).as_matrix()
             self._joints.append(self._joint(joint, parent, child, T @ step, axis))
@@ -163,7 +164,7 @@ class _Reader:
                 self._links.append(RobotLink(child))
             parent, at, T = child, here, np.eye(4)
         if parent != name:
-            self._joints.append(RobotJoint(f"{name}_fixed", "fixed", parent, name, T @ _moved(-at)))
+            self._joints.append(RobotJoint(f"{name}_fixed", "fixed", parent, name, T @ rigid(-at)))
 
     def _joint(
         self, joint: int, parent: str, child: str, T: FloatArray, axis: FloatArray
@@ -220,10 +221,3 @@ class _Reader:
             return tuple(geom_shape(self._source, geom) for geom in geoms)
         except RobotError:
             return ()
-
-
-def _moved(by: FloatArray) -> FloatArray:
-    """Return the (4, 4) pose of a frame that is moved, but not turned."""
-    T = np.eye(4)
-    T[:3, 3] = by
-    return T

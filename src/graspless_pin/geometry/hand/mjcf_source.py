@@ -17,7 +17,7 @@ from graspless_pin.geometry.bodies.shape import Hull
 from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, MeshShape, Shape, Sphere
 from graspless_pin.geometry.hand.link_shapes import is_flat
 from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape
-from graspless_pin.geometry.poses import invert
+from graspless_pin.geometry.poses import invert, rigid
 from graspless_pin.intake.files import is_file
 from graspless_pin.problem.checks import FloatArray
 
@@ -131,10 +131,7 @@ def _strip(spec: Any, *, keyframes: bool) -> None:
 
 def pose(quaternion: FloatArray, position: FloatArray) -> FloatArray:
     """Return the (4, 4) pose of MuJoCo's [w, x, y, z] and [x, y, z]."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    T[:3, 3] = position
-    return T
+    return rigid(position, Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
 
 
 _MESHES = (".stl", ".obj")

@@ -34,11 +34,11 @@ from graspless_pin.geometry.hand.posed_links import (
     joints_of,
     posed_links,
 )
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_pose, invert, turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
-from graspless_pin.problem.checks import FloatArray, all_finite
+from graspless_pin.problem.checks import FloatArray, all_finite, unknown_name
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.records import Record, changed
 

@@ -15,7 +15,7 @@ from graspless_pin.geometry.hand.actuation import expand_overrides, spread_names
 from graspless_pin.geometry.hand.fingers import check_fingers, discover_hands, driving_joints
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.robot_model import RobotModel
-from graspless_pin.geometry.hand.tree import KinematicTree, build_tree, unknown_name
+from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
 from graspless_pin.geometry.poses import as_pose
 from graspless_pin.geometry.robots.description import (
     FingerSpec,
@@ -24,6 +24,7 @@ from graspless_pin.geometry.robots.description import (
     RobotDescription,
 )
 from graspless_pin.geometry.robots.files import find_robot
+from graspless_pin.problem.checks import unknown_name
 from graspless_pin.records import Brief
 
 

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import finite_numbers
-from graspless_pin.problem.checks import all_finite
+from graspless_pin.problem.checks import all_finite, unknown_name
 
 
 class PosedLinks(NamedTuple):

@@ -103,7 +103,7 @@ def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, 
     refuse_other_kind(path, URDF, None if found in _OTHER_XML else found)
     with errors_of_text(path, URDF):
         root = parse_xml(content)
-        if path.suffix == ".xacro" or _is_xacro(root):
+        if path.suffix == ".xacro" or any(one.tag.startswith("xacro:") for one in root.iter()):
             root = parse_xml(_expanded(path, package_dirs, xacro_args))
     if root.tag == "sdf":
         raise RobotError(
@@ -119,11 +119,6 @@ def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, 
     for kind in ("link", "joint"):
         check_name_lengths(str(path), kind, (one.get("name", "") for one in root.findall(kind)))
     return root
-
-
-def _is_xacro(root: ET.Element) -> bool:
-    """Return whether elements of a ``<robot>`` are xacro's."""
-    return any(element.tag.startswith("xacro:") for element in root.iter())
 
 
 def _expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, str]) -> bytes:

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
-from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.coupling import (
@@ -29,7 +28,6 @@ from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace, joint_
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.records import Brief, Record
-from graspless_pin.suggestions import names_in_words
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -320,11 +318,6 @@ def build_tree(
         groups={name: own for robot, _ in robots for name, own in robot.groups.items()},
         group_states={name: own for robot, _ in robots for name, own in robot.group_states.items()},
     )
-
-
-def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> ArgumentError:
-    """Return the error for a name that is not among the known ones, which it lists."""
-    return ArgumentError(argument, f"unknown {kind} {name!r}; {names_in_words(name, known)}")
 
 
 _ALIGNED = {

@@ -76,7 +76,7 @@ def brought_palm(
         (a,) positions of the independent joints, and the (4, 4) pose that they bring it to.
     """
     tree, columns = hand.tree, list(arm.columns)
-    positions = hand.positions[list(tree.coupling.leaders)].copy()
+    positions = tree.coupling.independent(hand.positions)
     lower, upper = (ends[columns] for ends in tree.ranges)
     lower = np.where(np.isfinite(lower), lower, positions[columns] - np.pi)
     upper = np.where(np.isfinite(upper), upper, positions[columns] + np.pi)
@@ -86,7 +86,7 @@ def brought_palm(
 
     def at(values: FloatArray) -> tuple[FloatArray, FloatArray]:
         positions[columns] = values
-        kinematics = tree.kinematics(tree.coupling.S @ positions + tree.coupling.offset)
+        kinematics = tree.kinematics(tree.coupling.all_positions(positions))
         return kinematics.T_world_joint[arm.joint], kinematics.J * tree.supports[arm.joint]
 
     def points(values: FloatArray) -> FloatArray:

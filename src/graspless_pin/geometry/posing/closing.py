@@ -23,7 +23,7 @@ from graspless_pin.geometry.contact.distances import (
     separation,
 )
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.tree import unknown_name
+from graspless_pin.geometry.poses import rigid
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     driving_columns,
@@ -31,7 +31,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     groups_of_fingers,
     hand_at,
 )
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.records import Brief
 
 DEEPEST_START = 1e-3
@@ -59,7 +59,7 @@ class March:
         self._gap = gap
         tree = hand.tree
         self._coupling = tree.coupling
-        start = hand.positions[list(tree.coupling.leaders)]
+        start = tree.coupling.independent(hand.positions)
         lower, upper = tree.ranges
         self._lower = np.where(np.isinf(lower), start - _UNLIMITED, lower)
         self._upper = np.where(np.isinf(upper), start + _UNLIMITED, upper)
@@ -184,7 +184,7 @@ class March:
         return (self._coupling.S[joints] != 0.0).any(axis=0)
 
     def _at(self, independent: FloatArray) -> FloatArray:
-        return self._distances.at(self._coupling.S @ independent + self._coupling.offset)
+        return self._distances.at(self._coupling.all_positions(independent))
 
 
 def _reaches(distances: LinkDistances, hand: Hand) -> FloatArray:
@@ -300,7 +300,7 @@ def close_hand(
 
     Raises:
         ArgumentError: If a finger or joint is unknown, or a number out of range.
-        SceneError: If a finger overlaps the object by more than `marching.DEEPEST_START` before it
+        SceneError: If a finger overlaps the object by more than `DEEPEST_START` before it
             closes.
 
     Examples:
@@ -315,7 +315,7 @@ def close_hand(
         raise ArgumentError("gap", f"needs a positive length in metres, got {gap!r}")
     given = _given_rates(hand, names, rates or {})
     at_limit: set[int] = set()
-    independent = hand.positions[list(hand.tree.coupling.leaders)].copy()
+    independent = hand.tree.coupling.independent(hand.positions)
     for group in groups_of_fingers(hand, names):
         march = March(hand, target, group, gap)
         march.refuse_overlap(independent)
@@ -407,10 +407,9 @@ def back_until_free(
         How far they go, m, or None if that is not enough; and the obstacle that was last in the
         way, -1 without one.
     """
-    back, last, T = 0.0, -1, np.eye(4)
+    back, last = 0.0, -1
     while back <= farthest:
-        T[:3, 3] = -back * direction
-        there = moved_bodies(bodies, T)
+        there = moved_bodies(bodies, rigid(-back * direction))
         missing = [shortfall(there, others, clearance) for others, clearance in obstacles]
         worst = int(np.argmax(missing))
         if missing[worst] == 0.0:

@@ -10,8 +10,8 @@ import numpy as np
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.tree import unknown_name
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.geometry.hand.tree import LinkGeometry
+from graspless_pin.problem.checks import FloatArray, unknown_name
 
 AT_LIMIT = 1e-4
 """Share of a joint's range within which it stands at one of its ends."""
@@ -46,6 +46,15 @@ def driving_columns(hand: Hand, finger: str) -> list[int]:
 def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[list[str]]:
     """Put fingers that share an independent joint, as the jaws of a gripper do, into one group."""
     return groups_that_share({finger: set(driving_columns(hand, finger)) for finger in fingers})
+
+
+def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
+    """Return the shapes of the last link of a finger that has some."""
+    spec = hand.fingers[finger]
+    shaped = {item.link for item in hand.tree.geometries}
+    ends = [*spec.links, *(() if spec.tip is None else (spec.tip,))]
+    last = [link for link in ends if link in shaped][-1:]
+    return [item for item in hand.tree.geometries if item.link in last]
 
 
 def hand_at(hand: Hand, independent: FloatArray) -> Hand:
@@ -107,7 +116,7 @@ def bent_hand(hand: Hand, change: FloatArray) -> Hand:
         SceneError: If a joint would leave its limits.
     """
     columns = hand.actuation.from_independent
-    moved = hand.positions[list(hand.tree.coupling.leaders)] + columns @ change[: columns.shape[1]]
+    moved = hand.tree.coupling.independent(hand.positions) + columns @ change[: columns.shape[1]]
     try:
         return hand.with_configuration(moved)
     except ArgumentError as error:

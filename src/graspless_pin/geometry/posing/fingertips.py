@@ -28,6 +28,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     groups_of_fingers,
     hand_at,
     joints_at_limit,
+    tip_shapes,
 )
 from graspless_pin.problem.checks import FloatArray
 
@@ -55,23 +56,20 @@ class Tip:
         Raises:
             ArgumentError: If the finger has no collision shape or no joint.
         """
-        spec = hand.fingers[finger]
-        shaped = {item.link for item in hand.tree.geometries}
-        ends = (*spec.links, *(() if spec.tip is None else (spec.tip,)))
-        ends = [link for link in ends if link in shaped]
-        if not ends:
+        self._shapes = tip_shapes(hand, finger)
+        if not self._shapes:
             raise ArgumentError(
                 f"goals[{finger!r}]", "this finger has no collision shape to touch with"
             )
         if not driving_columns(hand, finger):
             raise ArgumentError(f"goals[{finger!r}]", "this finger has no joint to move")
         self.finger = finger
-        self.link = ends[-1]
+        self.link = self._shapes[0].link
         self.point = point
         self.normal = normal
         self._tree = hand.tree
-        self._shapes = [item for item in hand.tree.geometries if item.link == self.link]
-        self._distances = LinkDistances(hand, {*spec.links, self.link}, target.collision_bodies())
+        links = {*hand.fingers[finger].links, self.link}
+        self._distances = LinkDistances(hand, links, target.collision_bodies())
 
     def touch(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tip's point farthest along the normal and its Jacobian.
@@ -255,7 +253,7 @@ class _Search:
         return np.vstack([tip.touch(positions)[1][:, self._columns] for tip in self._tips])
 
     def _positions(self, values: FloatArray) -> FloatArray:
-        return self._coupling.S @ self.completed(values) + self._coupling.offset
+        return self._coupling.all_positions(self.completed(values))
 
 
 SURFACE_TOLERANCE = 1e-3
@@ -379,7 +377,7 @@ def place_fingertips(
     tips = {
         name: Tip(hand, target, name, *_checked_goal(target, name, goals[name])) for name in names
     }
-    independent = hand.positions[list(hand.tree.coupling.leaders)].copy()
+    independent = hand.tree.coupling.independent(hand.positions)
     for group in groups_of_fingers(hand, names):
         members = [tips[name] for name in group]
         independent = reach(hand, members, independent, tolerance=tolerance, starts=starts)

@@ -14,13 +14,13 @@ from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shapes import shape_of
 from graspless_pin.geometry.contact.distances import Separation, bounded_set, nearest_separation
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.tree import LinkGeometry
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     driving_columns,
     flexion_rates,
     groups_of_fingers,
+    tip_shapes,
 )
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray
@@ -131,7 +131,7 @@ def opposing_postures(
         that do so most; the best one if none does.
     """
     ends = hand.tree.ranges
-    start = hand.positions[list(hand.tree.coupling.leaders)]
+    start = hand.tree.coupling.independent(hand.positions)
     lower = np.where(np.isfinite(ends[0]), ends[0], start - np.pi)
     upper = np.where(np.isfinite(ends[1]), ends[1], start + np.pi)
     first, *more = fingers
@@ -153,15 +153,6 @@ def opposing_postures(
         for some in (found, good)
     )
     return tuple(good or found[:1])
-
-
-def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
-    """Return the shapes of the last link of a finger that has some."""
-    spec = hand.fingers[finger]
-    shaped = {item.link for item in hand.tree.geometries}
-    ends = [*spec.links, *(() if spec.tip is None else (spec.tip,))]
-    last = [link for link in ends if link in shaped][-1:]
-    return [item for item in hand.tree.geometries if item.link in last]
 
 
 def carrier_of(hand: Hand, finger: str) -> int:
@@ -224,8 +215,7 @@ class _Tips:
         return np.concatenate([(points - points.mean(axis=0)).ravel(), overlaps])
 
     def _joint_poses(self, independent: FloatArray) -> FloatArray:
-        coupling = self._tree.coupling
-        return self._tree.kinematics(coupling.S @ independent + coupling.offset).T_world_joint
+        return self._tree.kinematics(self._tree.coupling.all_positions(independent)).T_world_joint
 
 
 def _posture(
@@ -260,7 +250,7 @@ def _on_fixed_jaw(
 ) -> OpposingPosture:
     """Return the posture in which the far end of a finger is nearest to its carrier."""
     palm_of = _Tips(hand, [finger]).palm
-    ends_of_joints = [hand.positions[list(hand.tree.coupling.leaders)].copy() for _ in range(2)]
+    ends_of_joints = [hand.tree.coupling.independent(hand.positions) for _ in range(2)]
     for column, rate in flexion_rates(hand, finger).items():
         for sense, there in zip((1.0, -1.0), ends_of_joints, strict=True):
             there[column] = ends[int(sense * rate > 0.0)][column]
@@ -269,7 +259,12 @@ def _on_fixed_jaw(
     def far_end(there: FloatArray) -> tuple[FloatArray, Separation]:
         """Return the point of the tip that is farthest from its first joint, and its gap."""
         bodies = hand.with_configuration(there).placed_bodies
-        corners = np.vstack([_corners(one) for one in bodies if one.name in shapes])
+        surfaces = [
+            shape_of(one.geometry).surface().moved(one.T_world_geometry)
+            for one in bodies
+            if one.name in shapes
+        ]
+        corners = np.vstack([one.vertices for one in surfaces])
         tip = corners[np.argmax(np.linalg.norm(corners - palm_of(there), axis=1))]
         dot = CollisionBody("tip", coal.Sphere(_POINT), pose_matrix(tip))
         return tip, nearest_separation([dot], [one for one in bodies if one.name in fixed])
@@ -292,11 +287,6 @@ def _on_fixed_jaw(
     )
 
 
-def _corners(body: CollisionBody) -> FloatArray:
-    T = body.T_world_geometry
-    return shape_of(body.geometry).surface().vertices @ T[:3, :3].T + T[:3, 3]
-
-
 def _met(
     hand: Hand,
     fingers: Sequence[str],
@@ -307,7 +297,7 @@ def _met(
 ) -> FloatArray:
     """Return (a,) positions in which the tips of some fingers are near each other."""
     lower, upper = ends
-    closed = hand.positions[list(hand.tree.coupling.leaders)].copy()
+    closed = hand.tree.coupling.independent(hand.positions)
     for finger in fingers:
         own = driving_columns(hand, finger)
         closed[own] = np.clip(0.0, lower[own], upper[own])

@@ -158,7 +158,7 @@ def _pairs(tree: KinematicTree) -> LinkPairs:
             elif not joined:
                 of_one_robot.append((i, j))
     links = [frozenset((tree.shapes.names[i], tree.shapes.names[j])) for i, j in of_one_robot]
-    neutral = tree.coupling.S @ np.clip(0.0, *tree.ranges) + tree.coupling.offset
+    neutral = tree.coupling.all_positions(np.clip(0.0, *tree.ranges))
     bodies = posed_links(tree, neutral).bodies
     all_of_them = _made(tree, of_one_robot)
     ever = tree.disabled_pairs | {

@@ -21,6 +21,7 @@ from graspless_pin.geometry.contact.distances import (
     solids_of,
 )
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.poses import rigid, shifted
 from graspless_pin.problem.checks import FloatArray
 
 SETTLING_TOLERANCE = 1e-4
@@ -118,9 +119,7 @@ def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> floa
 
 
 def _moved(body: CollisionBody, shift: FloatArray) -> CollisionBody:
-    T = np.array(body.T_world_geometry)
-    T[:3, 3] += shift
-    return CollisionBody(body.name, body.geometry, T)
+    return CollisionBody(body.name, body.geometry, shifted(body.T_world_geometry, shift))
 
 
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -146,12 +145,11 @@ def lying_object(target: ManipulatedObject, support: Support) -> ManipulatedObje
     Raises:
         MeshError: See `Shape.pieces`.
     """
-    T = np.array(support.T_world_support)
-    normal = T[:3, 2].copy()
-    T[:3, :3] = T[:3, :3] @ _resting_rotation(target)
-    T[:3, 3] += 2.0 * _reach(target.placed_bodies, target.center_of_mass_world) * normal
-    T[:3, 3] -= T[:3, :3] @ target.center_of_mass
-    return settle_object(target.with_pose(T), [support], -normal)
+    normal, origin = support.T_world_support[:3, 2:].T
+    R = support.T_world_support[:3, :3] @ _resting_rotation(target)
+    center = origin + 2.0 * _reach(target.placed_bodies, target.center_of_mass_world) * normal
+    above = target.with_pose(rigid(center - R @ target.center_of_mass, R))
+    return settle_object(above, [support], -normal)
 
 
 def clear_base(hand: Hand, target: ManipulatedObject, normal: FloatArray) -> FloatArray:

@@ -2,13 +2,11 @@
 
 Whatever the multipliers are, no forces that obey all constraints have an objective below it. No
 stationarity needs to hold: the box makes up for what is missing. All is added up in the longest
-floating-point format of the machine, and what rounding may hide is taken off.
+floating-point format of the machine, and what rounding may hide is taken off. For forces that do
+not exist they prove by how much all break constraints.
 
-Bounds of an objective's own columns that follow from its constraints, worked out here.
-
-What a document says of them is used where nothing follows.
-
-For forces that do not exist they prove by how much all break constraints.
+The box of an objective's own columns follows from its constraints; what a document says of it is
+used where nothing follows.
 """
 
 from __future__ import annotations
@@ -18,12 +16,9 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.multipliers import StatedMultipliers, stated_multipliers
 from graspless_pin.report.verify.own_objective import OwnObjective
-from graspless_pin.report.verify.problem import IN_MODE, INFEASIBLE, Problem
-from graspless_pin.report.verify.reading import read_mode, read_problem
-from graspless_pin.report.verify.states import State
-from graspless_pin.report.verify.values import entry
+from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.reading import StatedMultipliers
 
 _PASSES = 3
 
@@ -77,9 +72,7 @@ def _rows(
     problem: Problem, own: OwnObjective, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return all rows with columns: (r, k) coefficients, and (r,) between what C y must lie."""
-    frames = problem.frames.copy()
-    frames[~problem.cone, 0] = problem.directions[~problem.cone]
-    wrench = (frames @ problem.passive).transpose(2, 0, 1)
+    wrench = (_force_frames(problem) @ problem.passive).transpose(2, 0, 1)
     forces = np.concatenate([own.rows.forces, wrench])
     ends = forces * low, forces * high
     smallest, largest = np.minimum(*ends).sum(axis=(1, 2)), np.maximum(*ends).sum(axis=(1, 2))
@@ -321,45 +314,3 @@ def largest_objective(problem: Problem, reach: float) -> float:
         bent += float((own.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
         return bent + float(np.maximum(own.cost * low, own.cost * high).sum())
     return bent + (0.0 if problem.is_margin else _most_torque(problem, reach))
-
-
-def root_of(
-    problem: Problem, status: str, mode: tuple[np.ndarray, np.ndarray] | None = None
-) -> State:
-    """Return the part of all modes that the proof of an answer speaks of.
-
-    Args:
-        problem: The problem.
-        status: Of the answer.
-        mode: What it selects with which signs, where it is of one mode.
-    """
-    if status in IN_MODE and mode is not None:
-        return State.one_mode(problem, *mode)
-    return State.every_mode(problem, free=problem.coulomb or status == "infeasible_forces")
-
-
-def proven_violation(document: dict[str, Any]) -> float:
-    """Return the smallest common violation that a document may state: its multipliers prove it.
-
-    Args:
-        document: The document, with its proof.
-
-    Returns:
-        In scaled units; 0 where the proof has more than one leaf, or is none.
-    """
-    try:
-        return max(_of_only_leaf(document), 0.0)
-    except ValueError:
-        return 0.0  # what cannot be checked proves nothing
-
-
-def _of_only_leaf(document: dict[str, Any]) -> float:
-    status, nodes = document["status"], entry(document["proof"], "nodes", "proof")
-    if status not in INFEASIBLE or len(nodes) != 1 or nodes[0]["kind"] != "bound":
-        return 0.0
-    problem = read_problem(document)
-    mode = read_mode(document, problem) if status in IN_MODE else None
-    free = root_of(problem, status, mode).friction
-    m = stated_multipliers(nodes[0]["multipliers"], problem, "node 0")
-    bound = proven_bound(problem, m, free, np.inf, objective=False, rounding=tolerances.STATED)
-    return violation(problem, m, bound)

@@ -1,8 +1,6 @@
 """The checks of one document, in the order in which they are shown.
 
-Figures that a status makes nothing of: they are named, so that none is taken for checked.
-
-Check what a document says of torques that had to have rest for their only outcome.
+Figures that a status makes nothing of are named, so that none is taken for checked.
 """
 
 from __future__ import annotations
@@ -13,10 +11,9 @@ import numpy as np
 
 from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.assumptions import taken_as_given
-from graspless_pin.report.verify.bounds import proven_bound, root_of
+from graspless_pin.report.verify.bounds import proven_bound
 from graspless_pin.report.verify.disturbances import disturbance_checks
 from graspless_pin.report.verify.forces import figure_checks, force_checks, frames_check, residual
-from graspless_pin.report.verify.multipliers import stated_multipliers, stray_multipliers
 from graspless_pin.report.verify.outcome import Check, Verification, agrees, given, holds, within
 from graspless_pin.report.verify.problem import (
     FOUND_STATES,
@@ -28,10 +25,23 @@ from graspless_pin.report.verify.problem import (
     Forces,
     Problem,
 )
-from graspless_pin.report.verify.reading import CHECKED_FORMAT, read_forces, read_mode, read_problem
+from graspless_pin.report.verify.reading import (
+    CHECKED_FORMAT,
+    read_forces,
+    read_mode,
+    read_problem,
+    stated_multipliers,
+    stray_multipliers,
+)
 from graspless_pin.report.verify.rest import rest_checks
-from graspless_pin.report.verify.states import State
-from graspless_pin.report.verify.tree import Proof, TreeWalk, motion_check, velocities
+from graspless_pin.report.verify.tree import (
+    Proof,
+    State,
+    TreeWalk,
+    motion_check,
+    root_of,
+    velocities,
+)
 from graspless_pin.report.verify.values import array, entry, number, text, truth, word
 
 
