@@ -275,6 +275,36 @@ def test_states_that_are_unknown_or_disagree_are_named(
         load_scene(folder / "scene.yaml")
 
 
+def test_what_an_srdf_says_of_other_robots_is_told_and_refused_where_it_is_asked_for(
+    folder: Path,
+) -> None:
+    file = folder / "moveit" / "config.srdf"
+    text = SRDF.replace('name="j2" value', 'name="j_2" value').replace('link2="c"', 'link2="cc"')
+    text = text.replace('<joint name="j1"/></group>', '<joint name="j9"/></group>')
+    file.write_text(text)
+    told = r"config\.srdf names.*link 'cc'.*\(disable_collisions\).*'j9' .*'both'.*'j_2', "
+    with pytest.warns(GrasplessPinWarning, match=told + "meant 'j2'.*'whole/bent'"):
+        hand = Hand.from_urdf(folder / "claw.urdf", srdf=file, control={"end": "position"})
+    assert hand.group_states["whole/bent"] == {"j1": 0.1}
+    with pytest.raises(ArgumentError, match=r"control: 'both'.*config\.srdf: joint 'j9'"):
+        Hand.from_urdf(folder / "claw.urdf", srdf=file, control={"both": "position"})
+    scene = folder / "scene.yaml"
+    scene.write_text(SCENE.format(srdf="moveit/config.srdf", states="end/other", more=""))
+    with pytest.warns(GrasplessPinWarning, match="'whole/bent'"):
+        assert load_scene(scene).hand.q["j3"] == -0.3  # pyright: ignore
+    scene.write_text(SCENE.format(srdf="moveit/config.srdf", states="bent", more=""))
+    with pytest.raises(SceneError, match=r"group_states: 'whole/bent'.*'j_2', meant 'j2'"):
+        load_scene(scene)
+    # Above the root link are joints of the file: an SRDF may name them.
+    file.write_text(SRDF.replace('<chain base_link="base" tip_link="c"/>', '<link name="c"/>'))
+    cut = SCENE.replace("{{urdf", "{{root_link: b, urdf").replace("j2: -0.2", "")
+    scene.write_text(cut.format(srdf="moveit/config.srdf", states="end/bent", more=""))
+    assert load_scene(scene).hand.q == {"j3": 0.3}  # pyright: ignore
+    scene.write_text(cut.format(srdf="moveit/config.srdf", states="whole/bent", more=""))
+    with pytest.raises(SceneError, match="'whole/bent' of an SRDF puts no joint of this robot"):
+        load_scene(scene)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

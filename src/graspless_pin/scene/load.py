@@ -87,7 +87,9 @@ def _hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
     sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
     mounts = parts.stage("mounts", (*sources,), lambda: _mounts(file, parts, entry, places))
     tree = mounts.joined.tree
-    named = file.at(("hand",), lambda: named_positions(tree.group_states, entry.group_states))
+    named = file.at(
+        ("hand",), lambda: named_positions(tree.group_states, entry.group_states, tree.lacking)
+    )
     q = named | entry.positions()
     positions = parts.stage(
         "hand positions",

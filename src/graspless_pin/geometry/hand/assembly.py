@@ -26,6 +26,7 @@ from graspless_pin.geometry.hand.actuation import (
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints, plan_control
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.hand.srdf import refuse_lacking
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_pose, invert
 from graspless_pin.geometry.robots.description import FingerSpec
@@ -163,6 +164,9 @@ def assembled_mounts(
         )
         # A group of an SRDF stands for its joints as an arm does.
         arms, held = {**tree.groups, **joined.arms}, joined.held_joints
+        if isinstance(control, Mapping):
+            asked = [name for name in control if name not in (*joined.fingers, *joined.arms)]
+            refuse_lacking("control", asked, tree.lacking)
         plan = plan_control(tree, joined.fingers, control, arms=arms, held=held)
         actuation = plan_actuation(tree, plan, joined.tendons)
         for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():

@@ -74,10 +74,12 @@ def read_robot(
             of an unsupported type.
     """
     element = _element(path, package_dirs, xacro_args)
+    named = {one.get("name", "") for one in element.iter()}
     if element.tag == "mujoco":
         from graspless_pin.geometry.hand.mjcf import robot_of_mjcf
 
         robot = robot_of_mjcf(path, visuals_collide=visuals_collide, with_shapes=with_shapes)
+        named |= {one.name for part in (robot.links, robot.joints) for one in part}
         robot = robot if root_link is None else robot.below(root_link)
     else:
         robot = robot_of_urdf(
@@ -88,7 +90,7 @@ def read_robot(
             visuals_collide=visuals_collide,
             with_shapes=with_shapes,
         )
-    return with_srdf(robot.with_fixed_base(), path, srdf).prefixed(prefix)
+    return with_srdf(robot.with_fixed_base(), path, srdf, named).prefixed(prefix)
 
 
 def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, str]) -> ET.Element:

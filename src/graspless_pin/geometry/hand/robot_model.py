@@ -150,6 +150,8 @@ class RobotModel(Record):
         disabled_pairs: Pairs of links that may be in each other.
         groups: Movable joints by group of an SRDF.
         group_states: Positions by joint, rad or m, by state of an SRDF, ``GROUP/STATE``.
+        lacking: Joints and links that the robot does not have, in words, by the group or state of
+            the SRDF that names them.
     """
 
     label: str
@@ -160,6 +162,7 @@ class RobotModel(Record):
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     group_states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    lacking: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def movable_joints(self) -> tuple[str, ...]:
@@ -262,6 +265,7 @@ class RobotModel(Record):
                 prefix + name: {prefix + joint: value for joint, value in positions.items()}
                 for name, positions in self.group_states.items()
             },
+            lacking={prefix + name: words for name, words in self.lacking.items()},
         )
         named.check()
         return named

@@ -52,6 +52,7 @@ class KinematicTree(Brief, Record):
         disabled_pairs: Pairs of links that may be in each other, as SRDFs say.
         groups: Joints by group of SRDFs.
         group_states: Positions by joint, rad or m, by state of SRDFs, ``GROUP/STATE``.
+        lacking: See `RobotModel.lacking`.
     """
 
     pinocchio_model: Any
@@ -66,6 +67,7 @@ class KinematicTree(Brief, Record):
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     group_states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    lacking: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -317,6 +319,7 @@ def build_tree(
         disabled_pairs=frozenset().union(*[robot.disabled_pairs for robot, _ in robots]),
         groups={name: own for robot, _ in robots for name, own in robot.groups.items()},
         group_states={name: own for robot, _ in robots for name, own in robot.group_states.items()},
+        lacking={name: own for robot, _ in robots for name, own in robot.lacking.items()},
     )
 
 
