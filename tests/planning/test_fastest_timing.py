@@ -177,8 +177,25 @@ def test_loads_count() -> None:
 def test_too_little_force_has_no_timing() -> None:
     found = timing(-5.0)
     assert not found.found and np.isnan(found.duration)
-    assert "do not hold the object at rest at the start" in found.reason
-    assert str(found).startswith("no timing: the torques do not hold")
+    start = (
+        "no timing: the given torques (panda_finger_joint1 -5) do not hold the object at rest at"
+    )
+    assert str(found).startswith(start)
+    assert "others within the motors' limits do: leave torques out" in found.reason
+
+
+def test_a_reason_tells_which_limit_leaves_no_timing() -> None:
+    scene = carried()
+    found = timed(scene, PATH, velocity_limits=FAST, torque_limits={"panda_joint2": 5.0})
+    assert "joint 'panda_joint2' bears" in found.reason
+    assert "torque_limits allows 5; raise it" in found.reason
+    weak = scene.with_changes({"hand.effort_limits": {"panda_finger_joint1": 3.0}})
+    reason = timed(weak, PATH, velocity_limits=FAST).reason
+    assert reason.startswith("no torques within the motors' limits hold the object at")
+    assert "stronger motors would: raise effort_limits (panda_finger_joint1 [-3, 3])" in reason
+    reason = timed(scene, PATH, velocity_limits=FAST, margin=50.0).reason
+    assert "no motors would, as friction and max_normal_force are" in reason
+    assert reason.endswith("or ask for less margin")
 
 
 def test_what_is_wrong_is_said() -> None:

@@ -22,6 +22,7 @@ from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.contact_program import LOST, ContactProgram, motor_limits
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 from graspless_pin.records import Record
 from graspless_pin.scene import Scene
@@ -180,35 +181,32 @@ def fastest_timing(
     positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
     along = _points(at, program, (positions, slopes, bends), limits)
     nothing = np.full(len(where), np.nan)
+    most_lost = LOST * problem.scales.force
     blank = PathTiming(
         "", names, nothing, nothing, positions, np.nan * slopes, np.nan * slopes, nothing,
         (TimingLimit.NOTHING,) * len(where), ((),) * len(where), at.scene.contacts.bodies,
     )  # fmt: skip
-    asked = f" with a margin of {margin:g} N" if margin else ""
     for k, point in enumerate(along):
-        if point is None:
+        if not point.kinds:
             q = ", ".join(f"{value:.4g}" for value in positions[k].tolist())
-            who = "no torques within the limits" if torques is None else "the given torques do not"
-            why = f"{who} hold the object{asked} at point {k}, q = [{q}]"
-            return replace(blank, reason=f"{why}, whatever the speed")
-    told = [point for point in along if point is not None]
-    for end, point in (("start", told[0]), ("end", told[-1])):
-        at_rest, _ = program.margin(point.wrench, point.torques, 0.0, 0.0)
-        if not at_rest >= margin - LOST * problem.scales.force:
-            why = f"the torques do not hold the object at rest at the {end}{asked}"
-            return replace(blank, reason=why)
-    speeds = _fastest_speeds(toppra, spline, told, where)
+            lost = f"at point {k}, q = [{q}], whatever the speed"
+            return replace(blank, reason=_lost(problem, torques, margin, point, lost))
+    for end, point in (("start", along[0]), ("end", along[-1])):
+        if not program.margin(point.wrench, point.torques, 0.0, 0.0)[0] >= margin - most_lost:
+            lost = f"at rest at the {end}"
+            return replace(blank, reason=_lost(problem, torques, margin, point, lost))
+    speeds = _fastest_speeds(toppra, spline, along, where)
     if speeds is None:
-        return replace(blank, reason="no timing keeps all limits from rest to rest")
+        return replace(blank, reason=_limited(names, limits.torque, along))
     squared = speeds**2
     changes = np.diff(squared) / (2.0 * np.diff(where))
     changes = np.append(changes, changes[-1])
     found = [
         program.margin(point.wrench, point.torques, u, x)
-        for point, u, x in zip(told, changes, squared, strict=True)
+        for point, u, x in zip(along, changes, squared, strict=True)
     ]
     margins, limiting = zip(*found, strict=True)
-    if not min(margins) >= margin - LOST * problem.scales.force:
+    if not min(margins) >= margin - most_lost:
         lost = int(np.argmin(margins))
         return replace(blank, reason=f"no contact forces were found at point {lost} of the timing")
     last = len(where) - 1
@@ -221,7 +219,7 @@ def fastest_timing(
         accelerations=slopes * changes[:, None] + bends * squared[:, None],
         margins=np.array(margins),
         limits=tuple(
-            _limit((told[k], told[min(k + 1, last)]), u, squared[[k, min(k + 1, last)]])
+            _limit((along[k], along[min(k + 1, last)]), u, squared[[k, min(k + 1, last)]])
             for k, u in enumerate(changes)
         ),
         limiting_contacts=limiting,
@@ -249,16 +247,65 @@ class _PathPoint(NamedTuple):
         wrench: (6, 3) external and inertial wrench in the axes of the joint that carries the
             object, as a sum of (1, u, x).
         torques: (L, 3) what the motors bear besides the contacts, likewise.
+        joints: (a, 3) what the independent joints bear, likewise.
         rows: (k, 2) of (u, x).
         sides: (k,) rows @ (u, x) <= sides.
-        kinds: k limits that the rows stand for.
+        kinds: k limits that the rows stand for; none where nothing holds the object at any speed.
     """
 
     wrench: FloatArray
     torques: FloatArray
+    joints: FloatArray
     rows: FloatArray
     sides: FloatArray
     kinds: tuple[TimingLimit, ...]
+
+
+def _lost(
+    problem: QuasistaticProblem, torques: Any, margin: float, point: _PathPoint, where: str
+) -> str:
+    """Return which torques do not hold the object at a point of the path, and which would."""
+    free = problem.lower_torque, problem.upper_torque
+    names = problem.joint_names
+
+    def hold(limits: tuple[FloatArray, FloatArray]) -> bool:
+        program = ContactProgram(problem, limits, margin)
+        if point.kinds:
+            least = margin - LOST * problem.scales.force
+            return program.margin(point.wrench, point.torques, 0.0, 0.0)[0] >= least
+        return program.polygon(point.wrench, point.torques, _FASTEST**2) is not None
+
+    who = "no torques within the motors' limits"
+    if torques is not None:
+        given = motor_limits(problem, torques)[0].tolist()
+        listed = ", ".join(f"{name} {value:g}" for name, value in zip(names, given, strict=True))
+        who = f"the given torques ({listed}) do not"
+    asked = f" with a margin of {margin:g} N" if margin else ""
+    if torques is not None and hold(free):
+        advice = "others within the motors' limits do: leave torques out, or give others"
+    elif hold((np.full(len(names), -np.inf), np.full(len(names), np.inf))):
+        ranges = zip(names, *free, strict=True)
+        listed = ", ".join(f"{name} [{low:g}, {high:g}]" for name, low, high in ranges)
+        advice = f"stronger motors would: raise effort_limits ({listed}), or carry less"
+    else:
+        less = ", or ask for less margin" if margin else ""
+        advice = f"no motors would, as friction and max_normal_force are: grip it otherwise{less}"
+    return f"{who} hold the object{asked} {where}; {advice}"
+
+
+def _limited(names: tuple[str, ...], torque_limits: FloatArray, along: Sequence[_PathPoint]) -> str:
+    """Return which joint's torque limit leaves no timing, if it is one."""
+    still = np.abs([point.joints[:, 0] for point in along])
+    beyond = still / torque_limits
+    k, joint = np.unravel_index(np.argmax(beyond), beyond.shape)
+    why = "no timing keeps all limits from rest to rest"
+    if beyond[k, joint] <= 1.0:
+        return f"{why}; raise those of torques and accelerations, or take another path"
+    return (
+        f"{why}: at point {k}, standing still, joint {names[joint]!r} bears "
+        f"{still[k, joint]:.4g} N m (N), and torque_limits allows {torque_limits[joint]:g}; raise "
+        "it, or carry less"
+    )
 
 
 def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingLimit:
@@ -276,8 +323,8 @@ def _points(
     program: ContactProgram,
     path: tuple[FloatArray, FloatArray, FloatArray],
     limits: _JointLimits,
-) -> list[_PathPoint | None]:
-    """Return the limits at points of a path; None where nothing holds the object at any speed.
+) -> list[_PathPoint]:
+    """Return the limits at points of a path.
 
     Args:
         at: Its states.
@@ -315,7 +362,7 @@ def _point(
     motors: FloatArray,
     joints: FloatArray,
     of_path: FloatArray,
-) -> _PathPoint | None:
+) -> _PathPoint:
     """Return the limits at a point of a path: see `_points`.
 
     Args:
@@ -330,7 +377,7 @@ def _point(
         most = float(np.min(limits.velocity / np.abs(of_path[:, 1]), initial=_FASTEST)) ** 2
     polygon = program.polygon(wrench, motors, most)
     if polygon is None:
-        return None
+        return _PathPoint(wrench, motors, joints, np.empty((0, 2)), np.empty(0), ())
     rows, sides = [*polygon[0]], [*polygon[1]]
     kinds = [TimingLimit.CONTACTS] * len(rows) + [TimingLimit.VELOCITY]
     rows.append(np.array([0.0, 1.0]))
@@ -345,7 +392,7 @@ def _point(
                 rows.append(sign * np.array(moving))
                 sides.append(most_of[joint] - sign * still)
                 kinds.append(kind)
-    return _PathPoint(wrench, motors, np.array(rows), np.array(sides), tuple(kinds))
+    return _PathPoint(wrench, motors, joints, np.array(rows), np.array(sides), tuple(kinds))
 
 
 def _toppra() -> Any:
