@@ -9,8 +9,8 @@ import pytest
 from scene_tools import EXAMPLES, hand_of
 from tests.cli.cli_tools import LINES, spoilt
 
-from graspless_pin import Scene, load_scene
-from graspless_pin.errors import GrasplessPinWarning, SceneError
+from graspless_pin import Scene, Uncertainty, load_scene
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning, SceneError
 from graspless_pin.findings import Finding, FindingCode, Severity, capture, emit, gravest_first
 from graspless_pin.geometry import Box, Sphere, Support
 from graspless_pin.report import scene_solution_text, solution_document
@@ -105,6 +105,10 @@ def test_a_fault_is_found(tmp_path, old, new, code, subject, said):
          "the size looks like millimetres, 0.2 x 0.2 x 0.1 m?"),
         ("size: [0.2, 0.2, 0.2]", "size: [60, 50, 80]", "unlikely-size",
          "it looks like millimetres, 0.06 x 0.05 x 0.08 m?"),
+        ("mass: 1.0", "mass: 1.0\n  center_of_mass: [0, 1.5, 50]", "center-of-mass-outside",
+         "in metres: millimetres are [0, 0.0015, 0.05] m"),
+        ("mass: 1.0", "mass: 1.0\n  center_of_mass: [0, 0, 5]", "center-of-mass-outside",
+         "in metres: centimetres are [0, 0, 0.05] m, millimetres are [0, 0, 0.005] m"),
     ],
 )  # fmt: skip
 def test_what_looks_like_another_unit_is_said_in_the_right_one(tmp_path, old, new, code, advice):
@@ -118,6 +122,14 @@ def test_what_looks_like_another_unit_is_said_in_the_right_one(tmp_path, old, ne
     assert found(scene)[FindingCode(code)].advice.endswith(advice)
     if code == FindingCode.UNLIKELY_SIZE:  # of what a hand is to hold
         assert FindingCode.UNLIKELY_SIZE not in found(scene.with_changes(hand=None))
+
+
+def test_a_centre_of_mass_is_off_by_no_more_than_the_object_is_large(tmp_path):
+    scene = loaded(tmp_path)
+    words = "by 10 m along z, and object 'box' is 0.2 m large there; give metres: centimetres are"
+    with pytest.raises(ArgumentError, match=words):
+        scene.solve("margin", uncertainty=Uncertainty(center_of_mass=[0.0, 0.0, 10.0]))
+    assert scene.solve("margin", uncertainty=Uncertainty(center_of_mass=[0.0, 0.0, 0.2])).status
 
 
 @pytest.mark.parametrize("change", [("mass: 1.0", "density: 29000"), ("mass: 1.0", "density: 1.1"),

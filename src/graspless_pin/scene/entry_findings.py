@@ -163,5 +163,21 @@ def _meant(made: ManipulatedObject, density: float, size: FloatArray) -> str:
     return ""
 
 
+def meant_lengths(given: FloatArray, longest: FloatArray) -> str:
+    """Return what lengths would be in metres that are given in a smaller unit by mistake.
+
+    Args:
+        given: (3,) as they are, m.
+        longest: (3,) m, that they may be.
+    """
+    units = {"centimetres": 1e-2, "millimetres": 1e-3}
+    fitting = [
+        f"{unit} are [{', '.join(f'{length:.3g}' for length in (factor * given).tolist())}] m"
+        for unit, factor in units.items()
+        if (np.abs(factor * given) <= longest).all()
+    ]
+    return f": {', '.join(fitting)}" if fitting else ""
+
+
 def _lengths(size: FloatArray) -> str:
     return " x ".join(f"{length:.3g}" for length in np.asarray(size).tolist())

@@ -19,7 +19,7 @@ from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.contact_arrays import contacts_of
-from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, unit_findings
+from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, meant_lengths, unit_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
@@ -100,8 +100,10 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
         yield Finding(
             FindingCode.CENTER_OUTSIDE,
             made.name,
-            f"the centre of mass of object '{made.name}' lies outside the box around its shape",
-            "give center_of_mass in the object's own frame, in metres",
+            f"the centre of mass {np.round(center, 6).tolist()} m of object '{made.name}' lies "
+            "outside the box around its shape",
+            "give center_of_mass in the object's own frame, in metres"
+            + meant_lengths(center, np.maximum(-lowest, highest)),
             ("object", "center_of_mass"),
         )
     yield from _loads(scene, max(gravity, _LEAST_GRAVITY) * made.mass, (lowest, highest))

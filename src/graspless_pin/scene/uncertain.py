@@ -18,6 +18,7 @@ from graspless_pin.geometry.hand.inertial_forces import STILL
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.programs.objectives import Objective
+from graspless_pin.scene.entry_findings import box_around, meant_lengths
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
@@ -46,8 +47,10 @@ def solve_uncertain(
         mode: The one mode for all members.
 
     Raises:
-        ArgumentError: See `solve_robust`, and `weight_of`.
+        ArgumentError: See `solve_robust`, and `weight_of`; if the centre of mass may be farther off
+            than the object is large.
     """
+    _check_center(scene, uncertainty)
     problem = problem_of(scene)
     return solve_robust(
         problem,
@@ -86,6 +89,24 @@ def tolerances_of(
         fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
         **{**own, **options},
     )
+
+
+def _check_center(scene: SceneFields, uncertainty: Uncertainty) -> None:
+    """Refuse a centre of mass that may be farther off than the object is large.
+
+    Raises:
+        ArgumentError: It may.
+    """
+    lowest, highest = box_around(scene.object)
+    size, off = highest - lowest, uncertainty.center_of_mass
+    if (off > size).any():
+        axis = int(np.argmax(off / size))
+        raise ArgumentError(
+            "uncertainty",
+            f"center_of_mass may be off by {off[axis]:g} m along {'xyz'[axis]}, and object "
+            f"{scene.object.name!r} is {size[axis]:.4g} m large there; give metres"
+            f"{meant_lengths(off, size)}",
+        )
 
 
 def weight_of(scene: SceneFields, links: int) -> Weight:
