@@ -178,6 +178,43 @@ def test_other_mistakes_are_named(scene: Scene, message: dict[str, Any], tmp_pat
     )
 
 
+def in_degrees(message: dict[str, Any]) -> dict[str, Any]:
+    turned = deepcopy(message)
+    for point in turned["points"]:
+        point["positions"] = np.degrees(point["positions"]).tolist()
+    return turned
+
+
+def test_angles_in_degrees_are_told(scene: Scene, message: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match=r"points\[0\].*outside.*all angles look like degrees"):
+        waypoints_from_trajectory(scene, in_degrees(message))
+    (tmp_path / "claw.urdf").write_text(URDF.replace("revolute", "continuous"))
+    file = tmp_path / "scene.yaml"
+    file.write_text(SCENE.format(srdf="null", states="", more=""))
+    point = {"positions": [0.1, -0.2, 1.6], "time_from_start": 0.0}
+    path = {"joint_names": ["j1", "j2", "j3"], "points": [point]}
+    assert len(waypoints_from_trajectory(load_scene(file), path)) == 1
+    with pytest.warns(GrasplessPinWarning, match="more than a turn.*give radians"):
+        waypoints_from_trajectory(load_scene(file), in_degrees(path))
+
+
+def test_messages_that_hold_a_trajectory_stand_for_it(
+    scene: Scene, message: dict[str, Any]
+) -> None:
+    nothing = {"joint_names": [], "points": []}
+    robot = {"joint_trajectory": message, "multi_dof_joint_trajectory": nothing}
+    wanted = positions(scene, waypoints_from_trajectory(scene, message))
+    for held in (robot, {"trajectory": message}, {"trajectory": robot}):
+        for form in (held, as_object(held)):
+            found = positions(scene, waypoints_from_trajectory(scene, form))
+            np.testing.assert_array_equal(found, wanted)
+    robot["multi_dof_joint_trajectory"] = nothing | {"joint_names": ["base"]}
+    with pytest.raises(ArgumentError, match="pass its joint_trajectory, and the other"):
+        waypoints_from_trajectory(scene, robot)
+    with pytest.raises(ArgumentError, match="holds 2 trajectories under 'trajectory'; pass one"):
+        waypoints_from_trajectory(scene, {"trajectory": [robot, robot]})
+
+
 @pytest.mark.parametrize(("follower", "agrees"), [(0.01, True), (0.03, False)])
 def test_joints_that_follow_may_be_named_where_they_agree(follower: float, agrees: bool) -> None:
     scene = load_scene(EXAMPLES / "panda_carry_bar.yaml")

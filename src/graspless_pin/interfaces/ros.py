@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, JointLimitError
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.intake.files import FileKind, errors_of_text, read_text
@@ -23,6 +24,7 @@ from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.planning import Waypoint
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.scene import Scene
+from graspless_pin.scene.entry_findings import MOST_ANGLE
 from graspless_pin.suggestions import names_in_words
 
 __all__ = ["pose_from_message", "waypoints_from_trajectory"]
@@ -41,6 +43,9 @@ def waypoints_from_trajectory(
     stay: Sequence[str] = (),
 ) -> list[Waypoint]:
     """Return the waypoints of a ``trajectory_msgs/JointTrajectory``, for `evaluate_path`.
+
+    A ``moveit_msgs/RobotTrajectory`` stands for its ``joint_trajectory``, and the goal of a
+    ``FollowJointTrajectory`` for its ``trajectory``.
 
     Positions alone count: velocities, accelerations and efforts are not looked at. Joints may come
     in any order, with the prefixes of the hand's mounts. Joints that follow others may be named; if
@@ -64,6 +69,9 @@ def waypoints_from_trajectory(
             unknown or not named, a position is not finite, outside its limits or against a
             coupling, a quaternion is no rotation, or times do not agree.
 
+    Warns:
+        GrasplessPinWarning: If angles are more than a turn, and look like degrees.
+
     Examples:
         >>> from graspless_pin import Waypoint, evaluate_path, load_scene
         >>> from graspless_pin.interfaces.ros import waypoints_from_trajectory
@@ -81,7 +89,7 @@ def waypoints_from_trajectory(
         raise ArgumentError("trajectory", "is None, and so is object_poses; give one of them")
     waypoints: list[Waypoint] = []
     if trajectory is not None:
-        waypoints = _joint_waypoints(scene, _loaded(trajectory), stay)
+        waypoints = _joint_waypoints(scene, _of_joints(_loaded(trajectory)), stay)
     if object_poses is None:
         return waypoints
     if isinstance(object_poses, Sequence) and not isinstance(object_poses, str):
@@ -150,6 +158,26 @@ def pose_from_message(message: Any, name: str = "pose") -> FloatArray:
     return T
 
 
+def _of_joints(message: Any) -> Any:
+    """Return the JointTrajectory that a RobotTrajectory or the goal of an action holds."""
+    if _has(message, "joint_names"):
+        return message
+    if _has(message, "joint_trajectory"):
+        other = "multi_dof_joint_trajectory"
+        if _has(message, other) and len(_part(_part(message, other, ""), "joint_names", other)):
+            raise ArgumentError(
+                "trajectory", f"has a {other}, too; pass its joint_trajectory, and the other one "
+                "as object_poses if it is the object's"
+            )  # fmt: skip
+        return _part(message, "joint_trajectory", "trajectory")
+    inner = _part(message, "trajectory", "trajectory") if _has(message, "trajectory") else None
+    if isinstance(inner, Sequence) and not isinstance(inner, str):
+        raise ArgumentError(
+            "trajectory", f"holds {len(inner)} trajectories under 'trajectory'; pass one of them"
+        )
+    return message if inner is None else _of_joints(inner)
+
+
 def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Waypoint]:
     """Return a waypoint with time and joints for each point."""
     hand = scene.hand
@@ -160,23 +188,43 @@ def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Wa
     points = list(_part(message, "points", "trajectory"))
     if not points:
         raise ArgumentError("trajectory.points", "is empty; a trajectory has at least one")
-    waypoints = []
-    for k, point in enumerate(points):
-        where = f"trajectory.points[{k}]"
+    places, table = [f"trajectory.points[{k}]" for k in range(len(points))], []
+    for where, point in zip(places, points, strict=True):
         given = list(_part(point, "positions", where))
         if len(given) != len(names):
             raise ArgumentError(
                 f"{where}.positions",
                 f"has {len(given)} numbers and joint_names {len(names)}; give one for each joint",
             )
-        values = finite_array(f"{where}.positions", given, (len(names),)).tolist()
+        table.append(finite_array(f"{where}.positions", given, (len(names),)))
+    in_degrees = _in_degrees(hand, names, np.array(table))
+    waypoints = []
+    for where, point, values in zip(places, points, table, strict=True):
+        named = dict(zip(names, values.tolist(), strict=True))
         try:
-            q = joint_positions(hand.tree, dict(zip(names, values, strict=True)), hand.positions)
+            q = joint_positions(hand.tree, named, hand.positions)
         except (ArgumentError, JointLimitError) as error:
-            raise ArgumentError(f"{where}.positions", str(error)) from error
+            advice = f"; {in_degrees}" if in_degrees else ""
+            raise ArgumentError(f"{where}.positions", f"{error}{advice}") from error
         own = {joint: float(q[hand.tree.joint_index[joint]]) for joint in hand.control.joints}
         waypoints.append(Waypoint(q=own, time=_time(point, where)))
+    if in_degrees:
+        message = f"angles of the trajectory are more than a turn, {MOST_ANGLE:.4g} rad"
+        emit(Finding(FindingCode.ANGLE_IN_DEGREES, "trajectory", message, in_degrees))
     return waypoints
+
+
+def _in_degrees(hand: Hand, names: list[str], table: FloatArray) -> str:
+    """Return what to say of (N, J) positions if they look like degrees; empty: they do not."""
+    tree = hand.tree
+    joints = [tree.joint_index[name] for name in names]
+    turning = np.array([tree.joint_kinds[joint] != "prismatic" for joint in joints])
+    joints, angles = np.array(joints)[turning], table[:, turning]
+    radians = np.radians(angles)
+    inside = (tree.lower[joints] <= radians) & (radians <= tree.upper[joints])
+    if not (np.abs(angles) > MOST_ANGLE).any() or not inside.all():
+        return ""
+    return "all angles look like degrees: give radians, as ROS does (math.radians)"
 
 
 def _check_names(hand: Hand, names: list[str], stay: Sequence[str]) -> None:
