@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from itertools import starmap
 from pathlib import Path
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError
 from graspless_pin.planning.path import Waypoint
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.suggestions import nearest_name
 
 _TIME = "time_s"
 _POSE = (
@@ -21,6 +23,10 @@ _POSE = (
 )  # fmt: skip
 _JOINT = "position_"
 _UNITS = ("_rad", "_m")
+_SEPARATORS = {";": "semicolons", "\t": "tabs"}
+_STATED_UNIT = re.compile(r"\s*[\[(]\s*(deg|degrees|°|rad|m|cm|mm|s|ms)\s*[\])]\s*$")
+_ALIKE = 0.8
+"""Of a column that is read: one that is not there, and was probably meant."""
 _UNIT_LENGTH = 1e-3
 """By how much the norm of a rounded quaternion may differ from 1."""
 
@@ -41,7 +47,8 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
 
     Raises:
         ArgumentError: If the file cannot be read, has no row or none of these columns, only some of
-            the pose's, or a cell that is no number.
+            the pose's, one that is nearly one of them or has its unit in brackets, or a cell that
+            is no number.
 
     Examples:
         >>> from graspless_pin import Evaluator, Waypoint, evaluate_path, load_scene
@@ -63,6 +70,13 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
     except (ValueError, csv.Error) as error:
         raise ArgumentError("path", f"'{path}' is no table of comma-separated text") from error
     names = [name.strip() for name in header]
+    for separator, word in _SEPARATORS.items():
+        if len(names) == 1 and separator in header[0]:
+            raise ArgumentError(
+                "path", f"'{path}' has {word} between its columns; write commas, and points in "
+                "numbers (0.5)"
+            )  # fmt: skip
+    _check_names(path, names)
     joints = _joints(path, names)
     wanted = [name for name in (_TIME, *_POSE, *joints) if name in names]
     if not wanted:
@@ -90,6 +104,28 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
     return tuple(starmap(waypoint, zip(cells, poses, strict=True)))
 
 
+def _check_names(path: str | Path, names: Sequence[str]) -> None:
+    """Refuse columns with units in brackets, and those that are nearly one that is read."""
+    missing = [name for name in (_TIME, *_POSE) if name not in names]
+    for name in names:
+        stated = _STATED_UNIT.search(name)
+        plain = "_".join(name[: stated.start()].split()) if stated else name
+        near = nearest_name(f"{plain}_{stated[1]}" if stated else plain, missing, _ALIKE)
+        if stated is not None:
+            of_joint = f"{_JOINT}{plain.removeprefix(_JOINT)}"
+            ending = "_m" if stated[1] in ("m", "cm", "mm") else "_rad"
+            raise ArgumentError(
+                "path",
+                f"'{path}': column {name!r} has its unit in brackets; name it "
+                f"{near or of_joint + ending!r} and give SI (s, m, rad), or leave it out",
+            )
+        start, _, rest = name.partition("_")
+        if f"{start}_" != _JOINT and name.endswith(_UNITS):
+            near = near or (nearest_name(start, [_JOINT], _ALIKE) and f"{_JOINT}{rest}")
+        if near is not None and name not in (_TIME, *_POSE):
+            raise ArgumentError("path", f"'{path}': column {name!r}: did you mean {near!r}?")
+
+
 def _joints(path: str | Path, names: Sequence[str]) -> dict[str, str]:
     """Return the joints by the names of their columns."""
     joints = {}
@@ -107,8 +143,12 @@ def _number(
     path: str | Path, line: int, name: str, names: Sequence[str], row: Sequence[str]
 ) -> float:
     if len(row) != len(names):
+        advice = ""
+        if len(row) == 2 * len(names):
+            advice = "; if commas are decimal ones, write points in numbers (0.5)"
         raise ArgumentError(
-            "path", f"'{path}', row {line} has {len(row)} cells, and the header {len(names)}"
+            "path",
+            f"'{path}', row {line} has {len(row)} cells, and the header {len(names)}{advice}",
         )
     cell = row[names.index(name)]
     try:
@@ -116,8 +156,10 @@ def _number(
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
+        advice = " with a point (0.5)" if "," in cell else ""
         raise ArgumentError(
-            "path", f"'{path}', row {line}, column {name}: found {cell!r}; needs a finite number"
+            "path",
+            f"'{path}', row {line}, column {name}: found {cell!r}; needs a finite number{advice}",
         )
     return number
 
