@@ -122,6 +122,15 @@ def test_fingers_close_from_the_configuration_of_each_sample(tmp_path):
     assert kept == {True, False}
 
 
+def test_seeds_and_ranks_are_drawn_as_whole_numbers(made, tmp_path):
+    vary = {"place.seed": {"from": 0, "to": 99}, "place.rank": {"from": 1, "to": 2}}
+    sampling = {"method": "sobol", "samples": 16}
+    drawn = Study.from_data(PLACED | {"vary": vary, "sampling": sampling}, tmp_path)
+    seeds, ranks = zip(*drawn.samples, strict=True)
+    assert {type(value) for value in (*seeds, *ranks)} == {int}
+    assert len(set(seeds)) > 8 and set(ranks) == {1, 2}
+
+
 MISTAKES = {
     "place: {sed: 1}": ":1: place.sed: unknown key; did you mean 'seed'?",
     "place: {rank: 0}": ":1: place.rank: found 0; needs a whole number >= 1",

@@ -6,6 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from study_tools import HEIGHT, SLOPE, study
 
+from graspless_pin.errors import StudyError
+from graspless_pin.studies.run import check_study
+
 METHODS = ("latin_hypercube", "sobol")
 TWO = {"friction": {"from": 0.2, "to": 0.6}, "object.mass": {"from": 0.5, "to": 4, "scale": "log"}}
 
@@ -33,6 +36,39 @@ def test_sampled_values_stay_in_their_ranges(count, seed, method):
     assert [*again.samples] == [*made.samples] and again.fingerprint == made.fingerprint
     other = study(TWO, sampling={"method": method, "samples": count, "seed": seed + 1})
     assert [*other.samples] != [*made.samples] and other.fingerprint != made.fingerprint
+
+
+SEED = {"cone_edges": {"from": 4, "to": 11}, "object.mass": {"from": 0.5, "to": 4}}
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+@pytest.mark.parametrize("method", METHODS)
+def test_whole_numbers_are_drawn_for_keys_that_need_them(method, scale):
+    vary = {**SEED, "cone_edges": {"from": 4, "to": 11, "scale": scale}}
+    made = study(vary, sampling={"method": method, "samples": 256})
+    edges = [sample[0] for sample in made.samples]
+    assert {type(value) for value in edges} == {int} and set(edges) == set(range(4, 12))
+    check_study(made)
+    expected = np.full(8, 32.0)
+    if scale == "log":
+        expected = 256.0 * np.diff(np.log(np.arange(4, 13))) / np.log(3.0)
+    np.testing.assert_allclose(np.bincount(edges)[4:], expected, atol=2.0)
+
+
+def test_a_grid_of_whole_numbers_has_no_others():
+    made = study({"cone_edges": {"from": 4, "to": 12, "steps": 3}})
+    assert repr([sample[0] for sample in made.samples]) == "[4, 8, 12]"
+    for more, words in (
+        ({"steps": 4}, r"steps: 4 from 4 to 12 are not all whole .*; 9 steps are all of them"),
+        ({"from": 4.5}, r"from: found 4.5; the key needs whole numbers"),
+        ({"steps": 3, "scale": "log"}, "scale: makes no whole numbers"),
+    ):
+        with pytest.raises(StudyError, match=words):
+            study({"cone_edges": {"from": 4, "to": 12, "steps": 3, **more}})
+    with pytest.raises(StudyError, match="whole numbers are not halved; list their values"):
+        vary = {"cone_edges": {"from": 4, "to": 12, "steps": 3}, "friction": TWO["friction"]}
+        vary["friction"] = {**vary["friction"], "steps": 3}
+        study(vary, sampling={"method": "adaptive", "depth": 2})
 
 
 def test_a_latin_hypercube_has_one_sample_in_each_stratum():

@@ -136,6 +136,19 @@ def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> A
         raise ArgumentError(key_text(location), mistake) from None
 
 
+def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bool:
+    """Return whether a number at a location of a file has to be a whole one.
+
+    Args:
+        data: What the file says above it.
+        model: What it is checked against.
+        location: Of the number.
+    """
+    nodes = _nodes_at(model.model_json_schema(), data, location)
+    kinds = {node.get("type") for node in nodes}
+    return "integer" in kinds and "number" not in kinds
+
+
 def _validation_text(source: YamlSource, error: ValidationError, model: type[BaseModel]) -> str:
     """Return one line a mistake."""
     lines = [*dict.fromkeys(source.message(*one) for one in _mistakes(source.data, error, model))]

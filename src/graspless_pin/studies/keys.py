@@ -15,8 +15,11 @@ from graspless_pin.geometry.poses import invert, pose_matrix, rigid, transformed
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.keys import Tree, place_key, put
+from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, si_unit
+from graspless_pin.scene.validation_errors import is_whole_number
 from graspless_pin.scene.yaml_source import Location
+from graspless_pin.studies.posing_schema import PosingEntry
 from graspless_pin.studies.study_schema import VariableEntry
 from graspless_pin.suggestions import names_in_words
 
@@ -192,12 +195,14 @@ class Variable:
         entry: Its entry in the study.
         unit: Unit of its values.
         targets: Scene keys that it sets, each with a factor and an offset (SI).
+        is_whole: Whether its values are whole numbers, as one of the keys needs them.
     """
 
     name: str
     entry: VariableEntry
     unit: Unit
     targets: tuple[tuple[Location, float, float], ...]
+    is_whole: bool = False
 
     @property
     def column(self) -> str:
@@ -223,6 +228,8 @@ class Variable:
         """Return the values on a grid: those listed, or evenly spaced over the range."""
         if self.entry.values is not None:
             return list(self.entry.values)
+        if self.is_whole:
+            return [round(value) for value in np.linspace(*self._range(), self.grid_size).tolist()]
         return [self.at(u) for u in np.linspace(0.0, 1.0, self.grid_size).tolist()]
 
     def at(self, share: float) -> Any:
@@ -233,9 +240,12 @@ class Variable:
         low, high = self._range()
         if share in (0.0, 1.0):
             return high if share else low
+        # Each whole number has the share of the range up to the next one.
+        top = high + 1 if self.is_whole else high
+        value = low + share * (top - low)
         if self.entry.scale == "log":
-            return float(low * (high / low) ** share)
-        return float(low + share * (high - low))
+            value = low * (top / low) ** share
+        return min(int(value), high) if self.is_whole else float(value)
 
     def extremes(self) -> list[Any]:
         """Values that a check should try: all that are listed, or the ends of the range."""
@@ -274,6 +284,8 @@ class Variable:
 
     def _range(self) -> tuple[float, float]:
         assert self.entry.start is not None and self.entry.to is not None  # noqa: S101 - schema
+        if self.is_whole:
+            return int(self.entry.start), int(self.entry.to)
         return self.entry.start, self.entry.to
 
 
@@ -325,7 +337,33 @@ def make_variable(
         named = [f"{item[0]} ({' or '.join(k)})" for item, k in zip(keys, kinds, strict=True)]
         listed = ", ".join(named)
         raise fail("set", f"its keys are measured in different units: {listed}; give factors")
-    return Variable(name, entry, _unit(entry, shared, fail), tuple(targets))
+    unit, is_whole = _unit(entry, shared, fail), entry.values is None
+    is_whole = is_whole and any(_is_whole(tree, location) for location, _, _ in targets)
+    if is_whole:
+        _check_whole(entry, fail)
+    return Variable(name, entry, unit, tuple(targets), is_whole)
+
+
+def _is_whole(tree: Tree, location: Location) -> bool:
+    model = PosingEntry if location[0] in PosingEntry.model_fields else SceneEntry
+    return is_whole_number(tree, model, location)
+
+
+def _check_whole(entry: VariableEntry, fail: Callable[..., GrasplessPinError]) -> None:
+    """Refuse a range of whole numbers with ends or steps that are none."""
+    start, to = entry.start or 0.0, entry.to or 0.0
+    for part, value in (("from", start), ("to", to)):
+        if value != int(value):
+            raise fail(part, f"found {value:g}; the key needs whole numbers")
+    steps = entry.steps or 2
+    if (to - start) % (steps - 1 or 1):
+        raise fail(
+            "steps",
+            f"{steps} from {start:g} to {to:g} are not all whole numbers, as the key needs them; "
+            f"{to - start + 1:g} steps are all of them, or list values",
+        )
+    if entry.scale == "log" and entry.steps is not None:
+        raise fail("scale", "makes no whole numbers, as the key needs them; list values")
 
 
 def _check_numbers(entry: VariableEntry, part: str, fail: Callable[..., GrasplessPinError]) -> None:

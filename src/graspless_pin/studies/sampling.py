@@ -232,6 +232,8 @@ def adaptive_samples(
     """
     for variable in variables:
         grid_size(variable, fail)
+        if variable.is_whole and _is_halved(variable):
+            raise fail(("vary", variable.name), "whole numbers are not halved; list their values")
     ranges = sum(map(_is_halved, variables))
     if not 1 <= ranges <= _MOST_RANGES:
         raise fail(
