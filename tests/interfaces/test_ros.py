@@ -288,6 +288,10 @@ def test_a_scene_names_states_of_its_srdf(folder: Path) -> None:
     scene = load_scene(folder / "scene.yaml")
     assert scene.hand is not None
     assert dict(scene.hand.q) == {"j1": 0.1, "j2": -0.2, "j3": -0.3}
+    (folder / "one.yaml").write_text(text.replace("[bent, end/other]", "end/other"))
+    one = load_scene(folder / "one.yaml")
+    assert dict(one.hand.q) == {"j1": 0.0, "j2": -0.2, "j3": -0.3}  # pyright: ignore
+    assert load_scene(one.save(folder / "again.yaml")).hand.q == one.hand.q  # pyright: ignore
     inside = folder / "inside"
     inside.mkdir()
     moved = scene.with_changes(hand=scene.hand.with_configuration({"j1": 0.7}))

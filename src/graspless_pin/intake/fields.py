@@ -63,6 +63,11 @@ Many = Annotated[list[_Item], Field(max_length=1000)]
 ByName = Annotated[dict[Name, _Item], Field(max_length=1000)]
 
 
+def listed(value: Any) -> Any:
+    """Let one name stand for a list of one."""
+    return [value] if isinstance(value, str) else value
+
+
 class Entry(BaseModel):
     """A part of a file; unknown keys are refused."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from graspless_pin.geometry.bodies.decomposition import (
     Concavity,
@@ -23,6 +23,7 @@ from graspless_pin.intake.fields import (
     NotNegative,
     Positive,
     Signed,
+    listed,
 )
 from graspless_pin.scene.body_schema import PoseEntry
 from graspless_pin.scene.units import merged_angles
@@ -99,10 +100,10 @@ class HandEntry(MountEntry):
     mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = Field(
         default=[], description="several robots, each with a prefix; instead of robot or urdf"
     )
-    group_states: Few[Name] = Field(
+    group_states: Annotated[Few[Name], BeforeValidator(listed)] = Field(
         default=[],
-        description="states of the SRDF, GROUP/STATE or STATE: positions of the joints that q does "
-        "not name",
+        description="a state of the SRDF, or a list of them, GROUP/STATE or STATE: positions of "
+        "the joints that q does not name",
     )
     q: ByName[Finite] = Field(
         default={}, description="[rad, m] positions by joint name, those left out are 0"

@@ -19,8 +19,7 @@ from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, si_unit
 from graspless_pin.scene.validation_errors import is_whole_number
 from graspless_pin.scene.yaml_source import Location
-from graspless_pin.studies.posing_schema import PosingEntry
-from graspless_pin.studies.study_schema import VariableEntry
+from graspless_pin.studies.study_schema import PosingEntry, VariableEntry
 from graspless_pin.suggestions import names_in_words
 
 _HOLDERS = ("object", "supports", "hand", "mounts")

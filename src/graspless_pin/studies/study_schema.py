@@ -25,14 +25,10 @@ from graspless_pin.intake.fields import (
     Seconds,
     Signed,
     Whole,
+    listed,
 )
 from graspless_pin.scene.body_schema import Direction, Vector
 from graspless_pin.scene.scene_schema import AlgorithmName, with_figures
-
-
-def listed(value: Any) -> Any:
-    """Let one name stand for a list of one."""
-    return [value] if isinstance(value, str) else value
 
 
 Fingers = Annotated[
