@@ -12,7 +12,7 @@ import pytest
 
 from graspless_pin import Scene, load_scene
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, RobotError, SceneError
-from graspless_pin.findings import FindingCode, capture
+from graspless_pin.findings import FindingCode, Severity, capture
 from graspless_pin.interfaces.mujoco import scene_from_mjcf, scene_to_mjcf
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene import Load
@@ -298,7 +298,10 @@ def test_what_cannot_be_taken_over_is_named() -> None:
     with capture() as found:
         scene = scene_from_mjcf(model, data)
     codes = {one.code for one in found}
-    assert codes == {FindingCode.LEFT_OUT_OF_MJCF}
+    assert codes == {FindingCode.LEFT_OUT_OF_MJCF, FindingCode.NO_MOTORS}
+    [graver] = [one for one in found if one.severity is Severity.SERIOUS]
+    assert graver.subject == "hand" and "no torque counts" in graver.message
+    assert scene.findings[0] == graver and "hand_body" in graver.advice
     assert {one.subject for one in found} == {"drawer", "geom_7", "sticky", "glue", "hand"}
     assert any("ellipsoid" in one.message for one in found)
     assert {support.name for support in scene.supports} == {"floor", "drawer", "sticky"}

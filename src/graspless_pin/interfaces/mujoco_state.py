@@ -92,10 +92,15 @@ class ModelState:
             touches[geom] = True
         return np.flatnonzero(inside[model.geom_bodyid] & touches).tolist()
 
-    def tell(self, subject: str, message: str, advice: str) -> None:
+    def tell(
+        self,
+        subject: str,
+        message: str,
+        advice: str,
+        code: FindingCode = FindingCode.LEFT_OUT_OF_MJCF,
+    ) -> None:
         """Tell of something that is left out."""
-        where = f"{self.source.path}: {message}"
-        emit(Finding(FindingCode.LEFT_OUT_OF_MJCF, subject, where, advice))
+        emit(Finding(code, subject, f"{self.source.path}: {message}", advice))
 
     def _place(self, data: Any, keyframe: str | int | None) -> None:
         """Take the positions of joints and bodies."""
@@ -163,8 +168,10 @@ class ModelState:
             if not all(self.is_free(body) for body in jointed):
                 self.tell(
                     "hand",
-                    "no joint has a motor, so the scene has no hand",
-                    "what has joints stands still as supports; add motors under <actuator>",
+                    "no joint has a motor, so the scene has no hand, and no torque counts",
+                    "add motors under <actuator>, or name the hand's first body as hand_body and "
+                    "give effort_limits; without, what has joints stands still as supports",
+                    FindingCode.NO_MOTORS,
                 )
             return None, np.zeros(count, dtype=bool)
         first, inside = robot_bodies(source)
