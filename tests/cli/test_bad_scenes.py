@@ -10,7 +10,8 @@ POSE = "{position: [0, 0, 0]}"
 Q = "  q: {hinge: 0.0}"
 FRICTION = "friction: 0.3"
 ONE_HAND = LINES[LINES.index("  robot") : LINES.index("object:")]
-SHAPES = "'box', 'sphere', 'cylinder', 'capsule', 'cone' or 'mesh'"
+SHAPES = "'box', 'sphere', 'cylinder', 'capsule', 'cone', 'mesh', 'hull' or 'compound'"
+COMPOUND = "{type: compound, parts: [{shape: {type: box, size: [0.2, 0.2, 0.2]}, pose: %s}]}"
 
 # What is replaced, by what, and the message after the file's name.
 CASES = {
@@ -51,6 +52,22 @@ CASES = {
         BOX,
         "{type: half_space}",
         ":9: object.shape: found {'type': 'half_space'}; needs a mapping with the type " + SHAPES,
+    ),
+    "shape of no part": (
+        BOX,
+        "{type: compound, parts: [{shape: {type: half_space}}]}",
+        ":9: object.shape.parts[0].shape: found {'type': 'half_space'}; needs a mapping with the "
+        "type 'box', 'sphere', 'cylinder', 'capsule', 'cone', 'mesh' or 'hull'",
+    ),
+    "zero quaternion of a part": (
+        BOX,
+        COMPOUND % "{quaternion: [0, 0, 0, 0]}",
+        ":9: object.shape.parts[0].pose.quaternion: a quaternion x, y, z, w must not be zero",
+    ),
+    "flat hull": (
+        BOX,
+        "{type: hull, points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]}",
+        ":9: object.shape: the hull is next to flat",
     ),
     "unknown robot among several": (
         ONE_HAND,

@@ -122,7 +122,7 @@ def squares(package, tmp_path_factory):
 def test_the_new_shape_is_one_module_and_one_line(squares):
     prism, *_ = squares
     assert prism["kinds"] == [
-        "box", "sphere", "cylinder", "capsule", "cone", "prism", "mesh", "half_space",
+        "box", "sphere", "cylinder", "capsule", "cone", "prism", "mesh", "hull", "half_space",
     ]  # fmt: skip
     assert prism["shape"].startswith("Prism(corners=4, radius=0.14142")
     assert prism["summary"].startswith("object    body: prism 0.141421 x 0.2 m, 0.8 kg")

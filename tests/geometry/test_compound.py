@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from graspless_pin import Evaluator, Scene, load_scene
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry import Box, Compound, Cylinder, HalfSpace, Sphere
-from graspless_pin.geometry.bodies.shape import Shape
+from graspless_pin.geometry import Box, Compound, Cylinder, HalfSpace, MeshShape, Sphere
+from graspless_pin.geometry.bodies.shape import Hull, Shape
 from graspless_pin.visualization import draw_scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -99,7 +100,43 @@ def test_what_is_no_compound_is_refused(parts: tuple, poses: np.ndarray, words: 
         Compound(parts, poses)
 
 
-def test_no_scene_file_has_a_compound(tmp_path: Path) -> None:
+def test_scene_files_have_compounds_and_hulls(tmp_path: Path) -> None:
+    scene = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=None)
+    box = scene.object.shape
+    assert isinstance(box, Box)
+    cut = halves(box)
+    corners = cut.parts[1].surface().vertices
+    cut = of_shape(scene, Compound((cut.parts[0], Hull(corners)), cut.poses))
+    beside = load_scene(cut.save(tmp_path / "edited.yaml"))
+    alone = load_scene(cut.with_changes(path=None).save(tmp_path / "alone.yaml"))
+    for again in (beside, alone):
+        shape = again.object.shape
+        assert isinstance(shape, Compound) and isinstance(shape.parts[1], Hull)
+        np.testing.assert_allclose(shape.poses, cut.object.shape.poses, atol=1e-12)  # pyright: ignore
+        np.testing.assert_array_equal(shape.parts[1].points, corners)
+        assert again.solve().margin == pytest.approx(scene.solve().margin, abs=1e-6)
+    wide = beside.with_changes({"object.shape.parts.0.shape.size.1": 0.2})
+    assert wide.object.shape.filling().volume == pytest.approx(box.filling().volume * 1.125)
+
+
+def test_parts_have_their_files_beside_the_scene(tmp_path: Path) -> None:
+    scene = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=None)
+    (tmp_path / "meshes").mkdir()
+    file = tmp_path / "meshes" / "cube.off"
+    trimesh.creation.box(extents=[0.1, 0.1, 0.1]).export(file)
+    cube = of_shape(scene, Compound((MeshShape(file),), np.eye(4)[None]))
+    saved = cube.save(tmp_path / "scene.yaml")
+    assert "path: meshes/cube.off" in saved.read_text()
+    (tmp_path / "inside").mkdir()
+    again = load_scene(saved).save(tmp_path / "inside" / "scene.yaml")
+    assert "path: ../meshes/cube.off" in again.read_text()
+    assert load_scene(again).solve().margin == cube.solve().margin
+
+
+def test_shapes_of_other_kinds_are_in_no_scene_file(tmp_path: Path) -> None:
+    class Block(Box):
+        kind = "block"
+
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
-    with pytest.raises(SceneError, match="'compound', which no scene file has"):
-        of_shape(scene, Compound((Sphere(0.1),), np.eye(4)[None])).save(tmp_path / "scene.yaml")
+    with pytest.raises(SceneError, match="'block', which no scene file has"):
+        of_shape(scene, Block((0.1, 0.1, 0.1))).save(tmp_path / "scene.yaml")

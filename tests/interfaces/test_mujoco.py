@@ -381,6 +381,20 @@ def test_a_scene_of_a_file_is_saved_and_one_of_a_model_is_not(tmp_path: Path) ->
     assert again.solve().margin == pytest.approx(scene.solve().margin, abs=1e-9)
     with pytest.raises(SceneError, match="comes from no file"):
         scene_from_mjcf(model_of(PINCHED)).save(tmp_path / "model.yaml")
-    several = scene_from_mjcf(model_of(TWO_GEOMS.format(floor="", head="", contact="")))
-    with pytest.raises(SceneError, match=r"object.*compound"):
-        several.save(tmp_path / "several.yaml")
+
+
+def test_a_scene_of_several_geoms_and_meshes_without_files_is_saved(tmp_path: Path) -> None:
+    mesh = (
+        '<asset><mesh name="wedge" vertex="0 0 0 .1 0 0 0 .1 0 .1 .1 0 0 0 .05 0 .1 .05"/></asset>'
+    )
+    block = '<geom name="block" type="mesh" mesh="wedge" mass="0.1" pos="0 0 0.05"/>'
+    text = TWO_GEOMS.format(floor="", head="", contact="").replace("<mujoco>", f"<mujoco>{mesh}")
+    scene = scene_from_mjcf(
+        model_of(text.replace('<geom name="look"', f'{block}<geom name="look"'))
+    )
+    again = load_scene(scene.save(tmp_path / "several.yaml"))
+    assert [part.kind for part in again.object.shape.parts] == ["box", "hull", "cylinder"]  # pyright: ignore
+    np.testing.assert_allclose(again.object.own_inertia, scene.object.own_inertia, atol=1e-12)
+    one, two = scene.problem(), again.problem()
+    np.testing.assert_allclose(two.positions, one.positions, atol=1e-9)
+    assert again.solve().margin == pytest.approx(scene.solve().margin, abs=1e-9)

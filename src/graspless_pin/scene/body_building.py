@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.compound import Compound
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.poses import pose_matrix
@@ -15,6 +16,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import changed
 from graspless_pin.scene.body_schema import (
     ROTATION_FORMS,
+    CompoundEntry,
     ObjectEntry,
     PoseEntry,
     SupportEntry,
@@ -91,11 +93,22 @@ def _shape_at(file: YamlSource, parts: SceneParts, where: Location, entry: Any) 
     """Return the shape at a location of a scene file, which can be made of convex pieces."""
 
     def made() -> Shape:
-        shape = file.at(where, lambda: SHAPES[entry.type].from_entry(entry, file.file))
-        file.at(where, lambda: shape.pieces(), ("path",))
-        return shape
+        if not isinstance(entry, CompoundEntry):
+            return _solid_at(file, where, entry)
+        places = [(*where, "parts", index) for index in range(len(entry.parts))]
+        placed = [*zip(places, entry.parts, strict=True)]
+        return Compound(
+            tuple(_solid_at(file, (*place, "shape"), part.shape) for place, part in placed),
+            np.array([build_pose(file, (*place, "pose"), part.pose) for place, part in placed]),
+        )
 
     return parts.stage(key_text(where), (entry,), made)
+
+
+def _solid_at(file: YamlSource, where: Location, entry: Any) -> Shape:
+    shape = file.at(where, lambda: SHAPES[entry.type].from_entry(entry, file.file))
+    file.at(where, lambda: shape.pieces(), ("path",) if hasattr(entry, "path") else ())
+    return shape
 
 
 def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArray) -> _Body:

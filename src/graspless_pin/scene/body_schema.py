@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Annotated, Union
+from typing import Annotated, Literal, Union
 
 from pydantic import AfterValidator, Field, GetPydanticSchema, model_validator
 
-from graspless_pin.geometry.bodies.shapes import SHAPES, HalfSpace, Shape
+from graspless_pin.geometry.bodies.shapes import SHAPES, HalfSpace
 from graspless_pin.intake.fields import (
     Entry,
     Finite,
     Friction,
+    Many,
     Name,
     Positive,
 )
@@ -55,13 +55,36 @@ class PoseEntry(Entry):
         return self
 
 
-def _one_of(shapes: Iterable[type[Shape]]) -> GetPydanticSchema:
-    several = Annotated[Union[*(one.entry() for one in shapes)], Field(discriminator="type")]
+def _one_of(*entries: type[Entry]) -> GetPydanticSchema:
+    several = Annotated[Union[*entries], Field(discriminator="type")]
     return GetPydanticSchema(lambda _, handler: handler(several))
 
 
-SolidEntry = Annotated[Entry, _one_of(one for one in SHAPES.values() if one is not HalfSpace)]
-ShapeEntry = Annotated[Entry, _one_of(SHAPES.values())]
+_SOLIDS = tuple(one.entry() for one in SHAPES.values() if one is not HalfSpace)
+
+
+class PartEntry(Entry):
+    """A part of a compound: a shape, and where it is."""
+
+    shape: Annotated[Entry, _one_of(*_SOLIDS)] = Field(
+        description="one of the shapes below, but for a half-space and a compound"
+    )
+    pose: PoseEntry = Field(
+        default=PoseEntry(), description="of the shape's frame in that of the compound"
+    )
+
+
+class CompoundEntry(Entry):
+    """Several shapes as one body."""
+
+    type: Literal["compound"] = Field(description="says that it is a compound")
+    parts: Annotated[Many[PartEntry], Field(min_length=1)] = Field(
+        description="at least one; where parts overlap, both count for volume and inertia"
+    )
+
+
+SolidEntry = Annotated[Entry, _one_of(*_SOLIDS, CompoundEntry)]
+ShapeEntry = Annotated[Entry, _one_of(*_SOLIDS, CompoundEntry, HalfSpace.entry())]
 
 
 class ObjectEntry(Entry):

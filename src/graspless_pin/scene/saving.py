@@ -15,10 +15,11 @@ from typing import Any, TypeVar
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import capture
+from graspless_pin.geometry.bodies.compound import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot
-from graspless_pin.intake.files import is_file, read_text
+from graspless_pin.intake.files import errors_of_text, is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
 from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.scene.fields import SceneFields, label_of
@@ -31,7 +32,7 @@ from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_tex
 
 _SAME = 1e-11
 _POSE = {"position", "matrix"}
-_WHOLE = ("materials", "inertia")
+_WHOLE = ("materials", "inertia", "points")
 _MAY_BE_EMPTY = ("materials", "supports", "tangent_axes", "loads")
 _WITH_PATHS = ("hand", "object", "supports")
 _Scene = TypeVar("_Scene", bound=SceneFields)
@@ -142,7 +143,7 @@ def _check_sayable(scene: SceneFields) -> None:
         SceneError: If there is something.
     """
     for key, body in (("object", scene.object), *(("supports", one) for one in scene.supports)):
-        if type(body.shape) not in SHAPES.values():
+        if type(body.shape) not in (*SHAPES.values(), Compound):
             raise SceneError(
                 f"{label_of(scene)}: {key}: {body.name!r} has a shape of the kind "
                 f"{body.shape.kind!r}, which no scene file has; use one of {', '.join(SHAPES)}, or "
@@ -340,7 +341,8 @@ def _checked(text: str, target: Path, scene: SceneFields, path_text: PathText) -
     Raises:
         SceneError: If it does: a scene may hold what was made in Python in a way of its own.
     """
-    parsed = parse_yaml(text)
+    with errors_of_text(target, SCENE):
+        parsed = parse_yaml(text)
     again = build_scene(SceneFields, YamlSource(target, parsed.data, SCENE, parsed.lines))
     place = _first_difference(stated_scene(again, path_text), stated_scene(scene, path_text), ())
     hands = [one.hand for one in (again, scene) if one.hand is not None]

@@ -30,7 +30,6 @@ from graspless_pin.intake.fields import (
 from graspless_pin.scene.body_schema import Direction, Vector
 from graspless_pin.scene.scene_schema import AlgorithmName, with_figures
 
-
 Fingers = Annotated[
     Few[Name] | None,
     BeforeValidator(listed),

@@ -27,7 +27,7 @@ from pydantic import Field, GetPydanticSchema, create_model
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.meshes import MOST_FACES, Triangles
-from graspless_pin.intake.fields import Entry, FilePath, Length
+from graspless_pin.intake.fields import Entry, FilePath, Finite, Length
 from graspless_pin.problem.checks import FloatArray, read_only
 
 Lengths = tuple[Length, Length, Length]
@@ -35,6 +35,10 @@ Lengths = tuple[Length, Length, Length]
 
 ShapeFile = Annotated[Path, GetPydanticSchema(lambda _, handler: handler(FilePath))]
 """A file that a shape is made of: a text in the scene file, relative to it."""
+
+_LISTED = Annotated[list[tuple[Finite, Finite, Finite]], Field(min_length=4, max_length=10_000)]
+Points = Annotated[FloatArray, GetPydanticSchema(lambda _, handler: handler(_LISTED))]
+"""(V, 3) that are not all in one plane: a list of lists in the scene file."""
 
 _OF_A_LENGTH = get_args(Length)[1]  # its bounds: the types of other numbers have others
 _RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
@@ -242,17 +246,22 @@ class Polyhedron(Shape):
 
 @dataclass(frozen=True, eq=False)
 class Hull(Polyhedron):
-    """The convex hull of points, as a link's collision mesh or a piece of an object is one.
+    """The convex hull of points.
+
+    A link's collision mesh is one, a piece of an object, and a mesh that an MJCF holds itself.
 
     Attributes:
         points: (V, 3), m.
     """
 
     kind = "hull"
-    points: FloatArray
+    points: Annotated[
+        Points, Field(description="[m] its corners, in its frame; points inside do no harm")
+    ]
 
     def __post_init__(self) -> None:
         """Take the points as they are."""
+        object.__setattr__(self, "points", np.asarray(self.points))
 
     def vertices(self) -> FloatArray:
         """Return the points."""

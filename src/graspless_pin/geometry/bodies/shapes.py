@@ -1,6 +1,6 @@
 """The shapes of objects and supports, and the list of them. Metres, axes as in URDF.
 
-`Compound` is several of them as one rigid body's; no scene file has it.
+`Compound` is several of them as one rigid body's.
 """
 
 from __future__ import annotations
@@ -364,9 +364,13 @@ class HalfSpace(Shape):
 
 
 SHAPES: dict[str, type[Shape]] = {
-    shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Cone, MeshShape, HalfSpace)
+    shape.kind: shape
+    for shape in (Box, Sphere, Cylinder, Capsule, Cone, MeshShape, Hull, HalfSpace)
 }
-"""All shapes by the ``type`` that scene files give them: a new one is added to this list."""
+"""All shapes by the ``type`` that scene files give them: a new one is added to this list.
+
+A `Compound` is made of them.
+"""
 
 _OF_COAL: dict[str, Callable[[Any], Any]] = {
     "size": lambda box: 2.0 * np.array(box.halfSide),
@@ -407,7 +411,7 @@ def _decomposed(
 
 @dataclass(frozen=True, eq=False)
 class Compound(PickledByFields, Shape):
-    """Shapes at poses in one frame, as the geoms of a body in MuJoCo are. No scene file has it.
+    """Shapes at poses in one frame, as the geoms of a body in MuJoCo are.
 
     Attributes:
         parts: S bounded shapes.
@@ -477,3 +481,17 @@ class Compound(PickledByFields, Shape):
         starts = np.cumsum([0, *(len(one.vertices) for one in each)])
         faces = [one.faces + start for one, start in zip(each, starts, strict=False)]
         return Triangles(np.vstack([one.vertices for one in each]), np.vstack(faces))
+
+    def stated(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
+        """Return what a scene file says of it: see `Shape.stated`."""
+        placed = zip(self.parts, self.poses, strict=True)
+        return {
+            "type": self.kind,
+            "parts": [
+                {
+                    "shape": part.stated(path_text),
+                    "pose": {"position": T[:3, 3], "matrix": T[:3, :3]},
+                }
+                for part, T in placed
+            ],
+        }
