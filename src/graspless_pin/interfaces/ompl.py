@@ -77,6 +77,7 @@ class EvaluatedSpace:
         # What moves with a link rests in the hand, and takes no twist.
         self._rest = np.zeros(6) if evaluator.attached_to is None else None
         self._space = information.getStateSpace()
+        self._places = range(len(evaluator.joint_names))
         self._between, self._one_at_a_time = information.allocState(), Lock()
         self._valid: dict[Any, bool] = Bounded(_MOST_KEPT)
         self._margins: dict[Any, tuple[FloatArray, FloatArray]] = Bounded(_MOST_KEPT)
@@ -95,16 +96,17 @@ class EvaluatedSpace:
                 unless there is a function for it.
         """
         if self._to_state is None:
-            return np.array([state[k] for k in range(len(self.evaluator.joint_names))]), None
+            return np.array([*map(state.__getitem__, self._places)]), None
         found = self._to_state(state)
         return None if found is None else (self.evaluator.configuration(found[0]), found[1])
 
     def is_valid(self, state: Any) -> bool:
         """Tell whether a state is valid by itself, at rest."""
         found = self.state(state)
-        return found is not None and self.evaluator.is_feasible(
-            *found, self._rest, margin=self.margin
-        )
+        if found is None:
+            return False
+        q, T = found
+        return self.evaluator.is_feasible(q, T, self._rest, margin=self.margin)
 
     def margin_at_rest(self, state: Any) -> float:
         """Return the largest margin of a state by itself, N; -inf where it is not valid."""

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from graspless_pin.bounds import LARGEST
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.contact.distances import solids_of
@@ -98,6 +99,8 @@ def required_margin(margin: float | None, own: float) -> float:
     """
     if margin is None:
         return own
+    if type(margin) is float and 0.0 <= margin <= LARGEST:  # of each state of a planner
+        return margin
     return -np.inf if margin == -np.inf else real_number("margin", margin, 0.0)
 
 
