@@ -119,6 +119,21 @@ def test_scene_files_have_compounds_and_hulls(tmp_path: Path) -> None:
     assert wide.object.shape.filling().volume == pytest.approx(box.filling().volume * 1.125)
 
 
+def test_other_parts_make_another_scene(tmp_path: Path) -> None:
+    """A shape that holds arrays is equal to itself alone: what was made of one is not kept."""
+    scene = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=None)
+    box = scene.object.shape
+    assert isinstance(box, Box)
+    hull = Hull(box.surface().vertices)
+    assert hull != Hull(2.0 * hull.points) and halves(box) != halves(box) and hull == hull
+    loaded = load_scene(of_shape(scene, hull).save(tmp_path / "scene.yaml"))
+    wide = (hull.points * [1.0, 1.5, 1.0]).tolist()
+    wider = loaded.with_changes({"object.shape.points": wide})
+    for one, factor in ((loaded, 1.0), (wider, 1.5)):
+        corners = one.contacts.arrays.positions[:, 1]
+        assert np.abs(corners).max() == pytest.approx(factor * box.size[1] / 2.0, abs=1e-9)
+
+
 def test_parts_have_their_files_beside_the_scene(tmp_path: Path) -> None:
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=None)
     (tmp_path / "meshes").mkdir()
@@ -140,3 +155,11 @@ def test_shapes_of_other_kinds_are_in_no_scene_file(tmp_path: Path) -> None:
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
     with pytest.raises(SceneError, match="'block', which no scene file has"):
         of_shape(scene, Block((0.1, 0.1, 0.1))).save(tmp_path / "scene.yaml")
+    nested = Compound((Compound((Sphere(0.1),), np.eye(4)[None]),), np.eye(4)[None])
+    with pytest.raises(SceneError, match="'compound', which no scene file has in a compound"):
+        of_shape(scene, nested).save(tmp_path / "scene.yaml")
+    many = np.random.default_rng(0).normal(size=(9000, 3))
+    with pytest.raises(SceneError, match=r"30000 entries.*mesh file"):
+        of_shape(scene, Hull(many / np.linalg.norm(many, axis=1)[:, None])).save(
+            tmp_path / "scene.yaml"
+        )

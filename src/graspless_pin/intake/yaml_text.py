@@ -112,7 +112,8 @@ def _index(
         raise TextError("an anchor contains itself; write it out", line)
     if len(lines) > MOST_ENTRIES:
         raise TextError(
-            f"has more than {MOST_ENTRIES} entries; anchors that repeat anchors grow without bound",
+            f"has more than {MOST_ENTRIES} entries; shapes of many points are for mesh files, and "
+            "anchors that repeat anchors grow without bound",
             line,
         )
     if len(location) > DEEPEST_YAML:

@@ -15,8 +15,7 @@ from typing import Any, TypeVar
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import capture
-from graspless_pin.geometry.bodies.shapes import Compound
-from graspless_pin.geometry.bodies.shapes import SHAPES
+from graspless_pin.geometry.bodies.shapes import SHAPES, Compound
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import errors_of_text, is_file, read_text
@@ -143,11 +142,15 @@ def _check_sayable(scene: SceneFields) -> None:
         SceneError: If there is something.
     """
     for key, body in (("object", scene.object), *(("supports", one) for one in scene.supports)):
-        if type(body.shape) not in (*SHAPES.values(), Compound):
+        shape = body.shape
+        solids = shape.parts if isinstance(shape, Compound) else (shape,)
+        odd = [one.kind for one in solids if type(one) not in SHAPES.values()]
+        inside = "" if solids == (shape,) else " in a compound"
+        if odd:
             raise SceneError(
                 f"{label_of(scene)}: {key}: {body.name!r} has a shape of the kind "
-                f"{body.shape.kind!r}, which no scene file has; use one of {', '.join(SHAPES)}, or "
-                "write an MJCF (scene_to_mjcf)"
+                f"{odd[0]!r}, which no scene file has{inside}; "
+                f"use one of {', '.join(SHAPES)}, or write an MJCF (scene_to_mjcf)"
             )
     for mount in () if scene.hand is None else scene.hand.mounts:
         if find_robot(mount.source).read is not None:

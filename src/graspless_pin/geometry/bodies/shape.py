@@ -79,7 +79,7 @@ class Filling(NamedTuple):
         return cls(abs(volume), read_only(np.array(mesh.center_mass)), read_only(gyration))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape(ABC):
     """A shape: a frozen dataclass whose fields are the keys of a scene file, in metres.
 
