@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from math import cos, pi, prod, sin
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull, QhullError
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
+from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.problem.members import Member
 from graspless_pin.records import Brief
+from graspless_pin.suggestions import names_in_words
 
 MOST_MEMBERS = 20_000
 """Corners that a set may have before its hull."""
@@ -25,6 +29,9 @@ _SAME = 1e-9
 """Of the load: directions in which loads differ by less are none."""
 _MOST_DIMENSIONS = 6
 """Of loads whose hull is taken; in more, it has nearly all of them."""
+
+Figures = FloatArray | Mapping[str, float]
+"""One figure, one for each contact or joint, or some by name."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -38,10 +45,12 @@ class Uncertainty(Brief):
         tilt: rad, how far gravity may be off its direction, to all sides, links included.
         force: (3,) N on the centre of mass that may push along each world axis, either way.
         moment: (3,) N m about each world axis.
-        friction: Shares by which coefficients may be smaller or larger: one, or (M,).
-        torque: Shares by which joints may make less or more torque than commanded: one, or (L,).
-        torque_offset: N m (N) that may be added to each joint's torque, either way: one, or (L,).
-        effort: Shares of their limits that motors may lack: one, or (L,).
+        friction: Shares by which coefficients may be smaller or larger: one, or (M,), or in a scene
+            by hand link, support, ``hand``, ``supports`` or ``default``; of others nothing is off.
+        torque: Shares by which joints may make less or more torque than commanded: one, or (L,), or
+            in a scene by joint, finger or ``default``.
+        torque_offset: N m (N) that may be added to each joint's torque, either way: likewise.
+        effort: Shares of their limits that motors may lack: likewise.
 
     Raises:
         ArgumentError: If a figure is negative or not finite, a share 1 or more, or a tilt 45
@@ -64,10 +73,10 @@ class Uncertainty(Brief):
     tilt: float
     force: FloatArray
     moment: FloatArray
-    friction: FloatArray
-    torque: FloatArray
-    torque_offset: FloatArray
-    effort: FloatArray
+    friction: Figures
+    torque: Figures
+    torque_offset: Figures
+    effort: Figures
 
     def __init__(
         self,
@@ -77,23 +86,27 @@ class Uncertainty(Brief):
         tilt: float = 0.0,
         force: ArrayLike = 0.0,
         moment: ArrayLike = 0.0,
-        friction: ArrayLike = 0.0,
-        torque: ArrayLike = 0.0,
-        torque_offset: ArrayLike = 0.0,
-        effort: ArrayLike = 0.0,
+        friction: ArrayLike | Mapping[str, float] = 0.0,
+        torque: ArrayLike | Mapping[str, float] = 0.0,
+        torque_offset: ArrayLike | Mapping[str, float] = 0.0,
+        effort: ArrayLike | Mapping[str, float] = 0.0,
     ) -> None:
         """Check the figures and copy them: see the attributes; one number stands for all axes."""
         shares = {"friction": friction, "torque": torque, "effort": effort}
         vectors = {"center_of_mass": center_of_mass, "force": force, "moment": moment}
         vars(self).update(
-            mass=float(_share("mass", np.array(real_number("mass", mass, 0.0)))),
+            mass=_share("mass", real_number("mass", mass, 0.0)),
             tilt=real_number("tilt", tilt, 0.0),
             torque_offset=_amounts("torque_offset", torque_offset),
-            **{name: _share(name, _amounts(name, value)) for name, value in shares.items()},
+            **{name: _amounts(name, value, shares=True) for name, value in shares.items()},
             **{name: _vector(name, value) for name, value in vectors.items()},
         )
         if self.tilt >= pi / 4.0:
             raise ArgumentError("tilt", f"is {self.tilt:.4g} rad; it must be below 45 degrees")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the figures: arrays stay read-only."""
+        return partial(Uncertainty, **vars(self)), ()
 
     @property
     def is_of_load(self) -> bool:
@@ -103,7 +116,30 @@ class Uncertainty(Brief):
 
     def scaled(self, share: float) -> Uncertainty:
         """Return the set with all its figures times a share, about the same middle."""
-        return Uncertainty(**{name: share * value for name, value in vars(self).items()})
+        figures: dict[str, Any] = {
+            name: {key: share * one for key, one in value.items()}
+            if isinstance(value, Mapping)
+            else share * value
+            for name, value in vars(self).items()
+        }
+        return Uncertainty(**figures)
+
+    def check(self, joints: Sequence[str], fingers: Sequence[str], bodies: Sequence[str]) -> None:
+        """Refuse figures of joints, fingers and bodies that are not there.
+
+        Raises:
+            ArgumentError: Naming the key.
+        """
+        motors = "joint or finger", (*joints, *fingers, DEFAULT_GAIN)
+        surfaces = "body", ("hand", "supports", *bodies, DEFAULT_GAIN)
+        for name in ("friction", "torque", "torque_offset", "effort"):
+            what, known = surfaces if name == "friction" else motors
+            given = getattr(self, name)
+            for key in given if isinstance(given, Mapping) else ():
+                if key not in known:
+                    raise ArgumentError(
+                        f"{name}['{key}']", f"is no {what}; {names_in_words(key, known)}"
+                    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,7 +271,7 @@ def members_of(
             words = _words(
                 problem, mass, off, down - weight.down, force, moment, kinetic, factor, offset
             )
-            words = _with_effort(words, uncertainty.effort)
+            words = _with_effort(words, effort)
             loads.append((wrench, carried, offset, words))
         kept = _hull(problem, np.array([np.concatenate([w, g - o]) for w, g, o, _ in loads]))
         for wrench, carried, offset, words in (loads[number] for number in kept):
@@ -265,6 +301,9 @@ def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
     if rank == 1:
         kept = kept[[int(points.argmin()), int(points.argmax())]]
     elif 1 < rank <= _MOST_DIMENSIONS and len(points) > rank + 1:
+        # Loaded here: scenes have an `Uncertainty`, and are loaded without.
+        from scipy.spatial import ConvexHull, QhullError
+
         with suppress(QhullError):  # nearly flat: all of them serve as well
             kept = kept[ConvexHull(points).vertices]
     return sorted(kept.tolist())
@@ -351,8 +390,15 @@ def _vector(name: str, value: ArrayLike) -> FloatArray:
     return _positive(name, np.broadcast_to(finite_array(name, *_shaped(value, 3)), (3,)))
 
 
-def _amounts(name: str, value: ArrayLike) -> FloatArray:
-    return _positive(name, finite_array(name, *_shaped(value, None)))
+def _amounts(name: str, value: ArrayLike | Mapping[str, float], *, shares: bool = False) -> Figures:
+    if isinstance(value, Mapping):
+        named = {str(key): (f"{name}['{key}']", one) for key, one in value.items()}
+        found = {key: real_number(*one, 0.0) for key, one in named.items()}
+        return {key: _share(named[key][0], one) if shares else one for key, one in found.items()}
+    amounts = _positive(name, finite_array(name, *_shaped(value, None)))
+    if shares:
+        _share(name, float(np.max(amounts, initial=0.0)))
+    return amounts
 
 
 def _shaped(value: ArrayLike, length: int | None) -> tuple[ArrayLike, tuple[int | None, ...]]:
@@ -365,18 +411,20 @@ def _positive(name: str, value: FloatArray) -> FloatArray:
     return read_only(np.array(value))
 
 
-def _share(name: str, value: FloatArray) -> FloatArray:
-    if (value >= 1.0).any():
-        raise ArgumentError(name, f"is {np.max(value):.4g}, a share; it must be below 1")
+def _share(name: str, value: float) -> float:
+    if value >= 1.0:
+        raise ArgumentError(name, f"is {value:.4g}, a share; it must be below 1")
     return value
 
 
-def _per(name: str, value: FloatArray, count: int, of: str) -> FloatArray:
+def _per(name: str, value: Figures, count: int, of: str) -> FloatArray:
     """Return a figure for each joint or contact.
 
     Raises:
-        ArgumentError: If there are some for another number of them.
+        ArgumentError: If there are some for another number of them, or by name.
     """
+    if isinstance(value, Mapping):
+        raise ArgumentError(name, f"is by name, which scenes take; give one, or {count}, of {of}")
     if value.ndim and len(value) != count:
         raise ArgumentError(name, f"has {len(value)} entries, and there are {count} {of}")
     return np.broadcast_to(value, (count,))

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.caching import Latest
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding
@@ -69,7 +70,7 @@ def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
         hint = f", e.g. {example}" if example else ""
         if isinstance(value, Mapping):
             hint += f", or, as in a file, with_changes({{{name!r}: {{...}}}})"
-        none, article = " or None" if optional else "", "an" if kind.__name__[0] in "AEIO" else "a"
+        none, article = " or None" if optional else "", "an" if kind.__name__[0] in "AEIOU" else "a"
         raise ArgumentError(
             name, f"found {reprlib.repr(value)}; needs {article} {kind.__name__}{none}{hint}"
         )
@@ -148,6 +149,7 @@ _CHECKS: dict[str, _Check] = {
     "hybrid_force_limit": _force,
     "max_penetration": _as_in_a_file,
     "controller": Controller.of,
+    "uncertainty": _one(Uncertainty, "Uncertainty(mass=0.2)", optional=True),
     "solve_options": _options,
     "load_findings": _several(Finding),
 }
@@ -210,6 +212,7 @@ class SceneFields(PickledByFields):
     hybrid_force_limit: float | None = None
     max_penetration: float = 5e-3
     controller: Controller = field(default_factory=Controller)
+    uncertainty: Uncertainty | None = None
     solve_options: Mapping[str, Any] = field(default_factory=dict)
     load_findings: tuple[Finding, ...] = ()
 

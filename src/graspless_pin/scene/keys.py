@@ -27,7 +27,7 @@ Tree = dict[str, Any]
 _Scene = TypeVar("_Scene", bound=SceneFields)
 _BY_NAME = (
     "q", "effort_limits", "joint_velocities", "joint_accelerations", "friction", "control",
-    "rates",
+    "rates", "torque", "torque_offset", "effort",
 )  # fmt: skip
 """Mappings whose keys are names, which may hold dots."""
 _ZERO = (

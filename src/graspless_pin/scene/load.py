@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from pydantic import BaseModel
 
+from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import Finding, Severity, capture, emit
@@ -46,6 +47,7 @@ from graspless_pin.scene.scene_schema import (
     MotionEntry,
     SceneEntry,
 )
+from graspless_pin.scene.uncertain_figures import check_names
 from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.suggestions import names_in_words
 
@@ -224,7 +226,7 @@ class _Built(NamedTuple):
 
 def _scene(kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Scene:
     entries = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-    sources = (*entries, entry.controller, entry.acceleration, *entry.supports)
+    sources = (*entries, entry.controller, entry.acceleration, entry.uncertainty, *entry.supports)
     built = parts.stage("built", sources, lambda: _built(file, parts, entry))
     _check_weight(file, entry, built.object)
     last, known = parts.last, {}
@@ -311,6 +313,11 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
         "controller": parts.latest.of(
             "controller", (entry.controller, tree), lambda: _controller(file, entry, hand)
         ),
+        "uncertainty": parts.latest.of(
+            "uncertainty",
+            (entry.uncertainty, tree, *names),
+            lambda: _uncertainty(file, entry, hand, bodies),
+        ),
         "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
         "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
     }
@@ -332,6 +339,17 @@ def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Contr
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
     file.at(("controller",), lambda: controller.check(joints, fingers))
     return controller
+
+
+def _uncertainty(
+    file: YamlSource, entry: SceneEntry, hand: Hand | None, bodies: Sequence[str]
+) -> Uncertainty | None:
+    stated = entry.uncertainty
+    if stated is None:
+        return None
+    uncertainty = file.at(("uncertainty",), lambda: Uncertainty(**dict(stated)))
+    file.at(("uncertainty",), lambda: check_names(uncertainty, hand, bodies))
+    return uncertainty
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,7 +79,9 @@ class Scene(SceneFields):
         count_own_weight: Whether the links' weight g(q) counts against the limits.
         hybrid_force_limit: Largest commanded force of a hybrid finger, N; None: max_normal_force.
         max_penetration: Deepest overlap that passes for contact, m.
-        controller: What runs on the robot's joints beside the torques, for verdicts.
+        controller: What runs on the robot's joints beside the torques, for verdicts; its stiffness
+            adds to torques for what is not known exactly.
+        uncertainty: What is not known exactly; None: all is as it is meant to be.
         solve_options: Options of `solve` by name.
         load_findings: What looked wrong when it was loaded.
     """
@@ -152,19 +154,27 @@ class Scene(SceneFields):
 
     @overload
     def solve(
-        self, algorithm: str | None = None, *, uncertainty: None = None, **options: Any
+        self,
+        algorithm: str | None = None,
+        *,
+        uncertainty: Literal[False] | None = None,
+        **options: Any,
     ) -> TorqueSolution: ...
 
     @overload
     def solve(
-        self, algorithm: str | None = None, *, uncertainty: Uncertainty, **options: Any
+        self,
+        algorithm: str | None = None,
+        *,
+        uncertainty: Uncertainty | Literal[True],
+        **options: Any,
     ) -> RobustSolution: ...
 
     def solve(
         self,
         algorithm: str | None = None,
         *,
-        uncertainty: Uncertainty | None = None,
+        uncertainty: Uncertainty | bool | None = None,
         **options: Any,
     ) -> TorqueSolution | RobustSolution:
         """Solve the scene's problem with its own options, or with others.
@@ -173,20 +183,25 @@ class Scene(SceneFields):
             algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
                 name; None: the scene's.
             uncertainty: What is not known exactly: then one vector of torques serves its whole set.
+                True: what the scene says of it. Without it, all is as it is meant to be, whatever
+                the scene says.
             options: Options of `maximize_margin`, `minimize_torque` or the other objective; beside
-                an uncertainty `feedback`, too.
+                an uncertainty `feedback`, too: without it, the stiffness that the scene's
+                controller states.
 
         Raises:
-            ArgumentError: If an option is not known or not one of this algorithm.
+            ArgumentError: If an option is not known or not one of this algorithm, or the scene says
+                nothing of what is not known.
             SceneError: See `contacts`; or if the scene's own solver is not installed.
         """
         mode, feedback = options.pop("mode", None), options.pop("feedback", None)
         objective, how = self.asked(algorithm, **options)
-        if uncertainty is not None:
+        if uncertainty is not None and uncertainty is not False:
             # Loaded here: what is known exactly goes without.
-            from graspless_pin.scene.uncertain import solve_uncertain
+            from graspless_pin.scene.uncertain import solve_uncertain, stated_by
 
-            return solve_uncertain(self, objective, how, uncertainty, feedback=feedback, mode=mode)
+            of = stated_by(self) if uncertainty is True else uncertainty
+            return solve_uncertain(self, objective, how, of, feedback=feedback, mode=mode)
         need_uncertainty(feedback)
         rest = rest_model_of(self) if how.strong else None
         found = solve_problem(self.problem(), objective, how, mode=mode, rest=rest)
@@ -227,7 +242,7 @@ class Scene(SceneFields):
 
         Args:
             torques: N m (N).
-            options: Those of `graspless_pin.tolerances`; others are as in `solve`.
+            options: Those of `graspless_pin.tolerances`; others, and feedback, are as in `solve`.
         """
         from graspless_pin.scene.uncertain import tolerances_of
 

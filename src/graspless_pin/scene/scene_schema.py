@@ -208,6 +208,62 @@ class ControllerEntry(Entry):
     )
 
 
+Widths = NotNegative | tuple[NotNegative, NotNegative, NotNegative]
+Figures = NotNegative | ByName[NotNegative]
+
+
+class UncertaintyEntry(Entry):
+    """What is not known exactly, each by itself: `solve` finds torques that serve all of it.
+
+    The stiffness that adds to torques is that of the controller.
+    """
+
+    mass: NotNegative = Field(
+        default=0.0, description="[1] the object's may be smaller or larger by this share, below 1"
+    )
+    center_of_mass: Widths = Field(
+        default=0.0, description="[m] how far it may be off along each axis of the object"
+    )
+    tilt: NotNegative = Field(
+        default=0.0, description="[rad] how far gravity may be off, to all sides; below pi/4"
+    )
+    force: Widths = Field(
+        default=0.0,
+        description="[N] that may push at the centre of mass along each world axis, either way",
+    )
+    moment: Widths = Field(default=0.0, description="[N m] about each world axis, either way")
+    friction: Figures = Field(
+        default=0.0,
+        description="[1] coefficients may be smaller or larger by this share: all, or by hand "
+        "link, support, 'hand', 'supports', 'default'; of others nothing is off",
+    )
+    torque: Figures = Field(
+        default=0.0,
+        description="[1] joints may make less or more torque than commanded by this share: all, or "
+        "by joint, finger or 'default'",
+    )
+    torque_offset: Figures = Field(
+        default=0.0,
+        description="[N m] (N where it slides) that may be added to each joint's torque, either "
+        "way: all, or by joint, finger or 'default'",
+    )
+    effort: Figures = Field(
+        default=0.0,
+        description="[1] share of their limits that motors may lack: all, or by joint, finger or "
+        "'default'",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_feedback(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "feedback" in data:
+            raise ValueError(
+                "found feedback; the stiffness that adds to the torques is that of the scene's key "
+                "'controller'"
+            )
+        return data
+
+
 class SceneEntry(Entry):
     """A whole scene."""
 
@@ -265,6 +321,9 @@ class SceneEntry(Entry):
         default="any",
         description="[N m/rad] what runs on the robot's joints beside the torques: the stiffness "
         "of all joints, gains, or a word as for the stiffness",
+    )
+    uncertainty: UncertaintyEntry | None = Field(
+        default=None, description="what is not known exactly; default: all is as it is meant to be"
     )
     solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
 

@@ -25,6 +25,7 @@ from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.scene_schema import SolveEntry
+from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.scene.units import degrees_of
 
 _SAME_ROTATION = 1e-12
@@ -65,8 +66,11 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         **{name: getattr(scene, name) for name in _AS_THEY_ARE},
         "tangent_axes": list(scene.tangent_axes),
         "controller": _controller(scene.controller),
+        "uncertainty": None,
         "solve": SolveEntry().model_dump() | dict(scene.solve_options),
     }
+    if scene.uncertainty is not None:
+        stated["uncertainty"] = stated_uncertainty(scene.uncertainty)
     if scene.given_contacts is not None:
         stated["contacts"] = [vars(contact) for contact in scene.given_contacts]
     return plain(stated)

@@ -15,14 +15,16 @@ from graspless_pin.algorithms.tolerances import Tolerances, tolerances
 from graspless_pin.algorithms.uncertainty import Uncertainty, Weight
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.inertial_forces import STILL
+from graspless_pin.holding.controller import Controller
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.entry_findings import box_around, meant_lengths
-from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
 from graspless_pin.scene.problem_data import problem_of
+from graspless_pin.scene.uncertain_figures import by_contact_and_joint
 
 _OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")
 
@@ -43,7 +45,7 @@ def solve_uncertain(
         objective: What is optimised.
         options: How.
         uncertainty: The set.
-        feedback: See `minimize_torque`.
+        feedback: See `minimize_torque`; None: the stiffness that the scene's controller states.
         mode: The one mode for all members.
 
     Raises:
@@ -52,16 +54,39 @@ def solve_uncertain(
     """
     _check_center(scene, uncertainty)
     problem = problem_of(scene)
+    if isinstance(uncertainty, Uncertainty):
+        uncertainty = by_contact_and_joint(scene, problem, uncertainty)
     return solve_robust(
         problem,
         objective,
         uncertainty,
         options,
         weight=weight_of(scene, problem.joint_count),
-        feedback=feedback,
+        feedback=feedback_in(scene) if feedback is None else feedback,
         fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
         mode=mode,
     )
+
+
+def stated_by(scene: SceneFields) -> Uncertainty:
+    """Return what a scene says that is not known exactly.
+
+    Raises:
+        ArgumentError: If it says nothing.
+    """
+    if scene.uncertainty is None:
+        raise ArgumentError(
+            "uncertainty",
+            f"is True, and {label_of(scene)} says nothing of what is not known exactly; give an "
+            "Uncertainty, or the file the key 'uncertainty'",
+        )
+    return scene.uncertainty
+
+
+def feedback_in(scene: SceneFields) -> Controller | None:
+    """Return a scene's controller if it states a stiffness; None: torques are constant."""
+    stated = scene.controller
+    return stated if stated.is_stated and not stated.holds_joints else None
 
 
 def tolerances_of(
@@ -72,7 +97,7 @@ def tolerances_of(
     Args:
         scene: The scene as it is meant to be.
         torques: (L,) N m (N).
-        feedback: See `tolerances`.
+        feedback: See `tolerances`; None: the stiffness that the scene's controller states.
         options: See `tolerances`; rules and solver are the scene's unless they say otherwise.
 
     Raises:
@@ -84,7 +109,7 @@ def tolerances_of(
     return tolerances(
         problem,
         torques,
-        feedback=feedback,
+        feedback=feedback_in(scene) if feedback is None else feedback,
         weight=weight_of(scene, problem.joint_count),
         fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
         **{**own, **options},

@@ -84,9 +84,12 @@ _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths
     "field": ("acceleration",),
     "at": ("length",),
     "point": ("length",),
+    "tilt": ("angle",),
+    "torque_offset": ("torque", "force"),
     "angular_velocity": ("angular velocity",),
     "joint_accelerations": ("angular acceleration", "acceleration"),
 }
+_OF_UNCERTAINTY = {"mass": (ANY,), "torque": (ANY,)}
 _OF_ACCELERATIONS = {"linear": ("acceleration",), "angular": ("angular acceleration",)}
 
 
@@ -95,6 +98,8 @@ def kinds_of(location: Location) -> tuple[str, ...]:
     for part in reversed(location):
         if location[0] == "acceleration" and part in _OF_ACCELERATIONS:
             return _OF_ACCELERATIONS[str(part)]
+        if location[0] == "uncertainty" and part in _OF_UNCERTAINTY:
+            return _OF_UNCERTAINTY[str(part)]
         if part in _KINDS:
             return _KINDS[str(part)]
         if part in ("friction", "materials"):

@@ -1,0 +1,175 @@
+"""What scene files say that is not known exactly: the same as in Python, saved, and refused."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scene_tools import EXAMPLES, PAPER, content, loaded
+
+from graspless_pin import Scene, Uncertainty, load_scene
+from graspless_pin.algorithms.robust_torques import solve_robust
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.scene.uncertain import weight_of
+
+MUG = EXAMPLES / "allegro_mug_against_wall.yaml"
+BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
+CUBOID = PAPER / "cuboid_at_rest.yaml"
+OPTIONS: dict[str, Any] = {"margin": 0.05, "static_friction": "coulomb"}
+
+
+def scene_with(folder: Path, uncertainty: Any, source: Path = MUG, **others: Any) -> Scene:
+    """Load an example that says what is not known of it."""
+    data = content(source) | {"uncertainty": uncertainty} | others
+    for item in (data["object"]["shape"], data["hand"]):
+        for key in item.keys() & {"path", "urdf"}:
+            item[key] = str(source.parent / item[key])
+    return loaded(folder, data)
+
+
+def test_a_file_says_what_python_says(tmp_path: Path) -> None:
+    scene = scene_with(tmp_path, {"mass": 0.2, "center_of_mass": 0.01, "friction": 0.1})
+    stated = Uncertainty(mass=0.2, center_of_mass=(0.01, 0.01, 0.01), friction=0.1)
+    ours = scene.solve("torque", uncertainty=True, **OPTIONS)
+    theirs = load_scene(MUG).solve("torque", uncertainty=stated, **OPTIONS)
+    assert ours.max_torque == pytest.approx(theirs.max_torque, rel=1e-9)
+    assert [one.words for one in ours.members] == [one.words for one in theirs.members]
+    nominal = scene.solve("torque", **OPTIONS)
+    assert nominal.max_torque < 0.9 * ours.max_torque
+    assert scene.solve("torque", uncertainty=False, **OPTIONS).max_torque == nominal.max_torque
+
+
+def test_names_stand_for_contacts_and_joints(tmp_path: Path) -> None:
+    """A body's own figure comes before its group's, a joint's before its finger's."""
+    friction = {"hand": 0.2, "link_3.0_tip": 0.3, "default": 0.05}
+    effort = {"index": 0.4, "joint_1.0": 0.2, "default": 0.1}
+    scene = scene_with(tmp_path, {"friction": friction, "effort": effort, "mass": 0.1})
+    problem, hand = scene.problem(), scene.hand
+    assert hand is not None
+    shares = [
+        {"link_3.0_tip": 0.3}.get(body, 0.05 if body == "wall" else 0.2)
+        for body in scene.contacts.bodies
+    ]
+    assert {*shares} == {0.3, 0.2, 0.05}
+    of_index = [f"joint_{number}.0" for number in (0, 2, 3)]
+    lacking = [
+        0.4 if name in of_index else 0.2 if name == "joint_1.0" else 0.1
+        for name in problem.joint_names
+    ]
+    arrays = Uncertainty(friction=shares, effort=lacking, mass=0.1)
+    objective, how = scene.asked("torque", **OPTIONS)
+    weight = weight_of(scene, problem.joint_count)
+    expected = solve_robust(problem, objective, arrays, how, weight=weight)
+    found = scene.solve("torque", uncertainty=True, **OPTIONS)
+    assert found.max_torque == pytest.approx(expected.max_torque, rel=1e-9)
+    for ours, theirs in zip(found.members, expected.members, strict=True):
+        np.testing.assert_allclose(ours.problem.friction, theirs.problem.friction, rtol=1e-12)
+        np.testing.assert_allclose(ours.problem.upper_torque, theirs.problem.upper_torque)
+    half = scene.uncertainty.scaled(0.5) if scene.uncertainty is not None else None
+    assert half is not None and half.friction == {name: 0.5 * x for name, x in friction.items()}
+    assert half.mass == 0.05
+    cuboid = load_scene(CUBOID)
+    first, *_, last = cuboid.problem().joint_names
+    named = Uncertainty(torque={"finger_1/finger": 0.1, last: 0.05}, torque_offset={first: 0.02})
+    assert first.startswith("finger_1/")
+    listed = Uncertainty(torque=[0.1, 0.05], torque_offset=[0.02, 0.0])
+    robust = [
+        cuboid.solve(uncertainty=one, static_friction="coulomb").margin for one in (named, listed)
+    ]
+    assert robust[0] == pytest.approx(robust[1], rel=1e-9)
+    assert robust[0] < 0.5 * cuboid.solve(static_friction="coulomb").margin
+
+
+def test_a_stated_stiffness_is_the_feedback(tmp_path: Path) -> None:
+    """A ball rolls away under constant torques: nothing serves two loads."""
+    unknown = {"mass": 0.2, "center_of_mass": 0.005}
+    scene = scene_with(tmp_path, unknown, BALL)
+    assert not scene.solve("torque", uncertainty=True, **OPTIONS).found
+    held = scene.with_changes(controller=1.0)
+    found = held.solve("torque", uncertainty=True, **OPTIONS)
+    given = scene.solve("torque", uncertainty=True, feedback=1.0, **OPTIONS)
+    assert found.max_torque == pytest.approx(given.max_torque, rel=1e-9)
+    assert not held.solve("torque", uncertainty=True, feedback=0.0, **OPTIONS).found
+    still = scene.with_changes(controller="position")
+    assert not still.solve("torque", uncertainty=True, **OPTIONS).found
+    constant, stiff = (
+        one.tolerances(found.torques, static_friction="coulomb").of("push").borne
+        for one in (scene, held)
+    )
+    assert constant == 0.0 < stiff
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"mass": 0.2},
+        {"mass": 0.0},
+        {"center_of_mass": [0.01, 0.0, 0.02], "force": 0.5, "moment": [0.0, 0.0, 0.1]},
+        {"tilt": 0.1, "friction": {"hand": 0.2, "wall": 0.1}, "torque": {"index": 0.05}},
+        {"torque_offset": 0.01, "effort": {"joint_1.0": 0.1, "default": 0.2}},
+    ],
+)
+def test_saved_scenes_say_it_again(tmp_path: Path, stated: dict[str, Any]) -> None:
+    scene = scene_with(tmp_path, stated)
+    (tmp_path / "again").mkdir()
+    copied = scene.save(tmp_path / "copy.yaml")
+    made = scene.with_changes(path=None).save(tmp_path / "again" / "made.yaml")
+    assert content(copied)["uncertainty"] == stated
+    assert content(made)["uncertainty"] == {key: one for key, one in stated.items() if one}
+    pickled = pickle.loads(pickle.dumps(scene))  # noqa: S301 - our own bytes
+    for again in (pickled, load_scene(copied), load_scene(made)):
+        for name, value in vars(scene.uncertainty).items():
+            np.testing.assert_equal(getattr(again.uncertainty, name), value, err_msg=name)
+    assert not pickled.uncertainty.force.flags.writeable
+    other = scene.with_changes({"uncertainty.mass": 0.3}).with_changes(name="other")
+    again = load_scene(other.save(tmp_path / "other.yaml"))
+    assert again.uncertainty is not None and again.uncertainty.mass == 0.3
+    none = scene.with_changes(uncertainty=None)
+    assert "uncertainty" not in content(none.save(tmp_path / "none.yaml"))
+    of_all = scene.with_changes(uncertainty=Uncertainty(friction={"default": 0.1}))
+    saved = content(of_all.save(tmp_path / "of_all.yaml"))
+    assert saved["uncertainty"] == {"friction": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"mass": "20 %"}, r"scene.yaml:\d+: uncertainty.mass: .*; write 0.2, without '%'"),
+        ({"tilt": "10 deg"}, r"yaml:\d+: uncertainty.tilt: .*; write 0.17453\d+ \(rad\)"),
+        ({"center_of_mass": "1 cm"}, r"uncertainty.center_of_mass: .*; write 0.01 \(m\)"),
+        ({"torque_offset": "5 mNm"}, r"uncertainty.torque_offset: .*; write 0.005 \(Nm\)"),
+        ({"torque": "5 %"}, r"uncertainty.torque: .*; write 0.05, without '%'"),
+        ({"mass": 1.0}, r"yaml:\d+: uncertainty.mass: is 1, a share; it must be below 1"),
+        ({"tilt": 0.8}, r"yaml:\d+: uncertainty.tilt: is 0.8 rad; it must be below 45 degrees"),
+        ({"friction": -0.1}, r"uncertainty.friction: found -0.1; needs a finite number >= 0"),
+        ({"friction": {"hnd": 0.1}}, r"friction.hnd: is no body; did you mean 'hand'\?"),
+        ({"effort": {"indx": 0.1}}, r"effort.indx: is no joint or finger; did you mean 'index'\?"),
+        ({"torque": {"joint_1.0": 2}}, r"torque\['joint_1.0'\]: is 2, a share"),
+        ({"mas": 0.1}, r"yaml:\d+: uncertainty.mas: unknown key; did you mean 'mass'\?"),
+        ({"feedback": 1.0}, r"uncertainty: found feedback; .* the scene's key 'controller'"),
+        ({"force": [1, 2]}, r"uncertainty.force: found \[1, 2\]; needs .* or a list of 3"),
+        ({"mass": True}, r"uncertainty.mass: found True; needs a finite number"),
+        (0.2, r"yaml:\d+: uncertainty: found 0.2; needs a mapping with the keys mass, "),
+    ],
+)
+def test_mistakes_in_files(tmp_path: Path, stated: Any, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        scene_with(tmp_path, stated)
+
+
+def test_mistakes_in_python() -> None:
+    scene = load_scene(CUBOID)
+    with pytest.raises(ArgumentError, match=r"is True, and .*cuboid_at_rest.yaml says nothing"):
+        scene.solve(uncertainty=True)
+    with pytest.raises(ArgumentError, match=r"found 0.2; needs an Uncertainty or None, e.g."):
+        scene.with_changes(uncertainty=0.2)
+    with pytest.raises(ArgumentError, match=r"friction\['wal'\]: is no body; did you mean 'wall'"):
+        load_scene(MUG).solve(uncertainty=Uncertainty(friction={"wal": 0.1}))
+    with pytest.raises(ArgumentError, match="friction: is by name, which scenes take; give one"):
+        solve_robust(scene.problem(), *scene.asked()[:1], Uncertainty(friction={"hand": 0.1}),
+                     scene.asked()[1])  # fmt: skip
+    with pytest.raises(SceneError, match=r"uncertainty: mass: is 1.5, a share"):
+        scene.with_changes({"uncertainty.mass": 1.5})
