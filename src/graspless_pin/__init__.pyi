@@ -20,7 +20,9 @@ from .algorithms.margin_torque_curve import margin_torque_curve as margin_torque
 from .algorithms.minimum_friction import MinimumFriction as MinimumFriction
 from .algorithms.minimum_friction import minimum_friction as minimum_friction
 from .algorithms.options import SolveOptions as SolveOptions
+from .algorithms.robust_solution import Coverage as Coverage
 from .algorithms.robust_solution import RobustSolution as RobustSolution
+from .algorithms.robust_torques import served_share as served_share
 from .algorithms.robustness import Robustness as Robustness
 from .algorithms.robustness import robustness as robustness
 from .algorithms.tolerances import Tolerance as Tolerance

@@ -9,6 +9,7 @@ from tests.oracles.uncertain_members import BALANCED, drawn_problem, imbalance, 
 
 from graspless_pin import (
     Controller,
+    Coverage,
     QuasistaticProblem,
     SlidingMode,
     Status,
@@ -17,11 +18,9 @@ from graspless_pin import (
     load_scene,
     maximize_margin,
     minimize_torque,
+    served_share,
 )
 from graspless_pin.algorithms import robust_torques
-from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.robust_solution import Coverage
-from graspless_pin.algorithms.robust_torques import served_share
 from graspless_pin.algorithms.uncertainty import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem.members import feedback_torques, joined
@@ -61,12 +60,11 @@ def test_the_least_torques_of_sixteen_corners(name, nominal, robust):
 
 def test_an_object_that_rolls_away_is_served_by_feedback_alone():
     problem = contacts_alone("allegro_sphere_on_slope")
-    coulomb = SolveOptions.parse(static_friction="coulomb")
     found = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=CORNERS)
     assert not found.found
     assert len(found.conflict) == 2
     assert "cannot be served together" in str(found)
-    assert served_share(problem, Torque(0.1), CORNERS, coulomb) == 0.0
+    assert served_share(problem, Torque(0.1), CORNERS, static_friction="coulomb") == 0.0
     held = minimize_torque(
         problem, 0.1, static_friction="coulomb", uncertainty=CORNERS, feedback=1.0
     )
@@ -90,8 +88,7 @@ def test_an_object_that_rolls_away_is_served_by_feedback_alone():
 
 def test_the_largest_part_of_a_set_that_is_served():
     problem = contacts_alone("paper/sphere_on_slope")
-    coulomb = SolveOptions.parse(static_friction="coulomb")
-    share = served_share(problem, Torque(0.1), CORNERS, coulomb)
+    share = served_share(problem, Torque(0.1), CORNERS, static_friction="coulomb")
     assert share == pytest.approx(0.84, abs=0.01)
     for scale, served in ((share, True), (share + 0.002, False)):
         found = minimize_torque(

@@ -18,7 +18,7 @@ from graspless_pin.solution import Status, TorqueSolution
 
 
 class Coverage(StrEnum):
-    """Which members an answer is proven for."""
+    """Which members an answer is proven for. See the example of `Uncertainty`."""
 
     WHOLE_SET = "the whole set"
     """Forces of any member are means of those of the corners, in one mode."""

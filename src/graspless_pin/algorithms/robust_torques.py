@@ -7,14 +7,15 @@ Optimization, 2009. Contact forces and modes differ from member to member as the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import (
@@ -335,30 +336,55 @@ def served_share(
     problem: QuasistaticProblem,
     objective: Objective,
     uncertainty: Uncertainty,
-    options: SolveOptions,
     *,
-    weight: Weight | None = None,
     feedback: Feedback | None = None,
+    **options: Unpack[SolveKeywords],
 ) -> float:
     """Return the largest share of a set's figures, about the same middle, that torques serve.
 
-    By bisection over nested sets, to a thousandth. The arguments are those of `solve_robust`.
+    By bisection over nested sets, to a thousandth.
+
+    Args:
+        problem: The nominal one.
+        objective: What is optimised.
+        uncertainty: The set.
+        feedback: Joint stiffness that adds to the torques, N m/rad (N/m), or a controller.
+        options: See `SolveOptions.parse`.
 
     Returns:
         From 0 to 1; NaN where not even the nominal problem is served.
+
+    Raises:
+        ArgumentError: See `minimize_torque`.
+
+    Examples:
+        >>> from graspless_pin import Torque, Uncertainty, load_scene, served_share
+        >>> problem = load_scene("examples/paper/sphere_on_slope.yaml").problem()
+        >>> unknown = Uncertainty(mass=0.2, center_of_mass=0.01)  # m
+        >>> share = served_share(problem, Torque(0.1), unknown, static_friction="coulomb")
+        >>> print(f"{100.0 * share:.0f} %")
+        85 %
     """
+    how = SolveOptions.parse(**options)
+    return largest_share(
+        lambda share: solve_robust(
+            problem, objective, uncertainty.scaled(share), how, feedback=feedback
+        )
+    )
 
-    def served(share: float) -> bool:
-        return solve_robust(
-            problem, objective, uncertainty.scaled(share), options, weight=weight, feedback=feedback
-        ).found
 
-    if served(1.0):
+def largest_share(solved: Callable[[float], RobustSolution]) -> float:
+    """Return the largest share of a set that is served, see `served_share`.
+
+    Args:
+        solved: Returns what is found for the set with its figures times a share.
+    """
+    if solved(1.0).found:
         return 1.0
-    if not served(0.0):
+    if not solved(0.0).found:
         return math.nan
     low, high = 0.0, 1.0
     while high - low > _SHARE:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if served(middle) else (low, middle)
+        low, high = (middle, high) if solved(middle).found else (low, middle)
     return low

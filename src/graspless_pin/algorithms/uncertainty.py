@@ -30,6 +30,15 @@ _SAME = 1e-9
 _MOST_DIMENSIONS = 6
 """Of loads whose hull is taken; in more, it has nearly all of them."""
 
+_WORDS = {
+    "mass": ("mass", 100.0, "%"), "center_of_mass": ("centre of mass", 100.0, "cm"),
+    "tilt": ("gravity's direction", 180.0 / pi, "deg"), "force": ("push", 1.0, "N"),
+    "moment": ("moment", 1.0, "N m"), "friction": ("friction", 100.0, "%"),
+    "torque": ("torques", 100.0, "%"), "torque_offset": ("torques", 1.0, "N m"),
+    "effort": ("effort limits", 100.0, "%"),
+}  # fmt: skip
+"""Of each figure: what it is of, what it is multiplied by where it is printed, and the unit."""
+
 Figures = FloatArray | Mapping[str, float]
 """One figure, one for each contact or joint, or some by name."""
 
@@ -103,6 +112,19 @@ class Uncertainty(Brief):
         )
         if self.tilt >= pi / 4.0:
             raise ArgumentError("tilt", f"is {self.tilt:.4g} rad; it must be below 45 degrees")
+
+    def __str__(self) -> str:
+        """Return what may be off, in words: ``mass ±20 %, centre of mass ±1 cm``."""
+        told = []
+        for name, (of, scale, unit) in _WORDS.items():
+            value, sign = getattr(self, name), "-" if name == "effort" else "±"
+            if isinstance(value, Mapping):
+                each = [f"{key} {sign}{scale * one:.3g}" for key, one in value.items() if one]
+            else:
+                numbers = np.unique(value) if np.ptp(value) == 0.0 else np.ravel(value)
+                each = [f"{sign}{scale * one:.3g}" for one in numbers if numbers.any()]
+            told += [f"{of} {', '.join(each)} {unit}"] if each else []
+        return "; ".join(told) if any(", " in one for one in told) else ", ".join(told) or "nothing"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the figures: arrays stay read-only."""

@@ -15,6 +15,7 @@ from graspless_pin.cli.outcome import (
     plain_errors,
     under_controller,
 )
+from graspless_pin.cli.solve import solved
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.planning import squeeze_window
 from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary, squeeze_plot
@@ -94,8 +95,7 @@ def plot(
 
 def _draw_squeeze(scene: Scene, figure: Figure) -> None:
     """Draw margin, growth and normal forces over the squeeze, and print the window."""
-    with waiting_for("solving"):
-        solution = scene.solve()
+    solution, _ = solved(scene)
     if not solution.found:
         typer.echo(f"nothing to squeeze with: {solution.status.message}")
         raise typer.Exit(ExitCode.INFEASIBLE)

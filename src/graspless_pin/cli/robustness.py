@@ -15,6 +15,7 @@ from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, plain_errors
+from graspless_pin.cli.solve import solved
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
@@ -50,8 +51,7 @@ def robustness_scene(
     with plain_errors():
         loaded = loaded_scene(scene)
         emit(*loaded.findings)
-        with waiting_for("solving"):
-            solution = loaded.solve(algorithm)
+        solution, _ = solved(loaded, algorithm)
         echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to tell: {solution.status.message}")

@@ -20,6 +20,7 @@ from graspless_pin.cli.outcome import (
     three_numbers,
     under_controller,
 )
+from graspless_pin.cli.solve import solved
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import emit
 from graspless_pin.holding.stability import stability
@@ -92,9 +93,8 @@ def simulate_scene(
         force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
-        with waiting_for("solving"):
-            asked: dict[str, Any] = {} if required is None else {"stability": required}
-            solution = loaded.solve(algorithm, **asked)
+        asked: dict[str, Any] = {} if required is None else {"stability": required}
+        solution, _ = solved(loaded, algorithm, **asked)
         echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to simulate: {solution.status.message}")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,6 +31,9 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.scene.scene_stability import solution_verdict
 from graspless_pin.solution import TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.scene.robust_answer import RobustAnswer
 
 _RANGE_NODES = 100
 """Nodes of each search for the margin at worst, on a slow machine, too."""
@@ -123,10 +127,12 @@ def solve_scene(
             **figures,
         }
         options = {name: value for name, value in given.items() if value is not None}
-        with waiting_for("solving"):
-            solution = loaded.solve(algorithm, **options)
+        solution, answer = solved(loaded, algorithm, **options)
         verdict, note, bounds = None, "", None
-        if not no_verdict:
+        if answer is not None and not no_verdict:
+            answer = proven_answer(answer)
+            solution = answer.solution.of_source(loaded)
+        if not no_verdict and (answer is None or answer.found):
             solution, verdict, note = proven_and_verdict(loaded, solution, verdict_nodes)
         echo_findings(solution.findings)
         if solution.found and not no_verdict:
@@ -134,10 +140,45 @@ def solve_scene(
         if json_file is not None:
             from graspless_pin.report import solution_document, write_document
 
-            write_document(solution_document(solution, loaded, verdict), json_file)
+            write_document(solution_document(solution, loaded, verdict, answer=answer), json_file)
         if json_file != "-":
-            typer.echo(scene_solution_text(loaded, solution, note, bounds))
+            typer.echo(scene_solution_text(loaded, solution, note, bounds, answer))
+            if answer is not None and answer.found:
+                typer.echo(f"\nHow far each may be off: graspless-pin tolerances {scene}")
     raise typer.Exit(exit_code(solution))
+
+
+def solved(
+    scene: Scene, algorithm: str | None = None, **options: Any
+) -> tuple[TorqueSolution, RobustAnswer | None]:
+    """Return the solution of a scene, and what was found for all that it says is not known.
+
+    Args:
+        scene: The scene.
+        algorithm: See `Scene.solve`.
+        options: See `Scene.solve`.
+
+    Returns:
+        The solution, and None where all is as it is meant to be. Else that under the torques for
+        all that is not known; where there are none, that of the joined problem, without torques.
+    """
+    with waiting_for("solving"):
+        if scene.uncertainty is None:
+            return scene.solve(algorithm, **options), None
+        # Loaded here: what is known exactly goes without.
+        from graspless_pin.scene.robust_answer import robust_answer
+
+        answer = robust_answer(scene, algorithm, **options)
+        return answer.solution.of_source(scene), answer
+
+
+def proven_answer(answer: RobustAnswer) -> RobustAnswer:
+    """Return an answer as far as the document of its joined problem proves it."""
+    from graspless_pin.report.accepted import accepted
+
+    with waiting_for("checking the proof for all members"):
+        solution, _ = accepted(answer.robust.solution)
+    return replace(answer, robust=replace(answer.robust, solution=solution))
 
 
 def _forces(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:

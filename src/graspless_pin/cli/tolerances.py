@@ -10,9 +10,11 @@ import typer
 from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, plain_errors
+from graspless_pin.cli.solve import solved
 from graspless_pin.findings import emit
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
+from graspless_pin.scene.uncertain import feedback_in
 
 
 @asking_by_name
@@ -29,7 +31,8 @@ def tolerances_of_scene(
 ) -> None:
     """Report how far mass, pushes, friction and torques may be off, each by itself.
 
-    Torques stay as they are; contact forces are the best under plain Coulomb friction.
+    The torques are those that solve finds: for all that the scene says is not known, if it does.
+    They stay as they are; contact forces are the best under plain Coulomb friction.
 
     Exit code 0: each figure is told; 1: there are no torques; 2: bad input.
 
@@ -40,21 +43,17 @@ def tolerances_of_scene(
     with plain_errors():
         loaded = loaded_scene(scene)
         emit(*loaded.findings)
-        with waiting_for("solving"):
-            solution = loaded.solve(algorithm)
+        solution, _ = solved(loaded, algorithm)
         echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to tell: {solution.status.message}")
             raise typer.Exit(ExitCode.INFEASIBLE)
-        stated = loaded.controller
-        adds = stated.is_stated and not stated.holds_joints
-        how = feedback if feedback is not None or not adds else stated
         with waiting_for("looking how far each may be off"):
             off = loaded.tolerances(
-                solution.torques, feedback=how, static_friction=StaticFriction.COULOMB
+                solution.torques, feedback=feedback, static_friction=StaticFriction.COULOMB
             )
         typer.echo(str(off))
-        if how is None:
+        if feedback is None and feedback_in(loaded) is None:
             typer.echo(
                 "Torques are constant: --feedback tells what joint stiffness adds to them, where a "
                 "motion that no contact resists bears nothing."

@@ -28,13 +28,13 @@ _OF_OPTIMUM = "optimal "
 
 
 def accepted(
-    solution: TorqueSolution, scene: Scene, verdict: StabilityVerdict | None = None
+    solution: TorqueSolution, scene: Scene | None = None, verdict: StabilityVerdict | None = None
 ) -> tuple[TorqueSolution, StabilityVerdict | None]:
     """Return a solution and a verdict of which no more is claimed than their document proves.
 
     Args:
         solution: A solution of the scene.
-        scene: The scene.
+        scene: The scene; None: the problem is of arrays, or of several scenes joined.
         verdict: On the solution's torques; None: it was not asked.
 
     Returns:

@@ -25,6 +25,7 @@ from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.proof_data import cone_data, multipliers_data, objective_data, proof_data
 from graspless_pin.report.provenance import provenance
+from graspless_pin.report.robust import robust_data
 from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
 from graspless_pin.report.verify.reading import KNOWN_CONES
 from graspless_pin.report.verify.tree import proven_violation
@@ -33,6 +34,7 @@ from graspless_pin.solution import TorqueSolution
 
 if TYPE_CHECKING:
     from graspless_pin.planning import PathProfile
+    from graspless_pin.scene.robust_answer import RobustAnswer
 
 DOCUMENT_FORMAT = 2
 """Version of the documents."""
@@ -44,6 +46,7 @@ def solution_document(
     scene: Scene | None = None,
     verdict: StabilityVerdict | None = None,
     disturbances: GuaranteedDisturbance | None = None,
+    answer: RobustAnswer | None = None,
 ) -> dict[str, Any]:
     """Return the document of a solution, with its whole proof.
 
@@ -56,6 +59,9 @@ def solution_document(
         verdict: Whether the object stays with the solution's torques; None: that of the
             disturbances, else of the solution's guarantee, if there is one.
         disturbances: Which ones these torques bear for certain.
+        answer: What was found for all that is not known of the scene; None: all is as it is meant
+            to be. The solution is that under these torques; where there are none, that of the
+            joined problem.
 
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
@@ -66,8 +72,9 @@ def solution_document(
         ``hand``, ``joints``,
         ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
         (best case, gap to it, sets of torques tried), ``stability`` (see `verdict_data`),
-        ``holding`` (see `holding_data`), ``disturbances`` (see `disturbance_data`) and
-        ``provenance``.
+        ``holding`` (see `holding_data`), ``disturbances`` (see `disturbance_data`),
+        ``uncertainty`` (see `robust_data`, with the document of the joined problem under ``proof``
+        where torques were found) and ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
@@ -112,6 +119,13 @@ def solution_document(
         document["coulombs_law"] = solution.problem.cone_model.is_coulomb
     if solution.algorithm is None:
         document["objective"] = objective_data(solution)
+    uncertainty = None
+    if answer is not None:
+        uncertainty = robust_data(answer)
+        if answer.found:
+            uncertainty["proof"] = solution_document(answer.robust.solution)
+        elif scene is not None:  # contacts and joints are those of all members
+            document["scene"], scene = scene.name, None
     if scene is not None:
         document |= _scene_part(scene)
     document["findings"] = plain_findings(solution.findings)
@@ -138,6 +152,8 @@ def solution_document(
     if verdict is not None:
         document["stability"] = verdict_data(verdict)
         document["holding"] = holding_data(verdict)
+    if uncertainty is not None:
+        document["uncertainty"] = uncertainty
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
     plain: dict[str, Any] = _plain(document)
     _state_what_is_proven(plain["certificate"], plain)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from math import hypot, inf
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.findings import Severity
@@ -16,12 +17,16 @@ from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
 from graspless_pin.solution.tables import COLUMNS, counted, figure, headed
 
+if TYPE_CHECKING:
+    from graspless_pin.scene.robust_answer import RobustAnswer
+
 
 def scene_solution_text(
     scene: Scene,
     solution: TorqueSolution,
     verdict: str = "",
     bounds: ContactForceBounds | None = None,
+    answer: RobustAnswer | None = None,
 ) -> str:
     """Return the title and the tables of a scene's solution, contacts named by what they touch.
 
@@ -30,6 +35,8 @@ def scene_solution_text(
         solution: Its solution.
         verdict: What is said of whether the object stays: stands before the tables.
         bounds: The forces that its torques can end up with, for the margin at worst; or None.
+        answer: What was found for all that is not known of the scene; None: all is as it is meant
+            to be. Where torques were found, the solution is that under these.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -38,7 +45,7 @@ def scene_solution_text(
         >>> print(scene_solution_text(scene, scene.solve()).splitlines()[0])
         Cuboid pinched on a slope, at rest: cuboid, 1 kg, 6 contacts, 2 joints
     """
-    problem = solution.problem
+    problem = (solution if answer is None else answer.nominal).problem
     facts = (
         f"{scene.object.name}, {scene.object.mass:g} kg, "
         f"{counted(problem.contact_count, 'contact')}, {counted(problem.joint_count, 'joint')}"
@@ -50,8 +57,17 @@ def scene_solution_text(
         facts += f", accelerating by {hypot(*a):.3g} m/s^2"
     title = headed(scene.name, facts)
     title = f"{_serious(solution)}{title}"
+    if answer is not None:
+        # Loaded here: what is known exactly goes without.
+        from graspless_pin.report.robust import robust_text
+
+        title += f"\n{robust_text(answer)}"
+        if not answer.found:
+            return title
     if verdict:
         title += f"\n{fill(verdict, COLUMNS, break_on_hyphens=False)}"
+    if answer is not None:
+        title += "\nUnder these torques, as it is meant to be:"
     remarks = _remarks(scene, solution, bounds) if solution.found else []
     return f"{title}\n{solution.text(_touching(scene), remarks)}"
 

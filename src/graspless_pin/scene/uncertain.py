@@ -52,9 +52,9 @@ def solve_uncertain(
         ArgumentError: See `solve_robust`, and `weight_of`; if the centre of mass may be farther off
             than the object is large.
     """
-    _check_center(scene, uncertainty)
     problem = problem_of(scene)
     if isinstance(uncertainty, Uncertainty):
+        _check_center(scene, uncertainty)
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
     return solve_robust(
         problem,

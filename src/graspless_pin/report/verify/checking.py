@@ -42,6 +42,7 @@ from graspless_pin.report.verify.tree import (
     root_of,
     velocities,
 )
+from graspless_pin.report.verify.uncertain import uncertainty_checks
 from graspless_pin.report.verify.values import array, entry, number, text, truth, word
 
 
@@ -200,7 +201,9 @@ class _Checker:
             checks += self._not_found()
         checks += guarantee_checks(self.document, self.problem, self.status)
         checks += rest_checks(self.document, self.problem)
-        return checks + disturbance_checks(self.document, self.problem)
+        checks += disturbance_checks(self.document, self.problem)
+        joined = uncertainty_checks(self.document, self.problem, lambda one: _Checker(one).run())
+        return checks + joined
 
     def _statements(self) -> list[Check]:
         """Return what is said of the answer as a whole, and the scales."""

@@ -1,0 +1,206 @@
+"""What is told of torques for all that is not known of a scene: as text, and in documents."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
+from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.members import Member
+from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.scene.robust_answer import STIFFNESS, RobustAnswer
+from graspless_pin.scene.uncertain_figures import stated_uncertainty
+from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.tables import COLUMNS, figure, torque_size
+
+_AS_GOOD = 1e-4
+"""Of a value: a bound that is nearer is told as the same."""
+
+
+def robust_text(answer: RobustAnswer) -> str:
+    """Return which torques serve the set, or why none do, with the scene's nominal ones beside."""
+    sentences = robust_sentences(answer)
+    lines = [fill(one, COLUMNS, break_on_hyphens=False) for one in sentences]
+    if not answer.found:
+        each = (f"- {words}" for words in conflict_words(answer.robust))
+        lines[2:2] = [fill(one, COLUMNS, subsequent_indent="  ") for one in each]
+    return "\n".join(lines)
+
+
+def robust_sentences(answer: RobustAnswer) -> list[str]:
+    """Return what `robust_text` says, a sentence each; members in conflict are left out."""
+    robust = answer.robust
+    if not answer.found:
+        return _why_none(answer)
+    told = [
+        f"Not known exactly: {answer.uncertainty}.",
+        f"Torques for all of it: {_figures(robust, answer)}, proven for {robust.coverage}; as it "
+        f"is meant to be {_figures(answer.nominal, answer)}.",
+    ]
+    if robust.coverage is Coverage.CORNERS:
+        told.append("Corners need different virtual slidings: between them nothing is proven.")
+    value, bound = robust.solution.value, robust.bound
+    if math.isfinite(bound) and abs(value - bound) > _AS_GOOD * abs(value):
+        told.append(
+            f"No torques for all corners are better than {bound:.4g} {_unit(answer)} (proven)."
+        )
+    told.append(f"Least room: {robust.members[robust.worst].words}.")
+    if robust.feedback is not None and robust.feedback.any():
+        most = float(np.abs(robust.deflections).max())
+        told.append(
+            f"With the stiffness of the controller joints give way by up to {most:.2g} rad (m); "
+            "the largest torque is that of all members."
+        )
+    return told
+
+
+def conflict_words(robust: RobustSolution) -> list[str]:
+    """Return the members in conflict, in words."""
+    return [robust.members[number].words for number in robust.conflict]
+
+
+def _why_none(answer: RobustAnswer) -> list[str]:
+    robust, nominal = answer.robust, answer.nominal
+    together = "No torques serve these members together, only without one of them:"
+    if len(robust.conflict) < 2:
+        together = "No torques serve this member:" if robust.conflict else ""
+    told = [
+        f"Not known exactly: {answer.uncertainty}.",
+        together or f"No torques for all of it: {robust.status.message}.",
+    ]
+    share = answer.served_share
+    if share > 0.0:
+        part = answer.uncertainty.scaled(share)
+        told.append(f"Up to {100.0 * share:.3g} % of it is served: {part}.")
+    elif share == 0.0:
+        told.append("No part of it is served, however small.")
+    if answer.with_feedback is not None:
+        told.append(_feedback_words(answer.with_feedback))
+    if not nominal.found:
+        return [*told, f"Not even as it is meant to be: {nominal.status.message}."]
+    return [*told, f"As it is meant to be: {_figures(nominal, answer)}."]
+
+
+def _feedback_words(found: RobustSolution) -> str:
+    if not found.found:
+        return "Position feedback at the joints does not serve it either."
+    most = float(np.abs(found.deflections).max())
+    return (
+        f"Position feedback at the joints serves it: max |torque| {found.max_torque:.4g} "
+        f"{found.solution.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
+        f"{STIFFNESS:g}) joints give way by up to {most:.2g} rad (m), with K times that by one Kth."
+    )
+
+
+def _figures(found: TorqueSolution | RobustSolution, answer: RobustAnswer) -> str:
+    """Return margin and largest torque; of what was not found, that."""
+    if not found.found:
+        return "there are none"
+    problem = answer.nominal.problem
+    unit = found.max_torque_unit if isinstance(found, TorqueSolution) else _torque_unit(found)
+    torques = found.torques if isinstance(found, TorqueSolution) else found.commands.ravel()
+    size = torque_size(problem, np.resize(torques, problem.joint_count))
+    return (
+        f"margin e = {figure(found.margin, problem.scales.force)} N, max |torque| = "
+        f"{figure(found.max_torque, size)} {unit}"
+    )
+
+
+def _torque_unit(robust: RobustSolution) -> JointUnit:
+    return robust.solution.max_torque_unit
+
+
+def _unit(answer: RobustAnswer) -> str:
+    objective = answer.nominal.objective
+    if objective.algorithm is Algorithm.MARGIN:
+        return "N"
+    if objective.by_limits:
+        return "of the limits"
+    return str(_torque_unit(answer.robust)) if objective.algorithm else "of the objective's unit"
+
+
+def robust_data(answer: RobustAnswer) -> dict[str, Any]:
+    """Return what a document says under ``uncertainty``.
+
+    Returns:
+        ``stated`` (the set, as scene files say it), ``status``, ``message``, ``found``,
+        ``coverage`` (``whole_set`` or ``corners``), ``margin`` (N), ``max_torque``,
+        ``max_torque_unit``, ``bound``, ``torques`` by joint, ``feedback`` by joint (None:
+        constant torques), ``largest_deflection`` (rad or m), ``members`` of the solution,
+        ``conflict`` (numbers of members), ``served_share``, ``with_feedback``, and ``nominal``.
+        Figures that do not exist are None.
+    """
+    robust, nominal, found = answer.robust, answer.nominal, answer.found
+    count = robust.solution.problem.contact_count // nominal.problem.contact_count
+    with_feedback = answer.with_feedback
+    return {
+        "stated": {
+            name: value
+            for name, value in stated_uncertainty(answer.uncertainty).items()
+            if value is not None
+        },
+        "status": robust.status.name.lower(),
+        "message": robust.status.message,
+        "found": found,
+        "coverage": robust.coverage.name.lower(),
+        **_summary(robust, robust.joint_names),
+        "bound": robust.bound,
+        "feedback": None
+        if robust.feedback is None
+        else dict(zip(robust.joint_names, robust.feedback.tolist(), strict=True)),
+        "largest_deflection": _deflection(robust),
+        "members": _members(robust.members[:count]),
+        "conflict": list(robust.conflict),
+        "served_share": answer.served_share,
+        "with_feedback": None
+        if with_feedback is None
+        else {
+            "stiffness": STIFFNESS,
+            "found": with_feedback.found,
+            **_summary(with_feedback, robust.joint_names),
+            "largest_deflection": _deflection(with_feedback),
+        },
+        "nominal": {
+            "status": nominal.status.name.lower(),
+            "found": nominal.found,
+            **_summary(nominal, robust.joint_names),
+        },
+    }
+
+
+def _summary(found: TorqueSolution | RobustSolution, names: Sequence[str]) -> dict[str, Any]:
+    if not found.found:
+        return dict.fromkeys(("margin", "max_torque", "max_torque_unit", "torques"))
+    alone = isinstance(found, TorqueSolution)
+    return {
+        "margin": found.margin,
+        "max_torque": found.max_torque,
+        "max_torque_unit": found.max_torque_unit if alone else _torque_unit(found),
+        "torques": dict(zip(names, found.torques.tolist(), strict=True)),
+    }
+
+
+def _deflection(robust: RobustSolution) -> float | None:
+    if robust.feedback is None or not robust.found:
+        return None
+    return float(np.abs(robust.deflections).max(initial=0.0))
+
+
+def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
+    """Return what is so of each member, in the order of the joined problem."""
+    return [
+        {
+            "words": one.words,
+            "external_wrench": one.problem.external_wrench,
+            "friction": one.problem.friction,
+            "gravity_torques": one.problem.gravity_torques,
+            "torque_factors": one.factors,
+            "torque_offsets": one.offsets,
+        }
+        for one in members
+    ]

@@ -1,0 +1,200 @@
+"""Check what a document says of torques for a whole set: the joined problem of its members.
+
+That these are the corners of the stated set is taken as given. What is checked is that the joined
+problem is made of them, and what its own document proves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.outcome import Check, agrees, given, holds
+from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.reading import read_mode, read_problem
+from graspless_pin.report.verify.values import (
+    MOST,
+    array,
+    entry,
+    items,
+    number,
+    short_text,
+    text,
+    truth,
+    word,
+)
+
+_IDLE = 1e-12
+"""Of the longest lever: joints on shorter ones bear no contact force."""
+_ARRAYS = ("p", "frames", "limit", "v", "J")
+
+
+def uncertainty_checks(
+    document: dict[str, Any], problem: Problem, run: Callable[[dict[str, Any]], list[Check]]
+) -> list[Check]:
+    """Return the checks of what stands under ``uncertainty``; none where nothing does.
+
+    Args:
+        document: The document.
+        problem: What it says of contacts and joints.
+        run: Returns the checks of another document.
+
+    Raises:
+        ValueError: If a key is missing, or a value of a wrong type or size.
+    """
+    stated, where = document.get("uncertainty"), "uncertainty"
+    if stated is None:
+        return []
+    members = items(entry(stated, "members", where), f"members of {where}", 1, MOST)
+    for index, one in enumerate(members):
+        text(entry(one, "words", f"member {index}"), f"words of member {index}")
+    found = truth(entry(stated, "found", where), f"found of {where}")
+    checks = [given("the members", f"{len(members)} corners of the set, as stated")]
+    if not found:
+        return [*checks, _of_this(document, stated, members, problem)]
+    nested = entry(stated, "proof", where)
+    if not isinstance(nested, dict) or "uncertainty" in nested:
+        raise ValueError("proof of uncertainty is no document of a joined problem")
+    joined = read_problem(nested)
+    checks += [
+        _is_joined(joined, problem, members, constant=entry(stated, "feedback", where) is None),
+        _torques(document, stated, nested, problem),
+        *_figures(stated, nested),
+        _covers(stated, nested, joined, problem.count),
+    ]
+    return [*checks, *(replace(one, name=f"all members: {one.name}") for one in run(nested))]
+
+
+def _of_this(
+    document: dict[str, Any], stated: dict[str, Any], members: list[Any], joined: Problem
+) -> Check:
+    """Whether a document of the joined problem is that of the members, with the same answer."""
+    wrenches, coefficients = (
+        [number for one in members for number in items(entry(one, key, "a member"), key, 1, MOST)]
+        for key in ("external_wrench", "friction")
+    )
+    same = [entry(stated, key, "uncertainty") == document[key] for key in ("status", "found")]
+    same += [_near(joined.w[: len(wrenches)], array(wrenches, (len(wrenches),), "wrenches"))]
+    same += [_near(joined.mu, array(coefficients, (len(coefficients),), "friction"))]
+    return holds("this is the problem of the members", all(same), f"{stated['status']:.60}")
+
+
+def _is_joined(joined: Problem, problem: Problem, members: list[Any], *, constant: bool) -> Check:
+    """Whether a problem is that of members which share their torques."""
+    count, contacts, name = len(members), problem.count, "the joined problem is made of the members"
+    if joined.count != count * contacts:
+        return holds(name, passed=False, detail=f"{joined.count} contacts")
+    size, joints = len(problem.w), len(problem.units)
+    each = [_member(one, index, problem) for index, one in enumerate(members)]
+    same = [_near(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
+            for key in _ARRAYS[:-1]]  # fmt: skip
+    same += [_near(joined.mu, np.concatenate([one["friction"] for one in each]))]
+    same += [_near(joined.w[: count * size], np.concatenate([one["wrench"] for one in each]))]
+    # The balance of each member by itself.
+    passive = joined.passive.reshape(count, contacts, 3, -1)
+    for k in range(count):
+        own = slice(k * size, (k + 1) * size)
+        same.append(_near(passive[k, :, :, own], problem.passive))
+        others = np.delete(passive[k, :, :, : count * size], np.r_[own], axis=2)
+        same.append(not others.any())
+    maps = [problem.J / one["factors"] for one in each]
+    carried = [(one["gravity"] - one["offsets"]) / one["factors"] for one in each]
+    driven = 1 if constant else count
+    if len(joined.units) != driven * joints:
+        return holds(name, passed=False, detail=f"{len(joined.units)} joints")
+    blocks = joined.J.reshape(count, contacts, 3, driven, joints)
+    for k in range(count):
+        for d in range(driven):
+            same.append(_near(blocks[k, :, :, d], maps[k] if k == d else np.zeros_like(maps[k])))
+    same.append(_near(joined.gravity, np.concatenate(carried[:driven])))
+    for side, limit in ((1.0, "upper"), (-1.0, "lower")):
+        own = side * getattr(joined, limit)
+        same.append(bool((own <= side * np.tile(getattr(problem, limit), driven)).all()))
+    if constant:
+        same.append(_shares_torques(joined, maps, carried, count * size))
+    detail = f"{count} members of {contacts} contacts"
+    return holds(name, all(same), detail + ("" if constant else "; what feedback adds is given"))
+
+
+def _shares_torques(
+    joined: Problem, maps: list[np.ndarray], carried: list[np.ndarray], first: int
+) -> bool:
+    """Whether the further rows say that all members have the torques of the first one."""
+    levers = np.max([np.abs(one).max(axis=(0, 1), initial=0.0) for one in maps], axis=0)
+    loaded = np.flatnonzero(levers > _IDLE * levers.max(initial=0.0))
+    count, rows = len(maps), len(loaded)
+    if joined.passive.shape[2] != first + (count - 1) * rows:
+        return False
+    wanted = np.zeros((count, *maps[0].shape[:2], (count - 1) * rows))
+    loads = []
+    for k in range(1, count):
+        own = slice((k - 1) * rows, k * rows)
+        wanted[0, :, :, own] = -maps[0][:, :, loaded]
+        wanted[k, :, :, own] = maps[k][:, :, loaded]
+        loads.append((carried[k] - carried[0])[loaded])
+    further = joined.passive[:, :, first:].reshape(wanted.shape)
+    return _near(further, wanted) and _near(joined.w[first:], np.concatenate([*loads, []]))
+
+
+def _member(stated: Any, index: int, problem: Problem) -> dict[str, np.ndarray]:
+    joints, where = (len(problem.units),), f"member {index}"
+    shapes = {"external_wrench": problem.w.shape, "friction": problem.mu.shape}
+    shapes |= dict.fromkeys(("gravity_torques", "torque_factors", "torque_offsets"), joints)
+    found = {key: array(entry(stated, key, where), shape, f"{key} of {where}")
+             for key, shape in shapes.items()}  # fmt: skip
+    if (found["torque_factors"] <= 0.0).any():
+        raise ValueError(f"torque_factors of {where} must be positive")
+    names = ("wrench", "friction", "gravity", "factors", "offsets")
+    return dict(zip(names, found.values(), strict=True))
+
+
+def _torques(
+    document: dict[str, Any], stated: dict[str, Any], nested: dict[str, Any], problem: Problem
+) -> Check:
+    """Whether the document's torques are those for all members."""
+    by_joint = entry(stated, "torques", "uncertainty")
+    names = [short_text(entry(one, "name", "a joint"), "a name") for one in document["joints"]]
+    proven, own, told = (
+        np.array([number(value, "a torque") for value in values])
+        for values in (
+            [entry(one, "torque", "a joint") for one in nested["joints"][: len(names)]],
+            [entry(one, "torque", "a joint") for one in document["joints"]],
+            [entry(by_joint, name, "torques") for name in names],
+        )
+    )
+    sizes = problem.joint_scale
+    off = max(float((np.abs(one - own) / sizes).max(initial=0.0)) for one in (proven, told))
+    good = off <= tolerances.SHARE
+    return holds("the torques are those for all members", good, f"{off:.2e} (scaled)")
+
+
+def _figures(stated: dict[str, Any], nested: dict[str, Any]) -> list[Check]:
+    """Whether the figures that are stated are those of the joined problem."""
+    same = [entry(stated, key, "uncertainty") == nested.get(key) for key in ("status", "found")]
+    checks = [holds("status for all members", all(same), f"{stated['status']:.60}")]
+    for key in ("margin", "max_torque"):
+        told, own = (number(entry(one, key, "uncertainty"), key) for one in (stated, nested))
+        checks.append(agrees(f"{key} for all members", told, own, tolerances.SAME * abs(own)))
+    return checks
+
+
+def _covers(
+    stated: dict[str, Any], nested: dict[str, Any], joined: Problem, contacts: int
+) -> Check:
+    """Whether the loads between corners are served: in one mode, or under plain Coulomb."""
+    coverage = word(entry(stated, "coverage", "uncertainty"), "coverage", ("whole_set", "corners"))
+    if coverage == "corners" or joined.coulomb:
+        return holds("coverage", passed=True, detail=coverage)
+    selected, signs = read_mode(nested, joined)
+    common = (selected.reshape(-1, contacts) == selected[:contacts]).all()
+    common &= (signs.reshape(-1, contacts, 2) == signs[:contacts]).all()
+    return holds("coverage: all members in one mode", common, coverage)
+
+
+def _near(one: np.ndarray, other: np.ndarray) -> bool:
+    size = float(np.abs(other).max(initial=0.0))
+    return one.shape == other.shape and bool((np.abs(one - other) <= tolerances.SAME * size).all())

@@ -1,0 +1,86 @@
+"""The answer to a scene that says what is not known exactly of it, and what stands beside it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.robust_torques import largest_share
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.uncertainty import Uncertainty
+from graspless_pin.programs.analysis_objectives import at_torques
+from graspless_pin.programs.objectives import Margin
+from graspless_pin.records import Brief, changed
+from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.uncertain import stated_by
+from graspless_pin.solution import Status, TorqueSolution
+
+STIFFNESS = 1.0  # N m/rad
+"""Of the joints, where it is told what feedback adds: whether it serves a set is so for any."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RobustAnswer(Brief):
+    """Torques for all that is not known of a scene.
+
+    Attributes:
+        uncertainty: What the scene says.
+        robust: What was found for the whole set.
+        nominal: The solution of the scene as it is meant to be.
+        held: The same scene under the torques for the set: the forces of the largest margin. None
+            where nothing was found.
+        served_share: The largest share of the set that is served: 1 where torques were found, NaN
+            where it is not known or there is none.
+        with_feedback: What joint stiffness of `STIFFNESS` makes of it; None: it was not asked.
+    """
+
+    uncertainty: Uncertainty
+    robust: RobustSolution
+    nominal: TorqueSolution
+    held: TorqueSolution | None
+    served_share: float
+    with_feedback: RobustSolution | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether there are torques."""
+        return self.robust.found
+
+    @property
+    def solution(self) -> TorqueSolution:
+        """That under the torques; where there are none, that of the joined problem, not found."""
+        if self.held is None or not self.found:
+            return changed(self.robust.solution, _explanation=str(self.robust))
+        return self.held
+
+
+def robust_answer(scene: Scene, algorithm: str | None = None, **options: Any) -> RobustAnswer:
+    """Return what `Scene.solve` finds for what is not known of a scene, and what stands beside it.
+
+    Args:
+        scene: The scene; it says what is not known.
+        algorithm: See `Scene.solve`.
+        options: See `Scene.solve`; feedback is that of the scene's controller.
+
+    Raises:
+        ArgumentError: See `Scene.solve`.
+    """
+    unknown = stated_by(scene)
+
+    def solved(share: float = 1.0, **further: Any) -> RobustSolution:
+        return scene.solve(algorithm, uncertainty=unknown.scaled(share), **options, **further)
+
+    robust = solved()
+    nominal = scene.solve(algorithm, **options)
+    if robust.found:
+        _, how = scene.asked(algorithm, **options)
+        held = solve_problem(scene.problem(), at_torques(Margin(), robust.torques), how)
+        return RobustAnswer(unknown, robust, nominal, held.of_source(scene), 1.0)
+    share, with_feedback = math.nan, None
+    if robust.status is not Status.NOT_FOUND_IN_LIMIT:
+        share = largest_share(lambda share: robust if share == 1.0 else solved(share))
+        if nominal.found and robust.feedback is None and nominal.problem.joint_count:
+            with_feedback = solved(feedback=STIFFNESS)
+    return RobustAnswer(unknown, robust, nominal, None, share, with_feedback)

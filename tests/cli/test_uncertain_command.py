@@ -1,0 +1,261 @@
+"""Commands on scenes that say what is not known exactly of them, and the documents they write."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from cli_tools import EXAMPLES, PAPER, run
+
+from graspless_pin import Status, Uncertainty, load_scene, served_share
+from graspless_pin.programs.objectives import Torque
+from graspless_pin.report import read_document
+from graspless_pin.report.verify import verify_document
+from graspless_pin.scene.robust_answer import robust_answer
+
+CUBOID = PAPER / "cuboid_at_rest.yaml"
+SPHERE = PAPER / "sphere_on_slope.yaml"
+BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
+ASKED = ("--algorithm", "torque", "--margin", "0.1", "--static-friction", "coulomb")
+SET = {"mass": 0.2, "center_of_mass": 0.01}
+
+
+def stating(folder: Path, source: Path, **keys: Any) -> Path:
+    """Write an example with some keys more."""
+    data = yaml.safe_load(source.read_text(encoding="utf-8")) | keys
+    file = folder / "scene.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return file
+
+
+def words(text: str) -> str:
+    """A text in one line."""
+    return " ".join(text.split())
+
+
+@pytest.fixture(scope="module")
+def cuboid(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return stating(tmp_path_factory.mktemp("cuboid"), CUBOID, uncertainty=SET)
+
+
+@pytest.fixture(scope="module")
+def document(cuboid: Path) -> dict[str, Any]:
+    target = cuboid.with_name("solution.json")
+    assert run("solve", cuboid, *ASKED, "--no-verdict", "--json", target).exit_code == 0
+    return read_document(target)
+
+
+def test_the_answer_is_the_torques_for_the_whole_set(cuboid: Path) -> None:
+    result = run("solve", cuboid, *ASKED)
+    scene = load_scene(cuboid)
+    options: dict[str, Any] = {"margin": 0.1, "static_friction": "coulomb"}
+    robust = scene.solve("torque", uncertainty=Uncertainty(**SET), **options)
+    nominal = scene.solve("torque", **options)
+    said = words(result.stdout)
+    assert result.exit_code == 0
+    assert "Not known exactly: mass ±20 %, centre of mass ±1 cm." in said
+    assert f"max |torque| = {robust.max_torque:.6g} N m, proven for the whole set" in said
+    assert f"as it is meant to be margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in said
+    assert f"Least room: {robust.members[robust.worst].words}." in said
+    assert "the object provably stays" in said  # the verdict on these torques
+    assert f"graspless-pin tolerances {cuboid}" in said
+    answer = robust_answer(scene, "torque", **options)
+    assert answer.held is not None
+    np.testing.assert_allclose(answer.held.torques, robust.torques, atol=1e-8)
+    for name, torque in robust.torques_by_joint.items():
+        assert name in said and f"{torque:+.4f}" in said
+
+
+def test_margins_are_the_largest_for_the_whole_set(cuboid: Path) -> None:
+    said = words(run("solve", cuboid, "--no-verdict").stdout)
+    scene = load_scene(cuboid)
+    robust, nominal = scene.solve(uncertainty=True), scene.solve()
+    assert f"Torques for all of it: margin e = {robust.margin:.6g} N" in said
+    assert f"as it is meant to be margin e = {nominal.margin:.6g} N" in said
+    assert robust.margin < 0.96 * nominal.margin
+
+
+def test_the_document_holds_set_members_and_proof(cuboid: Path, document: dict[str, Any]) -> None:
+    robust = load_scene(cuboid).solve(
+        "torque", uncertainty=True, margin=0.1, static_friction="coulomb"
+    )
+    stated = document["uncertainty"]
+    assert stated["stated"] == SET
+    assert stated["found"] and stated["status"] == "optimal" and stated["coverage"] == "whole_set"
+    assert stated["max_torque"] == pytest.approx(robust.max_torque, rel=1e-9)
+    assert stated["bound"] == pytest.approx(robust.max_torque, rel=1e-6)
+    assert stated["torques"] == pytest.approx(dict(robust.torques_by_joint), rel=1e-9)
+    assert [one["words"] for one in stated["members"]] == [one.words for one in robust.members]
+    assert stated["conflict"] == [] and stated["served_share"] == 1.0
+    assert stated["nominal"]["max_torque"] < 0.9 * stated["max_torque"]
+    checked = verify_document(document)
+    assert checked.proven
+    names = [one.name for one in checked.checks]
+    assert "all members: optimal over all friction" in names
+    assert "the joined problem is made of the members" in names
+
+
+def _spoilt(document: dict[str, Any], what: str) -> dict[str, Any]:
+    spoilt = copy.deepcopy(document)
+    stated = spoilt["uncertainty"]
+    match what:
+        case "a member's load":
+            stated["members"][3]["external_wrench"][2] *= 1.01
+        case "a member's friction":
+            stated["members"][2]["friction"][0] *= 0.99
+        case "torque errors":
+            stated["members"][1]["torque_factors"][0] = 1.01
+        case "a stated torque":
+            stated["torques"][next(iter(stated["torques"]))] *= 1.001
+        case "the largest torque":
+            stated["max_torque"] *= 0.999
+        case "fewer members":
+            del stated["members"][-1]
+        case "a member's own balance":
+            stated["proof"]["wrench_matrix"][8][0] += 0.5
+        case "shared torques":
+            stated["proof"]["wrench_matrix"][-1] = [0.0] * len(stated["proof"]["wrench_matrix"][-1])
+        case "other contacts":
+            stated["proof"]["contacts"][8]["position"][0] += 1e-3
+        case "wider limits":
+            stated["proof"]["joints"][0]["upper"] *= 2.0
+        case "a force":
+            stated["proof"]["contacts"][5]["force"][1] += 1e-3
+        case "the torques themselves":
+            spoilt["joints"][0]["torque"] += 1e-3
+    return spoilt
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "a member's load", "a member's friction", "torque errors", "a stated torque",
+        "the largest torque", "fewer members", "a member's own balance", "shared torques",
+        "other contacts", "wider limits", "a force", "the torques themselves",
+    ],
+)  # fmt: skip
+def test_the_checker_sees_what_is_not_so(document: dict[str, Any], what: str) -> None:
+    assert verify_document(document).passed
+    assert not verify_document(_spoilt(document, what)).passed
+
+
+@pytest.mark.parametrize("key", ["members", "found", "proof", "feedback", "torques", "coverage"])
+def test_the_checker_refuses_what_is_missing(document: dict[str, Any], key: str) -> None:
+    spoilt = copy.deepcopy(document)
+    del spoilt["uncertainty"][key]
+    with pytest.raises(ValueError, match=key):
+        verify_document(spoilt)
+    nested = copy.deepcopy(document)
+    nested["uncertainty"]["proof"]["uncertainty"] = document["uncertainty"]
+    with pytest.raises(ValueError, match="no document of a joined problem"):
+        verify_document(nested)
+
+
+def test_one_mode_is_what_covers_the_set_under_the_rules(tmp_path: Path) -> None:
+    file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1, "center_of_mass": 0.004})
+    target = tmp_path / "solution.json"
+    run("solve", file, "--algorithm", "torque", "--no-verdict", "--json", target)
+    document = read_document(target)
+    assert document["uncertainty"]["coverage"] == "whole_set"
+    assert verify_document(document).proven
+    contacts = document["uncertainty"]["proof"]["contacts"][6:]
+    other = next(one for one in contacts if one["selected"])
+    other["signs"] = [-sign for sign in other["signs"]]
+    failed = [one.name for one in verify_document(document).checks if one.passed is False]
+    assert "coverage: all members in one mode" in failed
+
+
+def test_where_no_torques_serve_the_set(tmp_path: Path) -> None:
+    """The largest share is that of `served_share`, and its set is served."""
+    file = stating(tmp_path, SPHERE, uncertainty=SET)
+    target = tmp_path / "solution.json"
+    result = run("solve", file, *ASKED, "--no-verdict", "--json", target)
+    said = words(result.stdout)
+    assert result.exit_code == 1
+    assert "No torques serve these members together, only without one of them:" in said
+    assert said.count("- mass ") == 2
+    document = read_document(target)
+    assert not document["found"] and document["status"] == "infeasible_forces"
+    stated = document["uncertainty"]
+    assert verify_document(document).proven
+    share = stated["served_share"]
+    problem = load_scene(SPHERE).problem()
+    expected = served_share(problem, Torque(0.1), Uncertainty(**SET), static_friction="coulomb")
+    assert share == pytest.approx(expected, abs=2e-3)
+    assert f"Up to {100.0 * share:.3g} % of it is served: mass ±{20.0 * share:.3g} %" in said
+    conflict = [stated["members"][number]["words"] for number in stated["conflict"]]
+    assert all(one in said for one in conflict) and len(conflict) == 2
+    nominal = load_scene(SPHERE).solve("torque", margin=0.1, static_friction="coulomb")
+    assert (
+        f"As it is meant to be: margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in said
+    )
+    stated["members"][0]["external_wrench"][2] *= 1.01
+    assert not verify_document(document).passed
+
+
+def test_feedback_serves_what_rolls(tmp_path: Path) -> None:
+    data = {"uncertainty": {"mass": 0.2, "center_of_mass": 0.005}}
+    file = stating(tmp_path, BALL, **data)
+    target = tmp_path / "solution.json"
+    result = run("solve", file, *ASKED, "--no-verdict", "--json", target)
+    said = words(result.stdout)
+    assert result.exit_code == 1 and "No part of it is served, however small." in said
+    told = read_document(target)["uncertainty"]["with_feedback"]
+    assert told["found"] and told["stiffness"] == 1.0
+    serves = f"Position feedback at the joints serves it: max |torque| {told['max_torque']:.4g} N m"
+    assert serves in said
+    held = run("solve", file, *ASKED, "--controller", "2", "--no-verdict", "--json", target)
+    document = read_document(target)
+    assert held.exit_code == 0 and verify_document(document).proven
+    stated = document["uncertainty"]
+    assert stated["max_torque"] == pytest.approx(told["max_torque"], rel=1e-5)
+    # With twice the stiffness joints give way by half.
+    assert stated["largest_deflection"] == pytest.approx(0.5 * told["largest_deflection"], rel=1e-3)
+    assert set(stated["feedback"].values()) == {2.0}
+
+
+def test_other_commands_take_the_same_torques(cuboid: Path) -> None:
+    scene = load_scene(cuboid)
+    torques = scene.solve("torque", uncertainty=True).torques
+    off = scene.tolerances(torques, static_friction="coulomb")
+    result = run("tolerances", cuboid, "--algorithm", "torque")
+    assert result.exit_code == 0 and str(off).splitlines()[2] in result.stdout
+    assert off.of("more mass").borne >= 0.2 and off.of("centre of mass").borne >= 0.01
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1, "frction": 0.1})
+    result = run("solve", file)
+    assert (
+        result.exit_code == 2 and "uncertainty.frction: unknown key; did you mean" in result.stderr
+    )
+    file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1})
+    strong = run("solve", file, "--stability", "strong")
+    assert strong.exit_code == 2 and "stability" in strong.stderr
+    heavy = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1}, max_normal_force=2.0)
+    result = run("solve", heavy, *ASKED)
+    assert result.exit_code == 1 and "Not even as it is meant to be" in words(result.stdout)
+    many = {
+        "torque": 0.1,
+        "force": 0.1,
+        "moment": 0.1,
+        "friction": 0.1,
+        "mass": 0.1,
+        "torque_offset": 0.1,
+        "center_of_mass": 0.1,
+        "tilt": 0.1,
+    }
+    result = run("solve", stating(tmp_path, CUBOID, uncertainty=many))
+    assert result.exit_code == 2 and "corners" in result.stderr
+
+
+def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
+    file = stating(tmp_path, CUBOID, uncertainty={"force": 0.1, "mass": 0.1, "moment": 0.01})
+    answer = robust_answer(load_scene(file), "torque", time_limit=0.0)
+    assert answer.robust.status is Status.NOT_FOUND_IN_LIMIT and np.isnan(answer.served_share)
+    result = run("solve", file, "--algorithm", "torque", "--time-limit", "0", "--no-verdict")
+    assert result.exit_code == 3 and "a node or time limit" in words(result.stdout)
