@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 from pathlib import Path
 from typing import Any
 
@@ -225,6 +226,15 @@ def test_other_commands_take_the_same_torques(cuboid: Path) -> None:
     result = run("tolerances", cuboid, "--algorithm", "torque")
     assert result.exit_code == 0 and str(off).splitlines()[2] in result.stdout
     assert off.of("more mass").borne >= 0.2 and off.of("centre of mass").borne >= 0.01
+    told = run("tolerances", cuboid, "--algorithm", "torque", "--json", "-")
+    data = json.loads(told.stdout)
+    assert data["torques"] == pytest.approx(
+        dict(zip(scene.problem().joint_names, torques, strict=True)), rel=1e-7
+    )
+    stated = {one["quantity"]: one for one in data["tolerances"]}
+    assert stated["more mass"]["borne"] == pytest.approx(off.of("more mass").borne, rel=1e-6)
+    assert stated["less mass"]["failing"] is None or stated["less mass"]["failing"] <= 1.0
+    assert np.linalg.norm(stated["push"]["direction"]) == pytest.approx(1.0)
 
 
 def test_what_is_refused(tmp_path: Path) -> None:

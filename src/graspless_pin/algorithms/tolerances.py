@@ -123,6 +123,11 @@ class Tolerances(Brief):
 
     def __str__(self) -> str:
         """Return a table: how much is borne, which way it fails first, and where."""
+        headers, rows = self.table()
+        return tabulate(rows, headers=headers)
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Return headers and rows of that table, with figures in %, cm, degrees, N and N m."""
         rows = []
         for one in self.each:
             scale, unit = _UNITS[one.quantity]
@@ -135,7 +140,7 @@ class Tolerances(Brief):
             rows.append((one.quantity, borne, fails, self._way(one), contacts, far))
         headers = ("off", "borne", "fails at", "direction", "at contact", "joints give way")
         given = len(headers) - (not any(row[-1] for row in rows))
-        return tabulate([row[:given] for row in rows], headers=headers[:given])
+        return headers[:given], [row[:given] for row in rows]
 
     def _way(self, one: Tolerance) -> str:
         if one.direction is None:

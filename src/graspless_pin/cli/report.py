@@ -18,7 +18,7 @@ from graspless_pin.cli.outcome import (
     under_controller,
 )
 from graspless_pin.cli.simulate import simulated_words
-from graspless_pin.cli.solve import proven_and_verdict
+from graspless_pin.cli.solve import proven_and_verdict, proven_answer, solved
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
@@ -144,14 +144,20 @@ def _case(
         scene = loaded_scene(source)
         emit(*scene.findings)
         scene = under_controller(scene, controller)
-        with waiting_for("solving"):
-            solution, verdict, note = scene.solve(), None, ""
-        if verdict_nodes is not None:
+        (solution, answer), verdict, note = solved(scene), None, ""
+        if answer is not None:
+            answer = proven_answer(answer)
+            solution = answer.solution.of_source(scene)
+        if verdict_nodes is not None and (answer is None or answer.found):
             solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
         echo_findings(solution.findings)
         if note and verdict is None:
             echo_note(note)
-        return case_of_scene(scene, solution, source, verdict)
+        off = None
+        if answer is not None and answer.found:
+            with waiting_for("looking how far each may be off"):
+                off = scene.tolerances(solution.torques, static_friction=StaticFriction.COULOMB)
+        return case_of_scene(scene, solution, source, verdict, answer, off)
     if controller is not None:
         raise ArgumentError("--controller", "goes with a scene alone: a document has its own")
     document = read_document(source)

@@ -28,6 +28,10 @@ def tolerances_of_scene(
             help="Joint stiffness that adds to the torques, N m/rad; default: the controller's.",
         ),
     ] = None,
+    json_file: Annotated[
+        str | None,
+        typer.Option("--json", metavar="FILE|-", help="Write the torques and figures as JSON, SI."),
+    ] = None,
 ) -> None:
     """Report how far mass, pushes, friction and torques may be off, each by itself.
 
@@ -52,6 +56,14 @@ def tolerances_of_scene(
             off = loaded.tolerances(
                 solution.torques, feedback=feedback, static_friction=StaticFriction.COULOMB
             )
+        if json_file is not None:
+            from graspless_pin.report import write_document
+            from graspless_pin.report.robust import tolerances_data
+
+            told = {"torques": dict(solution.torques_by_joint), "tolerances": tolerances_data(off)}
+            write_document(told, json_file)
+        if json_file == "-":
+            raise typer.Exit(ExitCode.FOUND)
         typer.echo(str(off))
         if feedback is None and feedback_in(loaded) is None:
             typer.echo(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
+from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
@@ -29,6 +30,7 @@ def robust_text(answer: RobustAnswer) -> str:
     if not answer.found:
         each = (f"- {words}" for words in conflict_words(answer.robust))
         lines[2:2] = [fill(one, COLUMNS, subsequent_indent="  ") for one in each]
+        lines += [] if answer.nominal.found else ["", answer.nominal.explanation]
     return "\n".join(lines)
 
 
@@ -129,6 +131,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
 
     Returns:
         ``stated`` (the set, as scene files say it), ``status``, ``message``, ``found``,
+        ``words`` (sentences that say so),
         ``coverage`` (``whole_set`` or ``corners``), ``margin`` (N), ``max_torque``,
         ``max_torque_unit``, ``bound``, ``torques`` by joint, ``feedback`` by joint (None:
         constant torques), ``largest_deflection`` (rad or m), ``members`` of the solution,
@@ -146,6 +149,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         },
         "status": robust.status.name.lower(),
         "message": robust.status.message,
+        "words": robust_sentences(answer),
         "found": found,
         "coverage": robust.coverage.name.lower(),
         **_summary(robust, robust.joint_names),
@@ -171,6 +175,21 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
             **_summary(nominal, robust.joint_names),
         },
     }
+
+
+def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
+    """Return how far each quantity may be off, as plain data in SI units; None: there is no end."""
+    return [
+        {
+            "quantity": str(one.quantity),
+            "borne": one.borne,
+            "failing": one.failing if math.isfinite(one.failing) else None,
+            "direction": None if one.direction is None else one.direction.tolist(),
+            "contacts": list(one.contacts),
+            "deflection": one.deflection if math.isfinite(one.deflection) else None,
+        }
+        for one in off.each
+    ]
 
 
 def _summary(found: TorqueSolution | RobustSolution, names: Sequence[str]) -> dict[str, Any]:

@@ -52,7 +52,8 @@ class RobustAnswer(Brief):
     def solution(self) -> TorqueSolution:
         """That under the torques; where there are none, that of the joined problem, not found."""
         if self.held is None or not self.found:
-            return changed(self.robust.solution, _explanation=str(self.robust))
+            why = str(self.robust) if self.nominal.found else self.nominal.explanation
+            return changed(self.robust.solution, "explanation", _explanation=why)
         return self.held
 
 

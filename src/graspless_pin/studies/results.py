@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
-from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE, OBJECTIVE_VALUE
+from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE, OBJECTIVE_VALUE, ROBUST_COLUMNS
 from graspless_pin.studies.sample_evaluation import Failure
 from graspless_pin.studies.sample_parts import NOT_PLACED
 from graspless_pin.studies.study import Study
@@ -40,6 +40,7 @@ _LAST = (
     "largest_margin_N",
     "disturbance_N",
     "minimum_friction_factor",
+    *ROBUST_COLUMNS,
     "contacts",
     "nodes",
     FINDINGS,
@@ -49,6 +50,7 @@ _LAST = (
 _ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")
 _TEXT = (
     "status", "verdict", "holding", "mode", "open_fingers", FINDINGS, "reason", "error",
+    "robust_status", "robust_coverage",
 )  # fmt: skip
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
@@ -152,6 +154,8 @@ def _type(name: str) -> str:
         return "bool"
     if name in (*_COUNTS, "place_rank", "places_found"):
         return "Int64"
+    if name == "robust_found":
+        return "boolean"
     return "str" if name in _TEXT else "float64"
 
 
@@ -335,6 +339,8 @@ def _csv_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
                 kind = types[name]
                 if kind == "bool":
                     table[name] = table[name] == "True"
+                elif kind == "boolean":
+                    table[name] = table[name].map({"True": True, "False": False}).astype(kind)
                 elif kind != "str":
                     # Python reads every digit that was written; pandas' reader may round the last.
                     numbers = [None if text != text else float(text) for text in table[name]]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.findings import Finding, Severity, gravest_first
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.scene import Scene
@@ -21,6 +22,11 @@ _SUFFIXES = {unit: unit.replace(" ", "") for unit in JointUnit}
 
 OBJECTIVE_VALUE = "objective_value"
 """Name of the column of the optimum of an objective that is none of Algorithms 1 and 2."""
+ROBUST_COLUMNS = (
+    "robust_status", "robust_found", "robust_coverage", "robust_margin_N",
+    f"robust_{LARGEST_TORQUE}Nm", f"robust_{LARGEST_TORQUE}N",
+)  # fmt: skip
+"""Names of the columns of torques for all that is not known of a scene."""
 FINDINGS = "findings"
 """Name of the column of serious findings; empty without any."""
 
@@ -69,3 +75,20 @@ def torque_columns(names: tuple[str, ...], units: tuple[JointUnit, ...]) -> Torq
     ])  # fmt: skip
     each = [f"torque_{name}_{_SUFFIXES[unit]}" for name, unit in zip(names, units, strict=True)]
     return TorqueColumns(largest, tuple(each))
+
+
+def robust_values(found: RobustSolution) -> Row:
+    """Return what stands in a row of torques for all that is not known of a scene."""
+    row: Row = {
+        "robust_status": found.status.name.lower(),
+        "robust_found": found.found,
+        "robust_coverage": found.coverage.name.lower(),
+    }
+    if not found.found:
+        return row
+    row["robust_margin_N"] = found.margin
+    units, commands = found.members[0].problem.joint_units, found.commands
+    columns = torque_columns(found.joint_names, units)
+    for name, joints in columns.largest:
+        row[f"robust_{name}"] = float(abs(commands[:, list(joints)]).max(initial=0.0))
+    return row

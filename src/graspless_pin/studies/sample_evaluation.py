@@ -32,7 +32,13 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import rest_model_of, solution_verdict
 from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.studies.rows import OBJECTIVE_VALUE, Row, of_findings, torque_columns
+from graspless_pin.studies.rows import (
+    OBJECTIVE_VALUE,
+    Row,
+    of_findings,
+    robust_values,
+    torque_columns,
+)
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
 
@@ -259,9 +265,10 @@ def _evaluated(
             at, block, starts = number // study.block, _block(study), WarmStarts()
         try:
             scene, of_hands[number] = study.posed_at(sample, parts)
-            found = state_findings(scene, checks) if alone and scene is not None else ()
+            apart = alone or (scene is not None and scene.uncertainty is not None)
+            found = state_findings(scene, checks) if apart and scene is not None else ()
             if scene is not None:
-                stated = None if alone else stated_sample(scene, limits, checks, stated)
+                stated = None if apart else stated_sample(scene, limits, checks, stated)
         except StudyError:
             raise
         except Exception as error:
@@ -272,6 +279,7 @@ def _evaluated(
             yield from block.rest()
             yield {"sample": number}
         elif stated is None:
+            yield from block.rest()
             yield _row(study, number, scene, found, starts)
         else:
             yield from block.rows(number, stated)
@@ -362,6 +370,8 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
     if compute.mode and solution.found:
         row["mode"] = str(solution.mode)
     row |= _analyses(study, solution)
+    if scene.uncertainty is not None:
+        row |= robust_values(scene.solve(uncertainty=True, **_limits(study)))
     if not solution.found:
         why = solution.explanation if compute.explain else ""
         row["reason"] = why or solution.status.message

@@ -210,7 +210,9 @@ class SamplingEntry(Entry):
     depth: Halvings | None = Field(
         default=None, description="how often each interval of an adaptive grid may be halved"
     )
-    border: Literal["found", "status", "contacts", "verdict", "holding", "mode"] | None = Field(
+    border: (
+        Literal["found", "robust_found", "status", "contacts", "verdict", "holding", "mode"] | None
+    ) = Field(
         default=None, description="column whose changes are refined by adaptive; default: found"
     )
     seed: Whole = Field(

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import changed
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
 from graspless_pin.report.verdict_data import read_motion, read_small_motion
 from graspless_pin.scene import Scene, load_scene
+from graspless_pin.scene.robust_answer import RobustAnswer
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization import Picture, draw_scene
 from graspless_pin.visualization.contacts import draw_contacts
@@ -42,6 +45,8 @@ class Case:
         missing: Why the picture lacks the scene's bodies; empty: it does not.
         command: The command that solves it again; None: there is none.
         scene: The scene, where it still is the same.
+        off: How far each thing that is not known may be off under the torques; None: that was not
+            asked.
     """
 
     title: str
@@ -55,6 +60,7 @@ class Case:
     missing: str
     command: str | None
     scene: Scene | None
+    off: Tolerances | None = None
 
 
 def case_of_scene(
@@ -62,6 +68,8 @@ def case_of_scene(
     solution: TorqueSolution,
     file: Path | None = None,
     verdict: StabilityVerdict | None = None,
+    answer: RobustAnswer | None = None,
+    off: Tolerances | None = None,
 ) -> Case:
     """Return the case of a scene and a solution of its problem.
 
@@ -71,6 +79,10 @@ def case_of_scene(
         file: The scene file that leads to it, for the command that solves it again; None: the scene
             was changed in Python, or made there.
         verdict: Whether the object stays with the solution's torques; None: it was not asked.
+        answer: What was found for all that is not known of the scene; None: all is as it is meant
+            to be. The solution is then the answer's.
+        off: How far each thing that is not known may be off under the torques; None: that was not
+            asked.
 
     Raises:
         ArgumentError: If the solution is of other contacts.
@@ -84,8 +96,19 @@ def case_of_scene(
         >>> report_html(case).startswith("<!")
         True
     """
+    document = solution_document(solution, scene, verdict, answer=answer)
+    if answer is not None and not answer.found:
+        # The scene's own contacts, for which there are no torques.
+        joined, why = solution, solution.explanation
+        solution = changed(
+            answer.nominal,
+            status=joined.status,
+            certificate=joined.certificate,
+            _forces=None,
+            _mode=None,
+            _explanation=why,
+        )
     origin, picture = scene.object.center_of_mass_world, draw_scene(scene, solution)
-    document = solution_document(solution, scene, verdict)
     return Case(
         scene.name,
         solution,
@@ -96,8 +119,9 @@ def case_of_scene(
         _moving(document, solution, picture, scene, origin),
         draw_virtual_sliding(picture, solution, scene.hand, origin),
         "",
-        None if file is None else solve_command(solution, file),
+        None if file is None else solve_command(answer.nominal if answer else solution, file),
         scene,
+        off,
     )
 
 

@@ -16,6 +16,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.holding.verdict import Holding, Stability, parted
+from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.sections import (
@@ -29,6 +30,7 @@ from graspless_pin.report.html.sections import (
     range_rows,
     scene_in_words,
     torque_figure,
+    unknown_rows,
     window_figures,
 )
 from graspless_pin.report.html.view import render, view_context
@@ -124,6 +126,7 @@ def _context(
             played="virtual sliding",
         ),
         **_verdict(case),
+        "unknown": unknown_rows(case),
         "made_of": case.document.get("provenance") or {},
         "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
         "force": partial(_number, size=load),
@@ -190,6 +193,8 @@ def _aim(solution: TorqueSolution) -> tuple[str, str]:
         return "1", "largest margin"
     if solution.algorithm is Algorithm.TORQUE:
         return "2", f"smallest torque at a margin of {solution.required_margin:g} N"
+    if solution.objective.name == AtTorques.name:
+        return AtTorques.name, "largest margin"
     listed = OBJECTIVES.get(solution.objective.name)
     return solution.objective.name, "an objective of its own" if listed is None else listed.aim
 

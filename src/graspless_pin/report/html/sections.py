@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
+from graspless_pin.algorithms.robust_solution import Coverage
+from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import DynamicOutcome, Holding
 from graspless_pin.plots import friction_section, normal_force_ranges, squeeze_plot, torque_bars
 from graspless_pin.plots.canvas import fonts_without_remarks
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
+from graspless_pin.report.proof_data import as_number
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
@@ -56,6 +59,8 @@ _STYLE: dict[Any, Any] = {
     ),
 }
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+_LONGEST = 2000
+"""Characters of a sentence that a document states."""
 _SECTION_SIZE = (2.5, 2.75)
 _WINDOW_SIZE = (7.0, 2.6)
 
@@ -241,6 +246,33 @@ def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
     )
     size = (7.0, 0.9 + 0.28 * len(bounds.lower))
     return _inline_svg("ranges", alt, size, lambda ax: normal_force_ranges(bounds, solution, ax))
+
+
+def unknown_rows(case: Case) -> dict[str, Any] | None:
+    """Return what the document says of what is not known exactly; None: nothing.
+
+    Returns:
+        ``coverage`` and ``words`` (sentences), ``conflict`` (members in words), ``joints`` (name,
+        torque for all of it, torque as it is meant to be) and ``off`` (headers and rows; None: not
+        asked).
+    """
+    stated = case.document.get("uncertainty")
+    if not isinstance(stated, dict):
+        return None
+    try:
+        members, nominal = stated["members"], stated["nominal"]["torques"] or {}
+        return {
+            "coverage": Coverage[str(stated["coverage"]).upper()].value,
+            "words": [str(one)[:_LONGEST] for one in stated["words"]],
+            "conflict": [str(members[number]["words"])[:_LONGEST] for number in stated["conflict"]],
+            "joints": [
+                (name, as_number(torque), as_number(nominal[name]) if name in nominal else None)
+                for name, torque in (stated["torques"] or {}).items()
+            ],
+            "off": None if case.off is None else case.off.table(),
+        }
+    except (KeyError, TypeError, IndexError, AttributeError) as error:
+        raise ArgumentError("document", f"uncertainty: is not complete ({error!r})") from None
 
 
 def check_rows(document: dict[str, Any]) -> list[dict[str, str]]:

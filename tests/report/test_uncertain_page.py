@@ -1,0 +1,80 @@
+"""The page of a scene that says what is not known exactly of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from report_cases import AT_REST, SPHERE, read_html
+from tests.cli.cli_tools import run
+
+from graspless_pin import Uncertainty, load_scene
+
+SET = {"mass": 0.2, "center_of_mass": 0.01}
+SOLVE = {"algorithm": "torque", "margin": 0.1, "static_friction": "coulomb"}
+
+
+def stating(folder: Path, source: Path, **keys: Any) -> Path:
+    data = yaml.safe_load(source.read_text(encoding="utf-8")) | {"uncertainty": SET} | keys
+    file = folder / "scene.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return file
+
+
+def test_torques_for_the_whole_set(tmp_path: Path) -> None:
+    file, target = stating(tmp_path, AT_REST, solve=SOLVE), tmp_path / "report.html"
+    assert run("report", file, "-o", target, "--no-ranges").exit_code == 0
+    page = read_html(target.read_text(encoding="utf-8"))
+    section = page.section("unknown")
+    scene = load_scene(file)
+    robust, nominal = scene.solve(uncertainty=True), scene.solve()
+    assert "mass ±20 %, centre of mass ±1 cm" in section.text
+    assert f"max |torque| = {robust.max_torque:.6g} N m, proven for the whole set" in section.text
+    assert f"as it is meant to be margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in (
+        section.text
+    )
+    shown = {
+        row[0]: row[1:]
+        for body in section.all("tbody")
+        for tr in body.all("tr")
+        if (row := [cell.text for cell in tr.everything() if cell.tag in ("th", "td")])
+    }
+    for name in robust.joint_names:
+        both = robust.torques_by_joint[name], nominal.torques_by_joint[name]
+        assert shown[name] == [f"{one:+.4f}".replace("-", "−") for one in both]
+    off = scene.tolerances(robust.torques, static_friction="coulomb")
+    for row in off.table()[1]:
+        assert shown[row[0]][:2] == [*row[1:3]]
+    assert "proven for the whole set" in page.text
+    rows = page.section("joints").rows()  # the scene stands under the same torques
+    assert {row[0]: row[1] for row in rows} == {name: shown[name][0] for name in robust.joint_names}
+    # The document that goes along, and a page of it.
+    document = tmp_path / "solution.json"
+    run("solve", file, "--no-verdict", "--json", document)
+    assert run("report", document, "-o", target, "--no-ranges").exit_code == 0
+    again = read_html(target.read_text(encoding="utf-8")).section("unknown")
+    assert "mass ±20 %" in again.text and "How far each may be off" not in again.text
+    content = json.loads(document.read_text(encoding="utf-8"))
+    del content["uncertainty"]["nominal"]
+    document.write_text(json.dumps(content), encoding="utf-8")
+    refused = run("report", document, "-o", target, "--no-ranges")
+    assert refused.exit_code == 2 and "uncertainty: is not complete" in refused.stderr
+
+
+def test_where_nothing_serves_the_set(tmp_path: Path) -> None:
+    file, target = stating(tmp_path, SPHERE, solve=SOLVE), tmp_path / "report.html"
+    assert run("report", file, "-o", target, "--no-ranges").exit_code == 1
+    page = read_html(target.read_text(encoding="utf-8"))
+    section = page.section("unknown")
+    scene = load_scene(file)
+    robust = scene.solve(uncertainty=Uncertainty(**SET))
+    for number in robust.conflict:
+        assert robust.members[number].words in section.text
+    assert "Not found for all that is not known exactly." in page.text
+    assert "of it is served: mass ±" in section.text
+    assert len(page.section("contacts").rows()) == scene.problem().contact_count
+    with pytest.raises(ValueError, match="not enough values"):
+        page.section("why")

@@ -1,0 +1,83 @@
+"""Studies of scenes that say what is not known exactly of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from study_tools import CUBOID, Here
+
+from graspless_pin import load_scene, read_results, run_study
+from graspless_pin.errors import StudyError
+from graspless_pin.studies import Study
+
+COMPUTE = {"algorithm": "torque", "margin": 0.1, "static_friction": "coulomb"}
+
+
+def study_of(folder: Path, vary: dict, uncertainty: dict | None = None, **more) -> Study:
+    data = yaml.safe_load(CUBOID.read_text(encoding="utf-8"))
+    if uncertainty is not None:
+        data["uncertainty"] = uncertainty
+    (folder / "scene.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    content = {"scene": str(folder / "scene.yaml"), "vary": vary, "compute": COMPUTE, **more}
+    return Study.from_data(content)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_rows_have_the_torques_for_the_whole_set(tmp_path: Path, ending: str) -> None:
+    shares = {"from": 0.0, "to": 0.3, "steps": 3}
+    width = {"key": "uncertainty.center_of_mass", "from": 5, "to": 200, "steps": 2, "unit": "mm"}
+    study = study_of(tmp_path, {"uncertainty.mass": shares, "width": width}, {"mass": 0.1})
+    output = tmp_path / f"results.{ending}"
+    run_study(study, output, executor=Here(), progress=False)
+    table: Any = read_results(output)
+    assert len(table) == 6 and table["found"].all()
+    assert str(table["robust_found"].dtype) == "boolean"
+    scene = load_scene(tmp_path / "scene.yaml")
+    options = {"margin": 0.1, "static_friction": "coulomb"}
+    nominal = scene.solve("torque", **options)
+    np.testing.assert_allclose(table["max_torque_Nm"], nominal.max_torque, rtol=1e-6)
+    for row in table.to_dict("records"):
+        stated = {
+            "uncertainty.mass": row["uncertainty.mass"],
+            "uncertainty.center_of_mass": 1e-3 * row["width_mm"],
+        }
+        found = scene.with_changes(stated).solve("torque", uncertainty=True, **options)
+        assert row["robust_found"] == found.found
+        assert row["robust_status"] == found.status.name.lower()
+        assert row["robust_coverage"] == "whole_set"
+        if found.found:
+            assert row["robust_max_torque_Nm"] == pytest.approx(found.max_torque, rel=1e-6)
+            assert row["robust_margin_N"] == pytest.approx(found.margin, abs=1e-6)
+        else:
+            assert np.isnan(row["robust_max_torque_Nm"])
+    assert 0 < table["robust_found"].sum() < 6
+
+
+def test_where_a_set_ceases_to_be_served(tmp_path: Path) -> None:
+    """A grid that is refined where `robust_found` changes; the scene says nothing by itself."""
+    vary = {"off": {"key": "uncertainty.center_of_mass", "from": 0.0, "to": 0.4, "steps": 3}}
+    sampling = {"method": "adaptive", "border": "robust_found", "depth": 3}
+    output = tmp_path / "results.csv"
+    run_study(study_of(tmp_path, vary, sampling=sampling), output, executor=Here(), progress=False)
+    table: Any = read_results(output)
+    served = table.loc[table["robust_found"], "off_m"].max()
+    refused = table.loc[~table["robust_found"], "off_m"].min()
+    assert served < refused <= served + 0.0251
+
+
+def test_figures_have_their_units_and_mistakes_their_names(tmp_path: Path) -> None:
+    tilt = {"from": 1, "to": 2, "steps": 2, "unit": "deg"}
+    study = study_of(tmp_path, {"uncertainty.tilt": tilt}, {"mass": 0.1})
+    scenes = [study.scene_at(one) for one in study.samples]
+    tilts = [one.uncertainty.tilt for one in scenes if one.uncertainty is not None]
+    np.testing.assert_allclose(np.rad2deg(tilts), [1.0, 2.0])
+    with pytest.raises(StudyError, match=r"unit.*'kg'"):
+        share = {"from": 0.1, "to": 0.2, "steps": 2, "unit": "kg"}
+        study_of(tmp_path, {"uncertainty.mass": share})
+    with pytest.raises(StudyError, match="called 'robust_found' like another"):
+        named = {"robust_found": {"key": "uncertainty.mass", "from": 0.1, "to": 0.2, "steps": 2}}
+        run_study(study_of(tmp_path, named), tmp_path / "x.csv", executor=Here(), progress=False)
