@@ -12,7 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
-from graspless_pin import contact_force_bounds, disturbance_margin, margin_torque_curve
+from graspless_pin import (
+    contact_force_bounds,
+    disturbance_margin,
+    margin_torque_curve,
+    tolerances,
+)
 from graspless_pin.plots import (
     disturbance_polar,
     friction_section,
@@ -20,6 +25,7 @@ from graspless_pin.plots import (
     normal_force_ranges,
     outcome_boundary,
     plane_directions,
+    tolerance_plot,
     torque_bars,
 )
 from graspless_pin.solution import TorqueSolution
@@ -50,12 +56,20 @@ def _curve(solution: TorqueSolution, figure: Figure) -> Axes:
     return margin_torque_plot(margin_torque_curve(solution.problem), figure.add_subplot())
 
 
+def _tolerances(solution: TorqueSolution, figure: Figure) -> Axes:
+    found = tolerances(solution.problem, solution.torques, static_friction="coulomb")
+    left, right = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
+    tolerance_plot(found, "centre of mass", left)
+    return tolerance_plot(found, "push", right)
+
+
 PLOTS: dict[str, tuple[Callable[[TorqueSolution, Figure], Axes], tuple[float, float]]] = {
     "section": (_section, (3.6, 3.6)),
     "torques": (_torques, (6.4, 4.6)),
     "ranges": (_ranges, (6.4, 3.2)),
     "disturbance": (_disturbance, (4.2, 4.2)),
     "curve": (_curve, (6.0, 3.6)),
+    "tolerances": (_tolerances, (7.6, 4.3)),
 }
 """How each kind is drawn, and its width and height in inches."""
 

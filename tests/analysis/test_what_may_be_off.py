@@ -130,8 +130,7 @@ def test_what_has_no_tolerances():
         tolerances(problem, [0.0, 0.0])
     with pytest.raises(ArgumentError, match="torques"):
         tolerances(problem, [0.0])
+    torques = minimize_torque(problem, 0.1).torques
     with pytest.raises(KeyError):
-        quasi = tolerances(problem, minimize_torque(problem, 0.1).torques, static_friction=COULOMB)
-        quasi.of(Quantity.MASS_MORE)
-        type(quasi)(problem, quasi.torques, ()).of(Quantity.PUSH)
+        tolerances(problem, torques, quantities=["more mass"]).of(Quantity.PUSH)
     assert Uncertainty().scaled(0.5).mass == 0.0

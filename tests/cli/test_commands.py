@@ -281,3 +281,14 @@ def test_tolerances_are_told_in_their_units():
     assert float(masses[0]) > 1.0 and float(masses[1]) == 0.0
     assert "--feedback" not in held
     assert run("tolerances", ball, "--feedback", "-1").exit_code == 2
+
+
+def test_tolerances_are_drawn_by_direction(tmp_path: Path):
+    ball, picture = ROOT / "examples" / "allegro_sphere_on_slope.yaml", tmp_path / "ball.svg"
+    drawn = run("plot", ball, "--kind", "tolerances", "--controller", "1", "-o", picture)
+    assert drawn.exit_code == 0 and f"wrote {picture}" in drawn.stdout
+    assert "centre of mass" in drawn.stdout and "more mass" not in drawn.stdout
+    assert picture.read_text(encoding="utf-8").count("least: ") == 3
+    (tmp_path / "lost.yaml").write_text(HEAVY, encoding="utf-8")
+    lost = run("plot", tmp_path / "lost.yaml", "--kind", "tolerances", "-o", picture)
+    assert lost.exit_code == 1 and lost.stdout.startswith("there are no torques: ")

@@ -68,7 +68,7 @@ def test_without_torques_there_is_nothing_to_simulate(tmp_path):
     file.write_text(LINES.replace("friction: 0.3", "friction: 0.3\nmax_normal_force: 2.0"))
     result = run("simulate", file)
     assert result.exit_code == 1
-    assert result.stdout.startswith("nothing to simulate: ")
+    assert result.stdout.startswith("there are no torques: ")
 
 
 @pytest.mark.parametrize(

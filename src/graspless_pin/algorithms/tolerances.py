@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
@@ -27,7 +27,7 @@ from graspless_pin.algorithms.uncertainty import (
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.problem.checks import FloatArray, choice, finite_array, read_only
 from graspless_pin.problem.members import feedback_torques, under_commands
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
@@ -36,6 +36,7 @@ from graspless_pin.solution.active_limits import limiting_contacts
 _CLOSE = 0.01
 """Of a bracket: how near what is borne and what fails have to be."""
 _ROUNDS = 12
+_CORNER_ROUNDS = 3
 _CERTAIN = 1e-6
 """Of the load: a margin that is not below minus this is none that failed."""
 _MOST_TILT = 0.6  # rad
@@ -56,6 +57,16 @@ class Quantity(StrEnum):
     TORQUE_LESS = "all torques smaller"
     JOINT = "one joint's torque"
 
+    @property
+    def unit(self) -> str:
+        """The unit that people think in; that of `Tolerance` is SI, or a share."""
+        return _UNITS[self][1]
+
+    @property
+    def scale(self) -> float:
+        """How many of that unit one of `Tolerance` is."""
+        return _UNITS[self][0]
+
 
 _UNITS = {
     Quantity.MASS_MORE: (100.0, "%"), Quantity.MASS_LESS: (100.0, "%"),
@@ -64,7 +75,7 @@ _UNITS = {
     Quantity.TORQUE_MORE: (100.0, "%"), Quantity.TORQUE_LESS: (100.0, "%"),
     Quantity.JOINT: (1.0, "N m"),
 }  # fmt: skip
-"""What a figure is multiplied by where it is printed, and the unit then."""
+"""What a figure is multiplied by where it is shown, and the unit then."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,6 +107,34 @@ class Tolerance(Brief):
     deflection: float = 0.0
     boundary: FloatArray | None = None
 
+    def along(self, directions: ArrayLike) -> FloatArray:
+        """Return how large a change (K,) along each unit vector (K, 3) the hull of `boundary` has.
+
+        Zero where the hull has nothing that way, as across the plane of a flat one.
+
+        Args:
+            directions: World axes.
+
+        Raises:
+            NoSolutionError: If the quantity has no boundary.
+        """
+        from scipy.optimize import linprog
+
+        if self.boundary is None:
+            raise NoSolutionError(f"The {self.quantity} has no boundary.")
+        corners, ways = self.boundary, finite_array("directions", directions, (None, 3))
+        size = float(np.abs(corners).max())
+        if size == 0.0:
+            return np.zeros(len(ways))
+        # The largest r with r times the direction a mean of the corners and zero.
+        most = np.append(np.zeros(len(corners)), -1.0)
+        mean = np.append(np.ones(len(corners)), 0.0)[None]
+        found = [
+            linprog(most, mean, [1.0], np.column_stack([corners.T / size, -way]), np.zeros(3))
+            for way in ways
+        ]
+        return size * np.array([max(one.x[-1], 0.0) for one in found])
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tolerances(Brief):
@@ -107,11 +146,16 @@ class Tolerances(Brief):
         problem: The problem.
         torques: (L,) N m (N).
         each: One for each quantity that the problem tells of.
+        weight: (3,) the part of the load that counts as weight, N, world axes.
+        feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
+            constant.
     """
 
     problem: QuasistaticProblem
     torques: FloatArray
     each: tuple[Tolerance, ...]
+    weight: FloatArray
+    feedback: FloatArray | None
 
     def of(self, quantity: Quantity | str) -> Tolerance:
         """Return the tolerance of a quantity.
@@ -130,12 +174,12 @@ class Tolerances(Brief):
         """Return headers and rows of that table, with figures in %, cm, degrees, N and N m."""
         rows = []
         for one in self.each:
-            scale, unit = _UNITS[one.quantity]
+            scale, unit = one.quantity.scale, one.quantity.unit
             fails = (
                 f"{scale * one.failing:.3g} {unit}" if np.isfinite(one.failing) else "none found"
             )
             contacts = ", ".join(map(str, one.contacts))
-            far = f"{one.deflection:.2g}" if one.deflection > 0.0 else ""
+            far = f"{one.deflection:.2g}" if one.deflection > _CERTAIN else ""
             borne = f"{scale * one.borne:.3g} {unit}"
             rows.append((one.quantity, borne, fails, self._way(one), contacts, far))
         headers = ("off", "borne", "fails at", "direction", "at contact", "joints give way")
@@ -159,6 +203,7 @@ def tolerances(
     feedback: Feedback | None = None,
     weight: Weight | None = None,
     fingers: Mapping[str, str] = MappingProxyType({}),
+    quantities: Collection[Quantity | str] = tuple(Quantity),
     **options: Unpack[SolveKeywords],
 ) -> Tolerances:
     """Tell how far mass, centre of mass, pushes, friction and torques may be off, each by itself.
@@ -174,6 +219,7 @@ def tolerances(
         feedback: Joint stiffness that adds to the torques, N m/rad (N/m), or a controller.
         weight: Which part of the load is weight; None: all of the external wrench.
         fingers: The finger of each joint that belongs to one, for a controller that names them.
+        quantities: Which to tell of; others take no time.
         options: See `SolveOptions.parse`.
 
     Raises:
@@ -198,7 +244,9 @@ def tolerances(
     search = _Search(problem, given, stiffness, how, options)
     if search.fails(0.0 * search.rest.external_wrench):
         raise NoSolutionError("No contact forces balance the load under these torques.")
-    return Tolerances(problem, given, tuple(search.all(weight)))
+    wanted = [choice(Quantity, "quantities", one) for one in quantities]
+    nominal = read_only(weight.wrench(0.0, np.zeros(3), weight.down)[:3].copy())
+    return Tolerances(problem, given, tuple(search.all(weight, wanted)), nominal, stiffness)
 
 
 class _Search:
@@ -218,33 +266,48 @@ class _Search:
         self.rest = under_commands(self.member, torques, self.directions)
         self.convex = how.rules.static_friction is StaticFriction.COULOMB
 
-    def all(self, weight: Weight) -> list[Tolerance]:
-        """Return the tolerances of all quantities that the problem tells of."""
+    def all(self, weight: Weight, wanted: Collection[Quantity]) -> list[Tolerance]:
+        """Return the tolerances of those wanted that the problem tells of, as `Quantity` has them.
+
+        Args:
+            weight: Which part of the load is weight.
+            wanted: Which.
+        """
         still, down, problem = np.zeros(3), weight.down, self.problem
         nominal = weight.wrench(0.0, still, down)
-        found = []
+        heavier = self._load(weight.wrench(1.0, still, down) - nominal)
+        larger = self._torque(self.torques)
+        pushes = np.array([self._load(one) for one in np.eye(6)])
+        joints = np.flatnonzero(problem.jacobian.any(axis=0))
+        ways: dict[Quantity, Callable[[], Tolerance]] = {}
         if nominal[:3].any():
-            heavier = self._load(weight.wrench(1.0, still, down) - nominal)
-            found += [self._ray(Quantity.MASS_MORE, heavier)]
-            found += [self._ray(Quantity.MASS_LESS, -heavier, most=1.0)]
             level = np.linalg.svd(nominal[None, :3])[2][1:]
             off = [weight.wrench(0.0, weight.axes.T @ one, down) - nominal for one in level]
-            found += [self._ball(Quantity.CENTER, level, np.array([self._load(w) for w in off]))]
-        pushes = np.array([self._load(one) for one in np.eye(6)])
-        found += [self._ball(Quantity.PUSH, np.eye(3), pushes[:3])]
-        found += [self._ball(Quantity.MOMENT, np.eye(3), pushes[3:])]
+            ways |= {
+                Quantity.MASS_MORE: lambda: self._ray(Quantity.MASS_MORE, heavier),
+                Quantity.MASS_LESS: lambda: self._ray(Quantity.MASS_LESS, -heavier, most=1.0),
+                Quantity.CENTER: lambda: self._ball(
+                    Quantity.CENTER, level, np.array([self._load(one) for one in off])
+                ),
+            }
+        ways |= {
+            Quantity.PUSH: lambda: self._ball(Quantity.PUSH, np.eye(3), pushes[:3]),
+            Quantity.MOMENT: lambda: self._ball(Quantity.MOMENT, np.eye(3), pushes[3:]),
+        }
         if (problem.friction > 0.0).any():
-            found += [self._bisected(Quantity.FRICTION, "friction", weight, 1.0)]
+            ways[Quantity.FRICTION] = lambda: self._bisected(
+                Quantity.FRICTION, "friction", weight, 1.0
+            )
         if nominal[:3].any() and weight.links is not None:
-            found += [self._bisected(Quantity.TILT, "tilt", weight, _MOST_TILT)]
+            ways[Quantity.TILT] = lambda: self._bisected(Quantity.TILT, "tilt", weight, _MOST_TILT)
         if self.torques.any():
-            larger = self._torque(self.torques)
-            found += [self._ray(Quantity.TORQUE_MORE, larger)]
-            found += [self._ray(Quantity.TORQUE_LESS, -larger, most=1.0)]
-        joints = np.flatnonzero(problem.jacobian.any(axis=0))
+            ways |= {
+                Quantity.TORQUE_MORE: lambda: self._ray(Quantity.TORQUE_MORE, larger),
+                Quantity.TORQUE_LESS: lambda: self._ray(Quantity.TORQUE_LESS, -larger, most=1.0),
+            }
         if len(joints):
-            found += [self._joints(joints)]
-        return found
+            ways[Quantity.JOINT] = lambda: self._joints(joints)
+        return [way() for quantity, way in ways.items() if quantity in wanted]
 
     def fails(self, load: FloatArray) -> bool:
         """Whether no contact forces balance a load beside that which there is."""
@@ -263,6 +326,8 @@ class _Search:
 
     def _rays(self, loads: FloatArray) -> FloatArray:
         """Return how many times each load is borne."""
+        if not len(loads):
+            return np.zeros(0)
         found = disturbance_margin(
             self.rest, directions=loads, characteristic_length=1.0, **self.options
         )
@@ -328,6 +393,10 @@ class _Search:
             more = np.unique(sides[nearest, :-1].round(9), axis=0)
             ways = np.concatenate([ways, more / np.linalg.norm(more, axis=1)[:, None]])
             times = np.concatenate([times, self._rays(ways[len(times) :] @ loads)])
+        for _ in range(_CORNER_ROUNDS if len(axes) == 2 else 0):
+            more = _corners(times[:, None] * ways)
+            ways = np.concatenate([ways, more / np.linalg.norm(more, axis=1)[:, None]])
+            times = np.concatenate([times, self._rays(ways[len(times) :] @ loads)])
         worst = int(times.argmin())
         least = float(times[worst])
         return Tolerance(
@@ -371,6 +440,29 @@ class _Search:
 def _ring(count: int = 16) -> FloatArray:
     angles = 2.0 * np.pi * np.arange(count) / count
     return np.array([np.cos(angles), np.sin(angles)]).T
+
+
+def _corners(ends: FloatArray) -> FloatArray:
+    """Return where sides of a convex region in the plane may meet, beyond its known ends (K, 2).
+
+    Between two neighbouring ends meet the lines through each and the end before or after it.
+    """
+    around = ends[np.argsort(np.arctan2(ends[:, 1], ends[:, 0]))]
+    before, first, second, after = (np.roll(around, k, axis=0) for k in (1, 0, -1, -2))
+    size = float(np.abs(ends).max())
+    side, other, chord = first - before, second - after, second - first
+    turn = _turn(side, other)
+    meet = np.abs(turn) > _CERTAIN * size**2
+    share = np.divide(_turn(chord, other), turn, out=np.zeros_like(turn), where=meet)
+    found = first + share[:, None] * side
+    meet &= (_turn(first, found) > 0.0) & (_turn(found, second) > 0.0)
+    beyond = _turn(found - first, chord) > _CLOSE * size * np.linalg.norm(chord, axis=1)
+    return found[meet & beyond]
+
+
+def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the cross products of plane vectors (K, 2)."""
+    return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 
 
 def _sphere() -> FloatArray:

@@ -8,20 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from graspless_pin.cli.outcome import (
-    ControllerOption,
-    ExitCode,
-    loaded_scene,
-    plain_errors,
-    under_controller,
-)
-from graspless_pin.cli.solve import solved
+from graspless_pin.cli.outcome import ControllerOption, plain_errors
+from graspless_pin.cli.solve import solved_scene
+from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.planning import squeeze_window
-from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary, squeeze_plot
+from graspless_pin.plots import (
+    margin_heat_map,
+    margin_plot,
+    outcome_boundary,
+    squeeze_plot,
+    tolerance_plot,
+)
 from graspless_pin.plots.canvas import fonts_without_remarks
+from graspless_pin.plots.tolerances import DIRECTED
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies import read_results
 
 if TYPE_CHECKING:
@@ -39,11 +42,16 @@ class PlotKind(StrEnum):
     """Where the outcome changes, over two variables."""
     SQUEEZE = "squeeze"
     """How hard the hand of a scene may squeeze."""
+    TOLERANCES = "tolerances"
+    """How far the centre of mass of a scene may be off, and what pushes and moments are borne."""
 
 
 def plot(
     results: Annotated[
-        Path, typer.Argument(help="Table that study wrote: .parquet or .csv; of squeeze, a scene.")
+        Path,
+        typer.Argument(
+            help="Table that study wrote: .parquet or .csv; of squeeze and tolerances, a scene."
+        ),
     ],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Picture to write: .png, .svg or .pdf.")
@@ -52,7 +60,8 @@ def plot(
         PlotKind,
         typer.Option(
             help="A result over one or two variables, or where it changes; how hard a scene's hand "
-            "may squeeze."
+            "may squeeze; how far its centre of mass may be off and what pushes are borne, by "
+            "direction."
         ),
     ] = PlotKind.LINE,
     x: Annotated[
@@ -69,7 +78,8 @@ def plot(
 ) -> None:
     """Draw the results of a study: a line, a map, or the boundary of what is found.
 
-    Of a scene, draw how hard its hand may squeeze with the torques of its algorithm.
+    Of a scene, draw how hard its hand may squeeze with the torques of its algorithm, or what these
+    torques bear.
 
     Exit code 0: drawn; 1: there are no torques; 2: bad input.
 
@@ -77,11 +87,14 @@ def plot(
         graspless-pin plot results.parquet -o margin.png
         graspless-pin plot results.parquet --kind boundary -o border.png
         graspless-pin plot scene.yaml --kind squeeze --controller 1 -o squeeze.png
+        graspless-pin plot scene.yaml --kind tolerances -o tolerances.png
     """
     with plain_errors():
         figure = _figure()
         if kind is PlotKind.SQUEEZE:
-            _draw_squeeze(under_controller(loaded_scene(results), controller), figure)
+            _draw_squeeze(*solved_scene(results, controller=controller), figure)
+        elif kind is PlotKind.TOLERANCES:
+            _draw_tolerances(*solved_scene(results, controller=controller), figure)
         else:
             _draw_study(results, kind, (x, y, value), figure)
         try:
@@ -93,12 +106,19 @@ def plot(
         typer.echo(f"wrote {output}")
 
 
-def _draw_squeeze(scene: Scene, figure: Figure) -> None:
+def _draw_tolerances(scene: Scene, solution: TorqueSolution, figure: Figure) -> None:
+    """Draw what is borne by direction, and print it."""
+    found = tolerances_under(scene, solution, quantities=DIRECTED)
+    count = len(found.each)
+    figure.set_size_inches(4.2 * count, 4.6)
+    panels = figure.subplots(1, count, subplot_kw={"projection": "polar"}, squeeze=False)[0]
+    for one, axes in zip(found.each, panels, strict=True):
+        tolerance_plot(found, one.quantity, axes)
+    typer.echo(str(found))
+
+
+def _draw_squeeze(scene: Scene, solution: TorqueSolution, figure: Figure) -> None:
     """Draw margin, growth and normal forces over the squeeze, and print the window."""
-    solution, _ = solved(scene)
-    if not solution.found:
-        typer.echo(f"nothing to squeeze with: {solution.status.message}")
-        raise typer.Exit(ExitCode.INFEASIBLE)
     with waiting_for("trying how hard the hand may squeeze"):
         window = squeeze_window(scene, solution.torques)
     figure.set_figheight(6.6)

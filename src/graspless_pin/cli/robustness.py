@@ -14,9 +14,8 @@ from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.objective_options import asking_by_name
-from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, plain_errors
-from graspless_pin.cli.solve import solved
-from graspless_pin.findings import emit
+from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.solve import solved_scene
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
@@ -49,13 +48,7 @@ def robustness_scene(
         graspless-pin robustness scene.yaml
     """
     with plain_errors():
-        loaded = loaded_scene(scene)
-        emit(*loaded.findings)
-        solution, _ = solved(loaded, algorithm)
-        echo_findings(solution.findings)
-        if not solution.found:
-            typer.echo(f"nothing to tell: {solution.status.message}")
-            raise typer.Exit(ExitCode.INFEASIBLE)
+        loaded, solution = solved_scene(scene, algorithm)
         if why := unknown_of(loaded):
             typer.echo(why)
             raise typer.Exit(ExitCode.INFEASIBLE)

@@ -14,15 +14,11 @@ from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
     ControllerOption,
     ExitCode,
-    echo_findings,
-    loaded_scene,
     plain_errors,
     three_numbers,
-    under_controller,
 )
-from graspless_pin.cli.solve import solved
+from graspless_pin.cli.solve import solved_scene
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import emit
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
@@ -87,18 +83,11 @@ def simulate_scene(
         graspless-pin simulate scene.yaml --push 1,0,0 --save lapse.html
     """
     with plain_errors():
-        loaded = loaded_scene(scene)
-        emit(*loaded.findings)
-        loaded = under_controller(loaded, controller)
         force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
         asked: dict[str, Any] = {} if required is None else {"stability": required}
-        solution, _ = solved(loaded, algorithm, **asked)
-        echo_findings(solution.findings)
-        if not solution.found:
-            typer.echo(f"nothing to simulate: {solution.status.message}")
-            raise typer.Exit(ExitCode.INFEASIBLE)
+        loaded, solution = solved_scene(scene, algorithm, controller, **asked)
         with waiting_for("simulating"):
             found = simulate(
                 loaded,

@@ -15,6 +15,7 @@ from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
     ControllerOption,
+    ExitCode,
     echo_findings,
     exit_code,
     loaded_scene,
@@ -170,6 +171,31 @@ def solved(
 
         answer = robust_answer(scene, algorithm, **options)
         return answer.solution.of_source(scene), answer
+
+
+def solved_scene(
+    path: Path, algorithm: str | None = None, controller: str | None = None, **options: Any
+) -> tuple[Scene, TorqueSolution]:
+    """Load a scene and solve it, with all findings; a command that needs torques ends without.
+
+    Args:
+        path: The scene file.
+        algorithm: See `Scene.solve`.
+        controller: See `under_controller`.
+        options: See `Scene.solve`.
+
+    Raises:
+        typer.Exit: If there are no torques.
+    """
+    scene = loaded_scene(path)
+    emit(*scene.findings)
+    scene = under_controller(scene, controller)
+    solution, _ = solved(scene, algorithm, **options)
+    echo_findings(solution.findings)
+    if not solution.found:
+        typer.echo(f"there are no torques: {solution.status.message}")
+        raise typer.Exit(ExitCode.INFEASIBLE)
+    return scene, solution
 
 
 def proven_answer(answer: RobustAnswer) -> RobustAnswer:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from graspless_pin.algorithms.named_objectives import AIMS
+from graspless_pin.algorithms.tolerances import Quantity, Tolerances
 from graspless_pin.cli.objective_options import asking_by_name
-from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, plain_errors
-from graspless_pin.cli.solve import solved
-from graspless_pin.findings import emit
+from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.solve import solved_scene
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
-from graspless_pin.scene.uncertain import feedback_in
+from graspless_pin.scene import Scene
+from graspless_pin.solution import TorqueSolution
 
 
 @asking_by_name
@@ -45,17 +47,8 @@ def tolerances_of_scene(
         graspless-pin tolerances scene.yaml --algorithm torque --feedback 1
     """
     with plain_errors():
-        loaded = loaded_scene(scene)
-        emit(*loaded.findings)
-        solution, _ = solved(loaded, algorithm)
-        echo_findings(solution.findings)
-        if not solution.found:
-            typer.echo(f"nothing to tell: {solution.status.message}")
-            raise typer.Exit(ExitCode.INFEASIBLE)
-        with waiting_for("looking how far each may be off"):
-            off = loaded.tolerances(
-                solution.torques, feedback=feedback, static_friction=StaticFriction.COULOMB
-            )
+        loaded, solution = solved_scene(scene, algorithm)
+        off = tolerances_under(loaded, solution, feedback)
         if json_file is not None:
             from graspless_pin.report import write_document
             from graspless_pin.report.robust import tolerances_data
@@ -65,9 +58,32 @@ def tolerances_of_scene(
         if json_file == "-":
             raise typer.Exit(ExitCode.FOUND)
         typer.echo(str(off))
-        if feedback is None and feedback_in(loaded) is None:
+        if off.feedback is None:
             typer.echo(
                 "Torques are constant: --feedback tells what joint stiffness adds to them, where a "
                 "motion that no contact resists bears nothing."
             )
     raise typer.Exit(ExitCode.FOUND)
+
+
+def tolerances_under(
+    scene: Scene,
+    solution: TorqueSolution,
+    feedback: float | None = None,
+    quantities: Collection[Quantity] = tuple(Quantity),
+) -> Tolerances:
+    """Return the tolerances of a solution's torques under plain Coulomb friction.
+
+    Args:
+        scene: The scene.
+        solution: Its solution.
+        feedback: Joint stiffness, N m/rad; None: what the scene's controller adds.
+        quantities: Which to tell of.
+    """
+    with waiting_for("looking how far each may be off"):
+        return scene.tolerances(
+            solution.torques,
+            feedback=feedback,
+            quantities=quantities,
+            static_friction=StaticFriction.COULOMB,
+        )

@@ -17,6 +17,7 @@ from graspless_pin.plots.curves import (
     timing_plot,
 )
 from graspless_pin.plots.tables import margin_heat_map, margin_plot
+from graspless_pin.plots.tolerances import tolerance_plot
 
 __all__ = [
     "disturbance_polar",
@@ -31,5 +32,6 @@ __all__ = [
     "plane_directions",
     "squeeze_plot",
     "timing_plot",
+    "tolerance_plot",
     "torque_bars",
 ]

@@ -199,6 +199,21 @@ def up_against(force: FloatArray) -> FloatArray:
     return read_only(0.0 - force / length)  # without negative zeros
 
 
+def across_gravity(force: FloatArray) -> FloatArray:
+    """(2, 3) unit vectors across gravity or weight, with up their cross product.
+
+    The first is the projection of the world axis that is most level.
+
+    Args:
+        force: (3,) gravity or weight; zero: up is z.
+    """
+    up = up_against(force)
+    axis: FloatArray = np.eye(3)[int(np.abs(up).round(9).argmin())]
+    first = axis - (axis @ up) * up
+    first /= np.linalg.norm(first)
+    return read_only(np.stack([first, np.cross(up, first)]))
+
+
 def look_across(away: FloatArray, up: FloatArray, walls: Sequence[FloatArray] = ()) -> FloatArray:
     """(3,) unit vector to where object and hand are seen side by side, from somewhat above.
 
