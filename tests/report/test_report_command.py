@@ -65,13 +65,30 @@ def test_how_hard_the_hand_may_squeeze(tmp_path):
     assert len(section.all("svg")) == 3
 
 
+def test_how_far_each_may_be_off(tmp_path):
+    target, ball = tmp_path / "report.html", SPHERE.parents[1] / "allegro_sphere_on_slope.yaml"
+    options = ("--no-ranges", "--no-verdict", "--tolerances")
+    assert run(ball, "-o", target, "--controller", "1", *options).exit_code == 0
+    page = read_html(target.read_text(encoding="utf-8"))
+    section = page.section("off")
+    assert "torques that the joints' stiffness adds to" in section.text
+    assert re.search(r"centre of mass [\d.]+ cm [\d.]+ cm \[", section.text)
+    titles = [one.text for one in section.all("title")]
+    assert len(titles) == 3 and titles[0].startswith("How far the centre of mass may be off")
+    assert "the level region in which it may lie" in page.section("scene").text
+    assert run(ball, "-o", target, *options).exit_code == 0
+    page = read_html(target.read_text(encoding="utf-8"))
+    assert "with constant torques" in page.section("off").text
+
+
 def test_what_needs_torques_says_that_there_are_none(tmp_path):
     """The slope is too steep and the hand too weak: nothing to squeeze with, nor to simulate."""
     target = tmp_path / "report.html"
     text = SPHERE.read_text(encoding="utf-8").replace("force: 50", "force: 0.1")
     (tmp_path / "weak.yaml").write_text(text, encoding="utf-8")
-    result = run(tmp_path / "weak.yaml", "-o", target, "--squeeze", "--simulate")
+    result = run(tmp_path / "weak.yaml", "-o", target, "--squeeze", "--simulate", "--tolerances")
     assert result.exit_code == 1
+    assert "note: --tolerances is left out: there are no torques" in result.stderr
     assert "note: --squeeze is left out: there are no torques" in result.stderr
     assert "note: --simulate is left out: there are no torques" in result.stderr
 

@@ -13,7 +13,7 @@ from graspless_pin import Stability, maximize_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import displaced_hand
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.scene import Scene, load_scene
+from graspless_pin.scene import Acceleration, Scene, load_scene
 from graspless_pin.viewer import (
     Settings,
     answer_settings,
@@ -29,7 +29,7 @@ from graspless_pin.viewer.panels import (
     torque_html,
     verdict_html,
 )
-from graspless_pin.viewer.scene_process import came_and_went, with_verdict
+from graspless_pin.viewer.scene_process import came_and_went, with_region, with_verdict
 from graspless_pin.visualization import Role
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -342,6 +342,20 @@ def test_the_largest_torque_has_the_unit_of_its_joint(allegro):
         assert result.torque_unit == unit
         shown = result_html(result, None, dark=False)
         assert f"</b> {unit}</span>" in shown.partition("max torque")[2]
+
+
+def test_where_the_centre_of_mass_may_be_comes_with_the_verdict(allegro):
+    first = answer_settings(allegro, initial_settings(allegro))
+    assert not first.picture.of(Role.CENTER_REGION)
+    judged = with_region(first)
+    assert first.solution is not None and judged.sliding is not None
+    for picture in (judged.picture, judged.sliding.picture):
+        assert picture.of(Role.CENTER_REGION)
+    nothing = replace(first, solution=None, reason="why")
+    assert with_region(nothing) is nothing
+    turning = allegro.with_changes(acceleration=Acceleration(angular=(0.0, 0.0, 0.1)))
+    left_out = answer_settings(turning, initial_settings(turning))
+    assert with_region(left_out) is left_out
 
 
 def test_the_verdict_comes_after_the_solution(paper):

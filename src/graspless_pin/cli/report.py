@@ -19,6 +19,7 @@ from graspless_pin.cli.outcome import (
 )
 from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import proven_and_verdict, proven_answer, solved
+from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
@@ -26,7 +27,13 @@ from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.planning.squeeze_window import SqueezeWindow, squeeze_window
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
-from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
+from graspless_pin.report.html import (
+    Case,
+    case_of_document,
+    case_of_scene,
+    case_with_tolerances,
+    report_html,
+)
 from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
 from graspless_pin.report.reading import read_document
 from graspless_pin.scene.problem_data import rest_problem
@@ -79,6 +86,14 @@ def report(
         bool,
         typer.Option("--squeeze", help="Tell how hard the hand may squeeze: some 30 verdicts."),
     ] = False,
+    tolerances: Annotated[
+        bool,
+        typer.Option(
+            "--tolerances",
+            help="Tell how far mass, pushes, friction and torques may be off; of a scene that says "
+            "what is not known exactly that is told anyway.",
+        ),
+    ] = False,
 ) -> None:
     """Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.
 
@@ -103,6 +118,8 @@ def report(
             lapse = _lapse(case) if simulated else None
         with waiting_for("trying how hard the hand may squeeze"):
             window = _window(case) if squeeze else None
+        if tolerances or (_is_unknown(case) and case.solution.found):
+            case = _with_tolerances(case)
         with waiting_for("drawing"):
             page = report_html(case, bounds, lapse, rest_bounds, window)
         write_text(page, output, kind="report")
@@ -153,11 +170,7 @@ def _case(
         echo_findings(solution.findings)
         if note and verdict is None:
             echo_note(note)
-        off = None
-        if answer is not None and answer.found:
-            with waiting_for("looking how far each may be off"):
-                off = scene.tolerances(solution.torques, static_friction=StaticFriction.COULOMB)
-        return case_of_scene(scene, solution, source, verdict, answer, off)
+        return case_of_scene(scene, solution, source, verdict, answer)
     if controller is not None:
         raise ArgumentError("--controller", "goes with a scene alone: a document has its own")
     document = read_document(source)
@@ -189,3 +202,16 @@ def _window(case: Case) -> SqueezeWindow | None:
     if case.scene is None:
         raise ArgumentError("--squeeze", f"needs the scene. {case.missing}")
     return squeeze_window(case.scene, case.solution.torques)
+
+
+def _is_unknown(case: Case) -> bool:
+    """Return whether the scene that is at hand says what is not known exactly."""
+    return case.scene is not None and case.scene.uncertainty is not None
+
+
+def _with_tolerances(case: Case) -> Case:
+    if _has_no_torques(case, "--tolerances"):
+        return case
+    if case.scene is None:
+        raise ArgumentError("--tolerances", f"needs the scene. {case.missing}")
+    return case_with_tolerances(case, tolerances_under(case.scene, case.solution))

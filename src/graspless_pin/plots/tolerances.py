@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspless_pin.algorithms.tolerances import Quantity, Tolerance, Tolerances
+from graspless_pin.algorithms.tolerances import Quantity, Tolerances
 from graspless_pin.errors import ArgumentError
 from graspless_pin.plots.canvas import axes_for, plain_axis
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import LIGHT, Role
 from graspless_pin.visualization.picture import across_gravity
+from graspless_pin.visualization.tolerances import level_boundary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 DIRECTED = (Quantity.CENTER, Quantity.PUSH, Quantity.MOMENT)
 """What may be off in one direction or another."""
-_COUNT = 72
 _LEVEL = 1e-6  # of a unit vector
 _MOST = 12.0
 """Of the least: what goes farther leaves the circle, or the least could not be seen."""
@@ -68,8 +68,8 @@ def tolerance_plot(
     scale, unit = one.quantity.scale, one.quantity.unit
     level = across_gravity(tolerances.weight)
     up = np.cross(level[0], level[1])
-    angles = _angles(one, level)
-    radii = scale * one.along(_ways(angles, level))
+    angles, sizes = level_boundary(one, level)
+    radii = scale * sizes
     axes = axes_for(ax, size=(4.6, 4.9), projection="polar")
     blue = LIGHT.roles[Role.NORMAL_FORCE]
     axes.plot(np.append(angles, angles[0]), np.append(radii, radii[0]), color=blue)
@@ -97,24 +97,6 @@ def tolerance_plot(
     verb = "may be off" if one.quantity is Quantity.CENTER else "that is borne"
     axes.set_title(f"{one.quantity} {verb}, across gravity [{unit}]", fontsize="medium")
     return axes
-
-
-def _angles(one: Tolerance, level: FloatArray) -> FloatArray:
-    """Return all around, and to each corner that is level, in order."""
-    around = 2.0 * np.pi * np.arange(_COUNT) / _COUNT
-    if one.boundary is None:
-        return around
-    along = one.boundary @ level.T
-    sizes = np.linalg.norm(one.boundary, axis=1)
-    is_level = np.linalg.norm(along, axis=1) > (1.0 - _LEVEL) * sizes
-    corners = along[is_level & (sizes > 0.0)]
-    return np.unique(
-        np.append(around, np.arctan2(corners[:, 1], corners[:, 0]) % (2.0 * np.pi)).round(9)
-    )
-
-
-def _ways(angles: FloatArray, level: FloatArray) -> FloatArray:
-    return np.column_stack([np.cos(angles), np.sin(angles)]) @ level
 
 
 def _name(way: FloatArray) -> str:

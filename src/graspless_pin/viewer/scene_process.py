@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from graspless_pin.algorithms.named_objectives import useless
+from graspless_pin.algorithms.tolerances import Quantity
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import (
     ArgumentError,
@@ -29,6 +30,7 @@ from graspless_pin.holding.verdict import (
     Stability,
     StabilityKeywords,
 )
+from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
@@ -217,6 +219,25 @@ def came_and_went(before: Sequence[str], after: Sequence[str]) -> str:
     return "; ".join(changes)
 
 
+def with_region(answer: SettingsAnswer) -> SettingsAnswer:
+    """Return an answer with where the centre of mass may be under its torques, if that is known."""
+    scene, solution = answer.scene, answer.solution
+    if solution is None or not solution.found:
+        return answer
+    try:
+        found = scene.tolerances(
+            solution.torques,
+            quantities=(Quantity.CENTER,),
+            static_friction=StaticFriction.COULOMB,
+        )
+    except GrasplessPinError:  # such as a scene that turns as it accelerates
+        return answer
+    picture = draw_scene(scene, solution, tolerances=found)
+    origin = scene.object.center_of_mass_world
+    sliding = draw_virtual_sliding(picture, solution, scene.hand, origin)
+    return replace(answer, picture=picture, sliding=sliding)
+
+
 def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     """Return an answer with the verdict on its torques; without torques as it is."""
     if answer.solution is None or not answer.solution.found:
@@ -234,7 +255,7 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
     elif small is not None and small.motion is not None:
         motion = draw_small_motion(
-            draw_scene(answer.scene, answer.solution),
+            answer.picture,
             found.problem,
             small.motion,
             small.growth,
@@ -331,4 +352,4 @@ def _evaluate_kept(settings: Settings) -> SettingsAnswer:
 
 
 def _judge_kept() -> SettingsAnswer:
-    return with_verdict(_answered[0])
+    return with_verdict(with_region(_answered[0]))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.meshes import (
     Triangles,
@@ -32,6 +33,7 @@ from graspless_pin.visualization.picture import (
     up_against,
 )
 from graspless_pin.visualization.primitives import with_bearings
+from graspless_pin.visualization.tolerances import with_tolerances
 
 _OBJECT_OPACITY = 0.45
 # Of a wall between the object and who looks at it.
@@ -50,6 +52,7 @@ def draw_scene(
     scene: Scene,
     solution: TorqueSolution | None = None,
     *,
+    tolerances: Tolerances | None = None,
     force_scale: float | None = None,
     max_faces: int = 1500,
 ) -> Picture:
@@ -58,6 +61,8 @@ def draw_scene(
     Args:
         scene: The scene.
         solution: A solution of ``scene.problem()``; None, or not found: without forces.
+        tolerances: Of ``scene.tolerances``: the centre of mass is drawn, and the level region in
+            which it may lie, as far as the object goes; None: neither.
         force_scale: Metres per newton; None: a round figure, fitted to the object.
         max_faces: Most triangles of one link, object or support; finer meshes are simplified.
 
@@ -83,7 +88,8 @@ def draw_scene(
     names = scene.contacts.bodies
     size = object_radius(bodies)
     picture = with_contacts(bodies, problem, solution, origin, size, force_scale, names)
-    return with_loads(picture, acting_forces(scene), origin, size)
+    picture = with_loads(picture, acting_forces(scene), origin, size)
+    return picture if tolerances is None else with_tolerances(picture, tolerances, origin, size)
 
 
 def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:

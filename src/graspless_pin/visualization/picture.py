@@ -34,6 +34,8 @@ class Role(StrEnum):
     STICKING_CONTACT = "sticking_contact"
     SLIPPING_CONTACT = "slipping_contact"
     OPEN_CONTACT = "open_contact"
+    CENTER_OF_MASS = "center_of_mass"
+    CENTER_REGION = "center_of_mass_region"
     AXES = "world_axes"
     GRAVITY = "gravity"
     FORCE_SCALE = "force_scale"
@@ -61,6 +63,8 @@ _LABELS = {
     Role.STICKING_CONTACT: "sticking contact",
     Role.SLIPPING_CONTACT: "slipping contact",
     Role.OPEN_CONTACT: "open contact",
+    Role.CENTER_OF_MASS: "centre of mass",
+    Role.CENTER_REGION: "where the centre of mass may be",
     Role.AXES: "world axes",
     Role.GRAVITY: "gravity",
     Role.FORCE_SCALE: "scale of forces",
@@ -359,6 +363,8 @@ LIGHT = Palette(
             Role.STICKING_CONTACT: "#2c3138",
             Role.SLIPPING_CONTACT: "#f08c00",
             Role.OPEN_CONTACT: "#d6336c",
+            Role.CENTER_OF_MASS: "#123a12",
+            Role.CENTER_REGION: "#5c9e1f",
             Role.EXTERNAL_FORCE: "#b0284f",
             Role.LOAD: "#6b3fa0",
             Role.AXES: "#5a6068",
@@ -389,6 +395,8 @@ DARK = Palette(
             Role.STICKING_CONTACT: "#eef0f2",
             Role.SLIPPING_CONTACT: "#ffa94d",
             Role.OPEN_CONTACT: "#ff7aa8",
+            Role.CENTER_OF_MASS: "#e9ffd0",
+            Role.CENTER_REGION: "#a6e04e",
             Role.EXTERNAL_FORCE: "#ff5c74",
             Role.LOAD: "#c8a2ff",
             Role.AXES: "#c3c8ce",

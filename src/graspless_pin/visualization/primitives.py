@@ -33,6 +33,14 @@ def arrow_surface(start: ArrayLike, along: ArrayLike, radius: float) -> Solid:
     return _turned([*profile, (0.0, length)], start, vector / length)
 
 
+def bar_surface(start: FloatArray, end: FloatArray, radius: float) -> Solid:
+    """Return a round bar between two points (3,), m."""
+    length = float(np.linalg.norm(end - start))
+    profile = [(0.0, 0.0), (radius, 0.0), (radius, length), (0.0, length)]
+    axis = (end - start) / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    return _turned(profile, start, axis)
+
+
 def ball_surface(center: ArrayLike, radius: float, rings: int = BALL_RINGS) -> Solid:
     """Return a ball about (3,) ``center``, m; of two rings: a diamond."""
     angles = np.linspace(0.0, np.pi, rings + 1)

@@ -3,7 +3,12 @@
 Needs the extra ``report``.
 """
 
-from graspless_pin.report.html.case import Case, case_of_document, case_of_scene
+from graspless_pin.report.html.case import (
+    Case,
+    case_of_document,
+    case_of_scene,
+    case_with_tolerances,
+)
 from graspless_pin.report.html.page import report_html
 
-__all__ = ["Case", "case_of_document", "case_of_scene", "report_html"]
+__all__ = ["Case", "case_of_document", "case_of_scene", "case_with_tolerances", "report_html"]

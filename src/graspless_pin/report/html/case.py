@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from graspless_pin.algorithms.tolerances import Tolerances
-from graspless_pin.errors import GrasplessPinError
+from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import changed
@@ -45,8 +45,7 @@ class Case:
         missing: Why the picture lacks the scene's bodies; empty: it does not.
         command: The command that solves it again; None: there is none.
         scene: The scene, where it still is the same.
-        off: How far each thing that is not known may be off under the torques; None: that was not
-            asked.
+        off: How far each thing may be off under the torques; None: that was not asked.
     """
 
     title: str
@@ -63,13 +62,40 @@ class Case:
     off: Tolerances | None = None
 
 
+def case_with_tolerances(case: Case, tolerances: Tolerances) -> Case:
+    """Return a case with what its torques bear, and where the centre of mass may be drawn.
+
+    Args:
+        case: The case of a scene.
+        tolerances: Of the scene's `tolerances`, of the solution's torques.
+
+    Raises:
+        ArgumentError: If the case has no scene.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report.html import case_of_scene, case_with_tolerances, report_html
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> solution = scene.solve()
+        >>> off = scene.tolerances(solution.torques, static_friction="coulomb")
+        >>> case = case_with_tolerances(case_of_scene(scene, solution), off)
+        >>> "How far may each be off?" in report_html(case)
+        True
+    """
+    if case.scene is None:
+        raise ArgumentError("case", f"needs the scene. {case.missing}")
+    picture = draw_scene(case.scene, case.solution, tolerances=tolerances)
+    origin = case.scene.object.center_of_mass_world
+    sliding = draw_virtual_sliding(picture, case.solution, case.scene.hand, origin)
+    return replace(case, picture=picture, sliding=sliding, off=tolerances)
+
+
 def case_of_scene(
     scene: Scene,
     solution: TorqueSolution,
     file: Path | None = None,
     verdict: StabilityVerdict | None = None,
     answer: RobustAnswer | None = None,
-    off: Tolerances | None = None,
 ) -> Case:
     """Return the case of a scene and a solution of its problem.
 
@@ -81,8 +107,6 @@ def case_of_scene(
         verdict: Whether the object stays with the solution's torques; None: it was not asked.
         answer: What was found for all that is not known of the scene; None: all is as it is meant
             to be. The solution is then the answer's.
-        off: How far each thing that is not known may be off under the torques; None: that was not
-            asked.
 
     Raises:
         ArgumentError: If the solution is of other contacts.
@@ -121,7 +145,6 @@ def case_of_scene(
         "",
         None if file is None else solve_command(answer.nominal if answer else solution, file),
         scene,
-        off,
     )
 
 

@@ -29,6 +29,7 @@ from graspless_pin.report.html.sections import (
     range_figure,
     range_rows,
     scene_in_words,
+    tolerance_figures,
     torque_figure,
     unknown_rows,
     window_figures,
@@ -88,6 +89,8 @@ def report_html(
         "lapse": lapse,
         "window": window,
         "window_figures": [] if window is None else window_figures(window),
+        "off": case.off,
+        "off_figures": [] if case.off is None else tolerance_figures(case.off),
     }
     return render("report.html", lambda: _context(case, bounds, rest_bounds) | further)
 

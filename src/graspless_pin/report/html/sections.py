@@ -14,10 +14,18 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.robust_solution import Coverage
+from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import DynamicOutcome, Holding
-from graspless_pin.plots import friction_section, normal_force_ranges, squeeze_plot, torque_bars
+from graspless_pin.plots import (
+    friction_section,
+    normal_force_ranges,
+    squeeze_plot,
+    tolerance_plot,
+    torque_bars,
+)
 from graspless_pin.plots.canvas import fonts_without_remarks
+from graspless_pin.plots.tolerances import DIRECTED
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.proof_data import as_number
@@ -35,8 +43,6 @@ from graspless_pin.solution.tables import (
 from graspless_pin.visualization import LIGHT, Picture, Role
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from graspless_pin.planning.squeeze_window import SqueezeWindow
 
 _SIGNS = {-1: "−", 0: "0 ", 1: "+"}
@@ -63,6 +69,7 @@ _LONGEST = 2000
 """Characters of a sentence that a document states."""
 _SECTION_SIZE = (2.5, 2.75)
 _WINDOW_SIZE = (7.0, 2.6)
+_POLAR_SIZE = (3.4, 3.7)
 
 
 def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
@@ -165,6 +172,22 @@ def window_figures(window: SqueezeWindow) -> list[str]:
     return figures
 
 
+def tolerance_figures(tolerances: Tolerances) -> list[str]:
+    """Return what is borne by direction, as SVGs."""
+    figures = []
+    for one in tolerances.each:
+        if one.quantity in DIRECTED:
+            alt = (
+                f"How far the {one.quantity} may be off by its direction across gravity: at least "
+                f"{one.quantity.scale * one.borne:.3g} {one.quantity.unit}. The table says which "
+                "way it fails first."
+            )
+            draw = partial(tolerance_plot, tolerances, one.quantity)
+            name = f"off-{one.quantity.name.lower()}"
+            figures.append(_inline_svg(name, alt, _POLAR_SIZE, draw, projection="polar"))
+    return figures
+
+
 def friction_figures(solution: TorqueSolution) -> list[str]:
     """Return the friction of each contact in the cut of its cone, as SVGs."""
     problem = solution.problem
@@ -252,9 +275,8 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
     """Return what the document says of what is not known exactly; None: nothing.
 
     Returns:
-        ``coverage`` and ``words`` (sentences), ``conflict`` (members in words), ``joints`` (name,
-        torque for all of it, torque as it is meant to be) and ``off`` (headers and rows; None: not
-        asked).
+        ``coverage`` and ``words`` (sentences), ``conflict`` (members in words), and ``joints``:
+        name, torque for all of it, torque as it is meant to be.
     """
     stated = case.document.get("uncertainty")
     if not isinstance(stated, dict):
@@ -269,7 +291,6 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
                 (name, as_number(torque), as_number(nominal[name]) if name in nominal else None)
                 for name, torque in (stated["torques"] or {}).items()
             ],
-            "off": None if case.off is None else case.off.table(),
         }
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise ArgumentError("document", f"uncertainty: is not complete ({error!r})") from None
@@ -301,6 +322,8 @@ def scene_in_words(picture: Picture) -> str:
     parts.append(f"{counts[Role.CONTACT]} contact points with friction cones")
     if counts[Role.NORMAL_FORCE]:
         parts.append("arrows of the contact forces on the object")
+    if counts[Role.CENTER_OF_MASS]:
+        parts.append("the centre of mass and the level region in which it may lie")
     return "Shows " + ", ".join(parts) + "."
 
 
@@ -314,7 +337,11 @@ def _slides(solution: TorqueSolution, contact: int) -> str:
 
 
 def _inline_svg(
-    name: str, alt: str, size: tuple[float, float], draw: Callable[[Axes], object]
+    name: str,
+    alt: str,
+    size: tuple[float, float],
+    draw: Callable[[Any], object],
+    projection: str | None = None,
 ) -> str:
     """Return a plot as an SVG element with a text in its stead for those who do not see it.
 
@@ -323,13 +350,14 @@ def _inline_svg(
         alt: What the plot shows, in words.
         size: Width and height, inches; the page may shrink it.
         draw: Draws on the axes that it is given.
+        projection: Of the axes.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     with rc_context(_STYLE), fonts_without_remarks():
         figure = Figure(figsize=size, layout="constrained")
-        draw(figure.add_subplot())
+        draw(figure.add_subplot(projection=projection))
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
     svg = buffer.getvalue()
