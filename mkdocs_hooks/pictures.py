@@ -88,8 +88,8 @@ def scene_picture(scene: Scene, kind: str = "forces", margin: float | None = Non
 
     Args:
         scene: The scene.
-        kind: ``scene``: contacts alone; ``forces``: with the forces of a solution; ``motion``: what
-            else may happen under its torques.
+        kind: ``scene``: contacts alone; ``forces``: with the forces of a solution; ``region``: with
+            where the centre of mass may be under its torques; ``motion``: what else may happen.
         margin: Of Algorithm 2, N; None: Algorithm 1.
     """
     if kind == "scene":
@@ -97,6 +97,9 @@ def scene_picture(scene: Scene, kind: str = "forces", margin: float | None = Non
     solution = solution_of(scene, margin)
     if kind == "forces":
         return draw_scene(scene, solution)
+    if kind == "region":
+        off = scene.tolerances(solution.torques, static_friction="coulomb")
+        return draw_scene(scene, solution, tolerances=off)
     motion = scene.stability(solution.torques).motion
     if kind != "motion" or motion is None:
         raise PluginError(f"{scene.name}: there is no picture of its {kind}")
