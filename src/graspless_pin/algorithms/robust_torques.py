@@ -84,7 +84,7 @@ def solve_robust(
         raise ArgumentError("uncertainty", f"is {uncertainty!r:.80}; it must be an Uncertainty")
     options.need_weak(
         "an uncertainty is about forces that may balance",
-        "leave it out, and ask `stability` of the torques",
+        "leave it out, and ask `Scene.stability_of_members` of the answer",
     )
     limits = Limits.of(options)
     members = members_of(problem, uncertainty, weight)

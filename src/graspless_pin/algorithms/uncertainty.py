@@ -294,11 +294,15 @@ def members_of(
                 problem, mass, off, down - weight.down, force, moment, kinetic, factor, offset
             )
             words = _with_effort(words, effort)
-            loads.append((wrench, carried, offset, words))
-        kept = _hull(problem, np.array([np.concatenate([w, g - o]) for w, g, o, _ in loads]))
-        for wrench, carried, offset, words in (loads[number] for number in kept):
+            off_by = {
+                "mass": mass, "center_of_mass": off, "tilt": down - weight.down,
+                "force": force, "moment": moment,
+            }  # fmt: skip
+            loads.append((wrench, carried, offset, words, off_by))
+        kept = _hull(problem, np.array([np.concatenate([w, g - o]) for w, g, o, *_ in loads]))
+        for wrench, carried, offset, words, off_by in (loads[number] for number in kept):
             changed = own.with_changes(external_wrench=wrench, gravity_torques=carried)
-            found.append(Member(changed, 1.0 + factor, offset, words))
+            found.append(Member(changed, 1.0 + factor, offset, words, off_by))
     return tuple(found)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
@@ -28,12 +28,15 @@ class Member(Brief):
         factors: (L,) what the joints really make of a commanded torque, beside 1.
         offsets: (L,) what is added to it, N m (N).
         words: What is different from the nominal problem.
+        differences: The same of its load, by argument of `Uncertainty`: share of the object's mass,
+            (3,) m of its centre of mass, (3,) of gravity over its size (``tilt``), (3,) N and N m.
     """
 
     problem: QuasistaticProblem
     factors: FloatArray
     offsets: FloatArray
     words: str = ""
+    differences: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def commanded(self, contact_torques: FloatArray) -> FloatArray:
         """Return (L,) the commands c with factors * c + offsets = J^T f + g."""

@@ -2,6 +2,7 @@ from .loads import Accelerated as Accelerated
 from .loads import Acceleration as Acceleration
 from .loads import Load as Load
 from .loads import LoadAxes as LoadAxes
+from .member_verdicts import MemberVerdicts as MemberVerdicts
 from .motion_and_contacts import GivenContact as GivenContact
 from .motion_and_contacts import HandMotion as HandMotion
 from .motion_and_contacts import Motion as Motion

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution
     from graspless_pin.algorithms.tolerances import Tolerances
     from graspless_pin.algorithms.uncertainty import Uncertainty
+    from graspless_pin.scene.member_verdicts import MemberVerdicts
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,6 +237,17 @@ class Scene(SceneFields):
         have that force.
         """
         return verdict_of(self, torques, **options)
+
+    def stability_of_members(self, robust: RobustSolution, **options: Any) -> MemberVerdicts:
+        """Tell whether the object stays at each corner of a set that torques serve.
+
+        Args:
+            robust: What `solve` has found with an uncertainty.
+            options: Those of `graspless_pin.stability`.
+        """
+        from graspless_pin.scene.member_verdicts import verdicts_of_members
+
+        return verdicts_of_members(self, robust, **options)
 
     def tolerances(self, torques: ArrayLike, **options: Any) -> Tolerances:
         """Tell how far mass, pushes, friction and the like may be off with motor torques (L,).

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.geometry.contact.distances import near_pairs, separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.verdict import MovingPart, Stability, StabilityKeywords, StabilityVerdict
-from graspless_pin.problem.checks import finite_array
+from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.joints import fingers_of_motors
@@ -51,13 +51,18 @@ def hand_support_contacts(scene: SceneFields) -> tuple[tuple[str, str], ...]:
 
 
 def verdict_of(
-    scene: SceneFields, torques: ArrayLike, **options: Unpack[StabilityKeywords]
+    scene: SceneFields,
+    torques: ArrayLike,
+    *,
+    friction: FloatArray | None = None,
+    **options: Unpack[StabilityKeywords],
 ) -> StabilityVerdict:
     """Tell whether a scene's object stays at rest with these torques.
 
     Args:
         scene: The scene.
         torques: (L,) the motors' torques, as solutions give them, N m (N).
+        friction: (M,) coefficients where those of one body's contacts differ; None: the scene's.
         options: Of `stability`.
 
     Raises:
@@ -68,6 +73,8 @@ def verdict_of(
     from graspless_pin.holding.stability import stability, undecided_verdict
 
     problem, why = problem_of(scene), unknown_of(scene)
+    if friction is not None:
+        problem = problem.with_changes(friction=friction)
     given = finite_array("torques", torques, (problem.joint_count,))
     if why:
         return known_of_scene(scene, undecided_verdict(problem, given, why, **options))

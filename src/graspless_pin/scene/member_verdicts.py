@@ -1,0 +1,216 @@
+"""Verdicts on the corners of what a scene may be: does its object stay in each of them?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tabulate import tabulate
+
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
+from graspless_pin.holding.controller import Controller
+from graspless_pin.holding.verdict import Holding, StabilityVerdict
+from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.members import Member, feedback_torques, under_commands
+from graspless_pin.programs.objectives import Margin
+from graspless_pin.records import Brief
+from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.loads import Load
+from graspless_pin.scene.problem_data import problem_of
+from graspless_pin.scene.scene_stability import verdict_of
+
+_FROM_BEST = (
+    Holding.HOLDS, Holding.UNDECIDED, Holding.NEEDS_FEEDBACK, Holding.MAY_FAIL,
+    Holding.FINGER_MOVES, Holding.FAILS,
+)  # fmt: skip
+_PUSH = "push of a member"
+_Scene = TypeVar("_Scene", bound=SceneFields)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MemberVerdicts(Brief):
+    """Whether an object stays at each corner of a set, under torques that serve all of it.
+
+    Between the corners nothing is proven about rest: members whose forces are means of the corners'
+    may move all the same.
+
+    Attributes:
+        members: K corners.
+        verdicts: On each of them, as on a scene that is changed so.
+
+    Examples:
+        >>> from graspless_pin import Uncertainty, load_scene
+        >>> scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+        >>> unknown = Uncertainty(mass=0.2, center_of_mass=0.005)  # 20 %, m
+        >>> robust = scene.solve(
+        ...     "torque", uncertainty=unknown, feedback=2.0, static_friction="coulomb"
+        ... )
+        >>> found = scene.stability_of_members(robust)
+        >>> str(found.holding)
+        'holds'
+    """
+
+    members: tuple[Member, ...]
+    verdicts: tuple[StabilityVerdict, ...]
+
+    @property
+    def worst(self) -> int:
+        """Number of a member whose verdict is the worst; `undecided` is worse than `holds` alone.
+
+        Of several with that verdict it is the first.
+        """
+        return int(np.argmax([_FROM_BEST.index(one.holding) for one in self.verdicts]))
+
+    @property
+    def holding(self) -> Holding:
+        """The verdict on that member: `holds` where all hold."""
+        return self.verdicts[self.worst].holding
+
+    def __str__(self) -> str:
+        """Return how many corners have which verdict, and what is said of the worst."""
+        said = [one.holding for one in self.verdicts]
+        rows = [
+            (str(one), said.count(one), self.members[said.index(one)].words)
+            for one in reversed(_FROM_BEST)
+            if one in said
+        ]
+        return (
+            f"{tabulate(rows, ('holding', 'corners', 'the first of them'))}\n\n"
+            f"{self.members[self.worst].words}: {self.verdicts[self.worst]}\n"
+            "between the corners nothing is proven about rest"
+        )
+
+
+def verdicts_of_members(
+    scene: SceneFields, robust: RobustSolution, **options: Any
+) -> MemberVerdicts:
+    """Return a verdict on each corner of a set: see `Scene.stability_of_members`.
+
+    Args:
+        scene: The scene as it is meant to be. Its controller counts, but with feedback the gains of
+            the robust torques.
+        robust: Torques that serve what it may be.
+        options: Of `stability`.
+
+    Raises:
+        ArgumentError: If the torques are of another scene, or none were found.
+    """
+    problem = problem_of(scene)
+    if not isinstance(robust, RobustSolution) or not robust.found:
+        found = "has no torques" if isinstance(robust, RobustSolution) else f"is {robust!r:.80}"
+        raise ArgumentError(
+            "robust", f"{found}; give what scene.solve(..., uncertainty=...) has found"
+        )
+    first = robust.members[0].problem
+    if first.joint_names != problem.joint_names or first.contact_count != problem.contact_count:
+        raise ArgumentError(
+            "robust", "is of another scene: joints or contacts differ; solve this one"
+        )
+    if robust.feedback is not None:
+        scene = scene.with_changes(controller=_controller(scene, robust.feedback))
+    verdicts = []
+    for member in robust.members:
+        changed, friction = scene_of_member(scene, member), member.problem.friction
+        own = replace(member, problem=problem_of(changed).with_changes(friction=friction))
+        torques = torques_at_rest(own, robust.torques, robust.feedback)
+        verdicts.append(verdict_of(changed, torques, friction=friction, **options))
+    return MemberVerdicts(robust.members, tuple(verdicts))
+
+
+def scene_of_member(scene: _Scene, member: Member) -> _Scene:
+    """Return a scene changed to what a member is: object, gravity, push and friction.
+
+    Inertia goes with the mass, about the centre of mass where that is. What acted on the centre of
+    mass still acts where that was meant to be. Bodies have one coefficient each: the least of their
+    contacts.
+
+    Args:
+        scene: The scene as it is meant to be.
+        member: One of its members.
+    """
+    made, off = scene.object, member.differences
+    none, changes = np.zeros(3), dict[str, Any]()
+    force, moment = off.get("force", none), off.get("moment", none)
+    loads = [_at(load, made.center_of_mass) for load in scene.loads]
+    if force.any() or moment.any():
+        loads.append(Load(_PUSH, force, moment, at=made.center_of_mass))
+    tilt = off.get("tilt", none)
+    if tilt.any():
+        changes["gravity"] = scene.gravity + np.linalg.norm(scene.gravity) * tilt
+    changed = scene.with_changes(
+        object=_heavier(made, float(off.get("mass", none)[0]), off.get("center_of_mass", none)),
+        loads=loads,
+        **changes,
+    )
+    friction = member.problem.friction
+    if np.array_equal(problem_of(changed).friction, friction):
+        return changed
+    touching, least = contacts_of(changed).arrays, dict[str, float]()
+    for body, coefficient in zip(touching.bodies, friction.tolist(), strict=True):
+        least[body] = min(least.get(body, np.inf), coefficient)
+    supports = [
+        replace(support, friction=least[support.name]) if support.name in least else support
+        for support in changed.supports
+    ]
+    links = {body: least[body] for body in touching.bodies[: touching.hand_count]}
+    others = {"hand": min(links.values())} if links and changed.hand_material is not None else {}
+    return changed.with_changes(
+        friction={**others, **changed.friction, **links}, hand_material=None, supports=supports
+    )
+
+
+def torques_at_rest(
+    member: Member, commanded: ArrayLike, stiffness: FloatArray | None = None
+) -> FloatArray:
+    """Return (L,) what joints make in a member under commanded torques, N m (N).
+
+    Joint stiffness adds what the small motion asks for that equilibrium picks, where there are
+    forces for it. Joints that bear no contact force carry their links by it.
+
+    Args:
+        member: The member.
+        commanded: (L,) torques, the same for all members, N m (N).
+        stiffness: (L,) of the joints, N m/rad (N/m); None: none.
+    """
+    problem = member.problem
+    given = finite_array("commanded", commanded, (problem.joint_count,))
+    made = member.factors * given + member.offsets
+    if stiffness is None:
+        return made
+    options = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
+    under = under_commands(member, given, feedback_torques(problem, stiffness))
+    found = solve_problem(under, Margin(), options)
+    if not found.found:
+        return made
+    balanced = problem.J.T @ found.contact_forces.ravel() + problem.gravity_torques
+    left = ~problem.jacobian.any(axis=0) & (stiffness == 0.0)
+    return np.where(left, made, balanced)
+
+
+def _heavier(made: ManipulatedObject, share: float, off: FloatArray) -> ManipulatedObject:
+    """Return an object with more mass by a share, and its centre of mass (3,) m off."""
+    inertia = None if made.inertia is None else (1.0 + share) * made.inertia
+    center = made.center_of_mass + off
+    return replace(made, mass=(1.0 + share) * made.mass, center_of_mass=center, inertia=inertia)
+
+
+def _at(load: Load, point: FloatArray) -> Load:
+    return load if load.at is not None else replace(load, at=point)
+
+
+def _controller(scene: SceneFields, stiffness: FloatArray) -> Controller:
+    """Return the scene's controller with other gains, by joint."""
+    names = problem_of(scene).joint_names
+    known = () if scene.hand is None else scene.hand.actuation.names
+    gains = dict(zip(names, stiffness.tolist(), strict=True))
+    return Controller(
+        {name: gain for name, gain in gains.items() if name in known}, scene.controller.damping
+    )
