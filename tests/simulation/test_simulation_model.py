@@ -35,6 +35,8 @@ def built(scene: Scene, torques=None, **options):
     given = np.zeros(scene.problem().joint_count) if torques is None else torques
     made = simulation_model(scene, given, **options)
     model = mujoco.MjModel.from_xml_string(made.xml)
+    # Of shapes that are apart, distances are those of the detector that contacts go without.
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return made, model, data

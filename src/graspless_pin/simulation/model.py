@@ -339,8 +339,9 @@ def write_options(document: Mjcf, scene: Scene, contact_model: ContactModel) -> 
     option = add(document.root, "option", timestep=TIME_STEP, gravity=scene.gravity,
         integrator="implicitfast", cone="elliptic", impratio=1000.0, noslip_iterations=30,
         iterations=100, tolerance=1e-10)  # fmt: skip
-    # The usual estimate of a contact's inertia leaves out armature: light links would be soft.
-    add(option, "flag", diagexact="enable")
+    # The usual estimate of a contact's inertia leaves out armature: light links would be soft. The
+    # default detector turns normals of meshes by degrees where bodies overlap by nanometres.
+    add(option, "flag", diagexact="enable", nativeccd="disable")
     add(document.section("visual"), "headlight", ambient=[0.4] * 3, diffuse=[0.6] * 3)
     geom = add(document.section("default"), "geom")
     soft = add(document.section("default"), "equality")
