@@ -30,7 +30,7 @@ PINNED ?= 100
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips uncertain timings planning-tasks mistakes clean hands place states pinned published-plan dense wheel frozen size adapters
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding real-grips uncertain uncertain-grips timings planning-tasks mistakes clean hands place states pinned published-plan dense wheel frozen size adapters
 
 install: $(STAMP)
 
@@ -118,6 +118,9 @@ real-grips: install
 
 uncertain: install
 	$(BIN)/python -m tests.oracles.uncertain_members $(UNCERTAIN)
+
+uncertain-grips: install
+	$(BIN)/python -m benchmarks.uncertain_grips $(if $(COUNT),--count $(COUNT))
 
 timings: install
 	$(BIN)/python -m benchmarks.timing_runs
