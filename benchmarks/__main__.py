@@ -14,6 +14,7 @@ from benchmarks import (
     planning,
     searches,
     studies,
+    uncertain,
     verdicts,
 )
 
@@ -31,6 +32,7 @@ SECTIONS = {
     "interfaces": interfaces.interfaces,
     "studies": studies.cuboid_study,
     "holding": holding.holding,
+    "uncertain": uncertain.uncertain,
     "verdicts": verdicts.verdicts,
     "commands": commands.commands,
 }

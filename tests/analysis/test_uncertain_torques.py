@@ -21,9 +21,11 @@ from graspless_pin import (
     served_share,
 )
 from graspless_pin.algorithms import robust_torques
+from graspless_pin.algorithms.member_margins import member_margins
+from graspless_pin.algorithms.options import NO_LIMITS, SolveOptions
 from graspless_pin.algorithms.uncertainty import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.problem.members import feedback_torques, joined
+from graspless_pin.problem.members import feedback_torques, joined, under_commands
 from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -71,8 +73,9 @@ def test_an_object_that_rolls_away_is_served_by_feedback_alone():
     assert held.max_torque == pytest.approx(0.159, rel=5e-3)
     # The deflections times the stiffness are what differs from the torques that are commanded.
     np.testing.assert_allclose(held.torques - held.deflections, held.commands, atol=1e-12)
+    assert len(held.commands) == len(held.contact_forces) <= len(held.members)
     for member, forces, commands in zip(
-        held.members, held.contact_forces, held.commands, strict=True
+        held.members, held.contact_forces, held.commands, strict=False
     ):
         made = member.problem.J.T @ forces.ravel() + member.problem.gravity_torques
         np.testing.assert_allclose(made, commands, atol=1e-7)
@@ -280,13 +283,39 @@ def test_a_set_without_width_is_the_nominal_problem():
     assert found.margin == pytest.approx(alone.margin, rel=1e-6)
 
 
-def test_more_members_than_are_solved_at_once_are_all_served():
-    problem = contacts_alone("paper/cuboid_at_rest", 8)
+@pytest.mark.parametrize("cone", ["edges", "round"])
+def test_more_members_than_are_solved_at_once_are_all_served(cone):
+    problem = contacts_alone("paper/cuboid_at_rest", 8).with_changes(cone=cone)
     unknown = Uncertainty(mass=0.1, center_of_mass=0.004, force=0.2, moment=0.01)
     found = minimize_torque(problem, 0.05, static_friction="coulomb", uncertainty=unknown)
     assert len(found.members) > len(found.contact_forces)
     together = minimize_torque(joined(found.members), 0.05, static_friction="coulomb")
     assert found.max_torque == pytest.approx(together.max_torque, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "feedback"),
+    [("paper/cuboid_at_rest", 0.4, False), ("allegro_sphere_on_slope", 0.03, True)],
+)
+def test_margins_of_members_are_those_of_a_solve_of_each(name, size, feedback):
+    """With errors of torques, which change a member's matrices, and torques that serve not all."""
+    problem = contacts_alone(name, 8)
+    last = np.eye(problem.joint_count)[-1]
+    unknown = Uncertainty(mass=0.4, center_of_mass=size, torque_offset=0.01 * last)
+    members = [*members_of(problem, unknown), *members_of(problem, Uncertainty(torque=0.05 * last))]
+    directions = feedback_torques(problem, np.ones(len(last))) if feedback else None
+    options = SolveOptions.parse(static_friction="coulomb")
+    torques = minimize_torque(problem, 0.1, static_friction="coulomb").torques
+    found = member_margins(members, torques, options, NO_LIMITS, directions=directions)
+    alone = [
+        maximize_margin(under_commands(one, torques, directions), static_friction="coulomb").margin
+        for one in members
+    ]
+    served = np.isfinite(alone)
+    assert served.any()
+    assert not served.all()
+    np.testing.assert_allclose(found[served], np.array(alone)[served], atol=1e-6)
+    assert (found[~served] < 0.0).all()
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.algorithms.member_margins import member_margins
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
@@ -30,12 +31,12 @@ from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.problem.members import Member, feedback_torques, joined, under_commands
+from graspless_pin.problem.members import Member, feedback_torques, joined
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.records import changed
 from graspless_pin.solution import Status, TorqueSolution
 
-_AT_ONCE, _MORE = 16, 6
+_AT_ONCE, _MORE = 6, 4
 """Members of the first joined problem, and how many join it at a time."""
 _NODES = 12
 """Of the search over modes of all members, unless another limit is given."""
@@ -93,14 +94,13 @@ def solve_robust(
         stiffness = joint_stiffness(problem, feedback, fingers)
         directions = feedback_torques(problem, stiffness)
         members = (nominal_member(problem), *members)
-    modes = [] if mode is None else [mode]
     at_once = _AT_ONCE
     if not isinstance(objective, Margin | Torque | TorqueShare):
         at_once = len(members)  # of others it is not known when further members fit
     chosen, others = _spread(members, at_once)
     while True:
         together = joined(chosen, directions)
-        found = _best(together, objective, limits.within(options), chosen, modes)
+        found = _best(together, objective, limits.within(options), chosen, mode)
         lacking = (
             []
             if not found[0].found
@@ -154,12 +154,12 @@ def _best(
     objective: Objective,
     options: SolveOptions,
     members: Sequence[Member],
-    modes: Sequence[SlidingMode],
+    mode: SlidingMode | None,
 ) -> tuple[TorqueSolution, Coverage, float]:
     """Return the best torques for some members, whom they serve, and the bound over all modes."""
     count = len(members)
-    if modes:
-        solution = _in_common_mode(together, objective, options, count, modes[0])
+    if mode is not None:
+        solution = _in_common_mode(together, objective, options, count, mode)
         return solution, Coverage.WHOLE_SET, solution.certificate.bound
     if count == 1 or options.rules.static_friction is StaticFriction.COULOMB:
         solution = solve_problem(together, objective, options)
@@ -262,52 +262,31 @@ def _lacking(
         size = chosen[0].problem.contact_count
         given = solution.given_mode
         mode = SlidingMode(given.selection[:size], given.signs[:size])
-    margins = np.full(len(others), np.inf)
-    for number, one in enumerate(others):
-        if limits.passed:
-            break
-        within = one if directions is None else _within(one, solution, objective)
-        margins[number] = margin_of_member(
-            within, commanded, options, directions=directions, mode=mode
-        )
+    margins = member_margins(
+        others,
+        commanded,
+        options,
+        limits,
+        directions=directions,
+        torque_limits=_found_limits(chosen[0].problem, solution, objective),
+        mode=mode,
+        enough=needed,
+    )
     lacking = np.flatnonzero(margins < needed - _AS_GOOD * force)
     return lacking[np.argsort(margins[lacking])][:_MORE].tolist()
 
 
-def _within(member: Member, solution: TorqueSolution, objective: Objective) -> Member:
-    """Return a member whose feedback may command no more than was found to be enough."""
-    problem, most = member.problem, (1.0 + _AS_GOOD) * solution.value
+def _found_limits(
+    problem: QuasistaticProblem, solution: TorqueSolution, objective: Objective
+) -> tuple[FloatArray, FloatArray]:
+    """Return limits of torques, no larger than was found to be enough, for what feedback adds."""
+    most = (1.0 + _AS_GOOD) * solution.value
     low, high = problem.lower_torque, problem.upper_torque
     if isinstance(objective, TorqueShare):
-        low, high = most * low, most * high
-    elif isinstance(objective, Torque):
-        low, high = np.maximum(low, -most), np.minimum(high, most)
-    return replace(member, problem=problem.with_changes(torque_limits=(low, high)))
-
-
-def margin_of_member(
-    member: Member,
-    commanded: FloatArray,
-    options: SolveOptions,
-    *,
-    directions: FloatArray | None = None,
-    mode: SlidingMode | None = None,
-) -> float:
-    """Return the largest margin of a member under commanded torques, N.
-
-    Args:
-        member: The member.
-        commanded: (L,) N m (N).
-        options: How it is looked for.
-        directions: What feedback may add, see `feedback_torques`.
-        mode: The one mode in which it is; None: any.
-
-    Returns:
-        The margin; -inf where no forces in the cones balance.
-    """
-    problem = under_commands(member, commanded, directions)
-    found = solve_problem(problem, Margin(), options, mode=mode)
-    return found.margin if found.found else -math.inf
+        return most * low, most * high
+    if isinstance(objective, Torque):
+        return np.maximum(low, -most), np.minimum(high, most)
+    return low, high
 
 
 def _conflict(

@@ -14,8 +14,9 @@ from scipy.spatial import ConvexHull
 from tabulate import tabulate
 
 from graspless_pin.algorithms.disturbances import disturbance_margin
-from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
-from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness, margin_of_member
+from graspless_pin.algorithms.member_margins import member_margins
+from graspless_pin.algorithms.options import NO_LIMITS, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import (
     Uncertainty,
@@ -414,11 +415,10 @@ class _Search:
         def worst_at(figure: float) -> tuple[float, int]:
             unknown = Uncertainty(**{of: figure})
             members = members_of(self.problem, unknown, weight)
-            margins = [
-                margin_of_member(one, self.torques, self.how, directions=self.directions)
-                for one in members
-            ]
-            return min(margins), int(np.argmin(margins))
+            margins = member_margins(
+                members, self.torques, self.how, NO_LIMITS, directions=self.directions
+            )
+            return float(margins.min()), int(margins.argmin())
 
         low, high = 0.0, most
         least = -_CERTAIN * self.problem.scales.force

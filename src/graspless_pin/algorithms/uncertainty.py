@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 from math import cos, pi, prod, sin
 from typing import Any
@@ -17,16 +17,21 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.fingers import DEFAULT_GAIN
+from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.problem.members import Member
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, changed
 from graspless_pin.suggestions import names_in_words
 
+_OFF_BY = ("mass", "center_of_mass", "tilt", "force", "moment")
+"""What differs in a scene of a member."""
 MOST_MEMBERS = 20_000
 """Corners that a set may have before its hull."""
 _SIDES = 12
 """Of the polygon around the circle of gravity's tilt: it is 3.5 % wider at its corners."""
 _SAME = 1e-9
 """Of the load: directions in which loads differ by less are none."""
+_OF_LOAD = "scales", "strictness", "limit_tolerances"
+"""What is derived from a problem's load."""
 _MOST_DIMENSIONS = 6
 """Of loads whose hull is taken; in more, it has nearly all of them."""
 
@@ -184,7 +189,7 @@ class Weight(Brief):
     other: FloatArray
     links: FloatArray | None
 
-    @property
+    @cached_property
     def down(self) -> FloatArray:
         """(3,) unit vector along gravity; zero where the object has no weight."""
         size = np.linalg.norm(self.force)
@@ -199,8 +204,8 @@ class Weight(Brief):
             down: (3,) gravity over its nominal size, world axes.
         """
         force = (1.0 + mass) * (np.linalg.norm(self.force) * down + self.steady)
-        moment = np.cross(self.lever + self.axes @ off, force)
-        return np.concatenate([force, moment]) + self.other @ down
+        at = self.lever + self.axes @ off
+        return wrench_map(at[None]) @ force + self.other @ down
 
 
 _NO_WEIGHT = Weight(np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3), np.zeros((6, 3)), None)
@@ -290,19 +295,15 @@ def members_of(
                 push = np.concatenate([force, moment])
                 wrench = apart + weight.wrench(float(mass[0]), off, down) + push
             carried = problem.gravity_torques + links @ (down - weight.down)
-            words = _words(
-                problem, mass, off, down - weight.down, force, moment, kinetic, factor, offset
-            )
-            words = _with_effort(words, effort)
-            off_by = {
-                "mass": mass, "center_of_mass": off, "tilt": down - weight.down,
-                "force": force, "moment": moment,
-            }  # fmt: skip
-            loads.append((wrench, carried, offset, words, off_by))
-        kept = _hull(problem, np.array([np.concatenate([w, g - o]) for w, g, o, *_ in loads]))
-        for wrench, carried, offset, words, off_by in (loads[number] for number in kept):
-            changed = own.with_changes(external_wrench=wrench, gravity_torques=carried)
-            found.append(Member(changed, 1.0 + factor, offset, words, off_by))
+            off_by = mass, off, down - weight.down, force, moment, kinetic, factor, offset
+            loads.append((wrench, carried, off_by))
+        kept = _hull(problem, np.array([np.concatenate([w, g - o[-1]]) for w, g, o in loads]))
+        for wrench, carried, off_by in (loads[number] for number in kept):
+            words = _with_effort(_words(problem, *off_by), effort)
+            load = {"external_wrench": read_only(wrench), "gravity_torques": read_only(carried)}
+            loaded = changed(own, *_OF_LOAD, **load)
+            named = dict(zip(_OFF_BY, off_by[:5], strict=True))
+            found.append(Member(loaded, 1.0 + factor, off_by[-1], words, named))
     return tuple(found)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
@@ -101,20 +102,14 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
         start = stop
     jacobian = np.zeros((coupling.shape[1], drives * len(names)))
     jacobian[: 3 * sum(one.contact_count for one in problems[:drives])] = _blocks(driven)
-    each = [np.concatenate([getattr(one, name) for one in problems]) for name in _BY_CONTACT]
-    values = dict(zip(_BY_CONTACT, each, strict=True))
     return QuasistaticProblem(
-        values.pop("positions"),
-        values.pop("normals"),
-        np.concatenate([*(one.external_wrench for one in problems), *loads]),
-        jacobian,
-        **values,
+        external_wrench=np.concatenate([*(one.external_wrench for one in problems), *loads]),
+        jacobian=jacobian,
+        **_contacts(problems),
         torque_limits=(
             np.concatenate([one.lower_torque for one in problems[:drives]]),
             np.concatenate([one.upper_torque for one in problems[:drives]]),
         ),
-        cone_edges=first.cone_edges,
-        cone=first.cone,
         joint_names=names
         if drives == 1
         else [f"{name} of member {k}" for k in range(count) for name in names],
@@ -140,29 +135,38 @@ def under_commands(
     """
     problem = member.problem
     made = problem.jacobian / member.factors
-    carried = member.commanded(np.zeros(problem.joint_count))
     shared, coupled = _coupling(problem, [made], feedback)
     joints = {} if feedback is None else {
         "jacobian": made,
-        "gravity_torques": carried,
+        "gravity_torques": member.commanded(np.zeros(problem.joint_count)),
         "torque_limits": (problem.lower_torque, problem.upper_torque),
         "joint_names": problem.joint_names,
         "joint_units": problem.joint_units,
     }  # fmt: skip
     return QuasistaticProblem(
-        problem.positions,
-        problem.normals,
-        np.concatenate([problem.external_wrench, shared @ (carried - commanded)]),
-        friction=problem.friction,
-        tangents=problem.tangents,
-        sliding=problem.sliding,
-        max_normal_force=problem.max_normal_force,
-        cone_edges=problem.cone_edges,
-        cone=problem.cone,
+        external_wrench=loads_under_commands([member], commanded, feedback)[0],
+        **_contacts([problem]),
         wrench_matrix=np.vstack([problem.W, shared @ made.T]),
         passive_units=[*problem.passive_units, *coupled],
         **joints,
     )
+
+
+def loads_under_commands(
+    members: Sequence[Member], commanded: FloatArray, feedback: FloatArray | None = None
+) -> FloatArray:
+    """Return (K, Q) loads of the problems of `under_commands`.
+
+    Args:
+        members: K that differ in loads alone: in `external_wrench`, `gravity_torques`, `offsets`.
+        commanded: (L,) N m (N).
+        feedback: See `joined`.
+    """
+    first = members[0].problem
+    shared, _ = _coupling(first, [first.jacobian / members[0].factors], feedback)
+    carried = np.array([one.commanded(np.zeros(first.joint_count)) for one in members])
+    wrenches = np.array([one.problem.external_wrench for one in members])
+    return np.hstack([wrenches, (carried - commanded) @ shared.T])
 
 
 def _coupling(
@@ -183,6 +187,14 @@ def _coupling(
 
 def _blocks(matrices: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(block_diag(*matrices), dtype=float)
+
+
+def _contacts(problems: Sequence[QuasistaticProblem]) -> dict[str, Any]:
+    """Return the arguments of a problem that has the contacts of several."""
+    arguments: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name) for one in problems]) for name in _BY_CONTACT
+    }
+    return {**arguments, "cone_edges": problems[0].cone_edges, "cone": problems[0].cone}
 
 
 _BY_CONTACT = ("positions", "normals", "friction", "tangents", "sliding", "max_normal_force")
