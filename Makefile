@@ -118,6 +118,7 @@ real-grips: install
 
 uncertain: install
 	$(BIN)/python -m tests.oracles.uncertain_members $(UNCERTAIN)
+	$(BIN)/python -m tests.oracles.uncertain_modes
 
 uncertain-grips: install
 	$(BIN)/python -m benchmarks.uncertain_grips $(if $(COUNT),--count $(COUNT))

@@ -7,7 +7,7 @@ Optimization, 2009. Contact forces and modes differ from member to member as the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Unpack
@@ -15,6 +15,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.algorithms.common_mode import common_mode, tiled
 from graspless_pin.algorithms.member_margins import member_margins
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
@@ -38,8 +39,9 @@ from graspless_pin.solution import Status, TorqueSolution
 
 _AT_ONCE, _MORE = 6, 4
 """Members of the first joined problem, and how many join it at a time."""
-_NODES = 12
-"""Of the search over modes of all members, unless another limit is given."""
+_COMMON_NODES, _NODES = 400, 12
+"""Of the searches over modes that members have in common, and over modes of each, unless another
+limit is given."""
 _AS_GOOD = 1e-6
 """Of an optimum, or of the load: values that differ by less are one."""
 _SHARE = 1e-3
@@ -63,15 +65,15 @@ def solve_robust(
     """Find torques that serve all members of a set.
 
     Under plain Coulomb friction, or in one mode, the loads that torques bear are convex, and the
-    corners of a set prove all of it. Under other rules a common mode of all corners is looked for
-    first, among the modes of each corner's own optimum; then modes that differ, for the corners
-    alone.
+    corners of a set prove all of it. Under other rules the best mode that all corners have in
+    common is looked for first; where there is none, modes that differ, for the corners alone.
 
     Args:
         problem: The nominal one.
         objective: What is optimised, over the torques and forces of all members together.
         uncertainty: The set.
-        options: How; the search over modes of all corners ends after 12 nodes without a limit.
+        options: How; without a limit the search over common modes ends after 400 nodes, and that
+            over modes of each corner after 12.
         weight: See `members_of`.
         feedback: Joint stiffness that adds to the torques, one or (L,), N m/rad (N/m), or a
             controller whose stiffness does; None: none.
@@ -100,22 +102,23 @@ def solve_robust(
     chosen, others = _spread(members, at_once)
     while True:
         together = joined(chosen, directions)
-        found = _best(together, objective, limits.within(options), chosen, mode)
+        solution, coverage = _best(together, objective, limits.within(options), chosen, mode)
         lacking = (
             []
-            if not found[0].found
-            else _lacking(found[0], objective, options, chosen, others, directions, limits)
+            if not solution.found
+            else _lacking(solution, objective, options, chosen, others, directions, limits)
         )
-        if limits.passed and others and found[0].found:
+        if limits.passed and others and solution.found:
             # What was not looked at may be without forces under these torques.
-            ended = changed(found[0], status=Status.NOT_FOUND_IN_LIMIT, _forces=None, _mode=None)
-            found = ended, *found[1:]
+            solution = changed(solution, status=Status.NOT_FOUND_IN_LIMIT, _forces=None, _mode=None)
             break
         if not lacking:
             break
         chosen += [others[number] for number in lacking]
         others = [one for number, one in enumerate(others) if number not in lacking]
-    solution, coverage, bound = found
+    bound = solution.certificate.bound
+    if mode is None and solution.given_mode is not None and solution.found:
+        bound = _bound(together, objective, limits.within(options), chosen, solution)
     if not solution.found and solution.status is not Status.NOT_FOUND_IN_LIMIT:
         bound = math.nan
     conflict: tuple[int, ...] = ()
@@ -155,62 +158,44 @@ def _best(
     options: SolveOptions,
     members: Sequence[Member],
     mode: SlidingMode | None,
-) -> tuple[TorqueSolution, Coverage, float]:
-    """Return the best torques for some members, whom they serve, and the bound over all modes."""
-    count = len(members)
-    if mode is not None:
-        solution = _in_common_mode(together, objective, options, count, mode)
-        return solution, Coverage.WHOLE_SET, solution.certificate.bound
-    if count == 1 or options.rules.static_friction is StaticFriction.COULOMB:
-        solution = solve_problem(together, objective, options)
-        return solution, Coverage.WHOLE_SET, solution.certificate.bound
-    limited = options if options.node_limit else replace(options, node_limit=_NODES)
-    of_all = solve_problem(together, objective, limited)
-    bound = of_all.certificate.bound
-    if not of_all.found and of_all.status is not Status.NOT_FOUND_IN_LIMIT:
-        return of_all, Coverage.CORNERS, bound
-    tried: dict[bytes, TorqueSolution] = {}
-    for one in _modes_of(of_all, members, objective, options):
-        key = one.selection.tobytes() + one.signs.tobytes()
-        if key not in tried:
-            solution = _in_common_mode(together, objective, options, count, one)
-            if solution.found and _reaches(solution, bound):
-                return solution, Coverage.WHOLE_SET, bound
-            tried[key] = solution
-    common = [solution for solution in tried.values() if solution.found]
-    if common:
-        sign = -1.0 if objective.maximizes else 1.0
-        return min(common, key=lambda one: sign * one.value), Coverage.WHOLE_SET, bound
-    return of_all, Coverage.CORNERS, bound
+) -> tuple[TorqueSolution, Coverage]:
+    """Return the best torques for some members, and whom they serve."""
+    convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
+    if mode is None and not convex:
+        if not options.rules.by_direction:
+            limited = _limited(options, _COMMON_NODES)
+            mode = common_mode(together, members, objective, limited)
+        if mode is None:
+            solution = solve_problem(together, objective, _limited(options, _NODES))
+            return solution, Coverage.CORNERS
+    every = None if mode is None else tiled(mode, len(members))
+    return solve_problem(together, objective, options, mode=every), Coverage.WHOLE_SET
 
 
-def _modes_of(
-    of_all: TorqueSolution,
-    members: Sequence[Member],
-    objective: Objective,
-    options: SolveOptions,
-) -> Iterator[SlidingMode]:
-    """Yield modes that may serve all members: those of the optimum, then of each member's own."""
-    if of_all.found:
-        size = members[0].problem.contact_count
-        for start in range(0, size * len(members), size):
-            own = slice(start, start + size)
-            yield SlidingMode(of_all.mode.selection[own], of_all.mode.signs[own])
-    for member in members:
-        alone = solve_problem(joined([member]), objective, options)
-        if alone.found:
-            yield alone.mode
+def _limited(options: SolveOptions, nodes: int) -> SolveOptions:
+    return options if options.node_limit else replace(options, node_limit=nodes)
 
 
-def _in_common_mode(
+def _bound(
     together: QuasistaticProblem,
     objective: Objective,
     options: SolveOptions,
-    count: int,
-    mode: SlidingMode,
-) -> TorqueSolution:
-    every = SlidingMode(np.tile(mode.selection, count), np.tile(mode.signs, (count, 1)))
-    return solve_problem(together, objective, options, mode=every)
+    members: Sequence[Member],
+    solution: TorqueSolution,
+) -> float:
+    """Return what no torques for all members are better than, whatever their modes.
+
+    That is the optimum under plain Coulomb friction, or of a member alone where that is worse.
+    """
+    rules = replace(options.rules, static_friction=StaticFriction.COULOMB)
+    best = max if not objective.maximizes else min
+    bound = solve_problem(together, objective, replace(options, rules=rules)).certificate.bound
+    for member in members:
+        if _reaches(solution, bound):
+            break
+        alone = solve_problem(joined([member]), objective, options)
+        bound = best(bound, alone.certificate.bound)
+    return bound
 
 
 def _reaches(solution: TorqueSolution, bound: float) -> bool:
