@@ -32,6 +32,8 @@ from .algorithms.torque import maximize_margin as maximize_margin
 from .algorithms.torque import minimize_torque as minimize_torque
 from .algorithms.torque import optimize as optimize
 from .algorithms.uncertainty import Uncertainty as Uncertainty
+from .algorithms.uncertainty_gradients import UncertaintyGradients as UncertaintyGradients
+from .algorithms.uncertainty_gradients import uncertainty_gradients as uncertainty_gradients
 from .algorithms.what_would_hold import HoldingChange as HoldingChange
 from .algorithms.what_would_hold import HoldingChanges as HoldingChanges
 from .algorithms.what_would_hold import what_would_hold as what_would_hold

@@ -73,9 +73,7 @@ def test_verdicts_are_those_of_scenes_that_are_changed_by_hand():
     found, wider = (robust_torques(scene, {"mass": share}) for share in (0.05, 0.6))
     found = replace(found, members=(*found.members, *wider.members))
     verdicts = scene.stability_of_members(found)
-    masses = [
-        scene.object.mass * (1.0 + one.differences["mass"][0].item()) for one in found.members
-    ]
+    masses = [scene.object.mass * (1.0 + one.corner.mass) for one in found.members]
     by_hand = [
         scene.with_changes(object=scene.object.with_mass(mass)).stability(found.torques)
         for mass in masses

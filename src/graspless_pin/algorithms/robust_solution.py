@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from tabulate import tabulate
 
+from graspless_pin.algorithms.uncertainty import Uncertainty, Weight
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Member
@@ -46,6 +47,8 @@ class RobustSolution(Brief):
             where torques were found, or where it is not proven that there are none.
         feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
             constant.
+        uncertainty: The set.
+        weight: Which part of the load is weight.
     """
 
     solution: TorqueSolution
@@ -55,6 +58,8 @@ class RobustSolution(Brief):
     joint_names: tuple[str, ...]
     conflict: tuple[int, ...] = ()
     feedback: FloatArray | None = None
+    uncertainty: Uncertainty | None = None
+    weight: Weight | None = None
 
     @property
     def status(self) -> Status:

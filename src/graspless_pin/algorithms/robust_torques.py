@@ -23,6 +23,7 @@ from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import (
     Uncertainty,
     Weight,
+    known_weight,
     members_of,
     nominal_member,
 )
@@ -90,6 +91,7 @@ def solve_robust(
         "leave it out, and ask `Scene.stability_of_members` of the answer",
     )
     limits = Limits.of(options)
+    weight = known_weight(problem, uncertainty, weight)
     members = members_of(problem, uncertainty, weight)
     directions = stiffness = None
     if feedback is not None:
@@ -125,8 +127,9 @@ def solve_robust(
     if solution.status is Status.INFEASIBLE_FORCES:
         conflict = _conflict(chosen, objective, options, directions)
     return RobustSolution(
-        solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness
-    )
+        solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness,
+        uncertainty, weight,
+    )  # fmt: skip
 
 
 def joint_stiffness(

@@ -233,7 +233,7 @@ def tolerances(
         >>> torques = minimize_torque(problem, margin=0.5).torques
         >>> off = tolerances(problem, torques, static_friction="coulomb")
         >>> print(f"{100 * off.of('more mass').borne:.0f} % more mass")
-        44 % more mass
+        93 % more mass
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)

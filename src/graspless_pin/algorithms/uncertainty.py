@@ -18,12 +18,10 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.problem.matrices import wrench_map
-from graspless_pin.problem.members import Member
+from graspless_pin.problem.members import Corner, Member
 from graspless_pin.records import Brief, changed
 from graspless_pin.suggestions import names_in_words
 
-_OFF_BY = ("mass", "center_of_mass", "tilt", "force", "moment")
-"""What differs in a scene of a member."""
 MOST_MEMBERS = 20_000
 """Corners that a set may have before its hull."""
 _SIDES = 12
@@ -79,7 +77,7 @@ class Uncertainty(Brief):
         ...     problem, 0.1, static_friction="coulomb", uncertainty=unknown
         ... )
         >>> print(f"{nominal.max_torque:.3f} N m, for the whole set {robust.max_torque:.3f} N m")
-        0.870 N m, for the whole set 1.035 N m
+        0.928 N m, for the whole set 1.125 N m
     """
 
     mass: float
@@ -227,6 +225,15 @@ def weight_of_arrays(problem: QuasistaticProblem) -> Weight:
     return Weight(force, np.zeros(3), lever, np.eye(3), np.zeros((6, 3)), links)
 
 
+def known_weight(
+    problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None
+) -> Weight:
+    """Return the weight that is given, or all of the external wrench where one is needed."""
+    if weight is not None:
+        return weight
+    return weight_of_arrays(problem) if uncertainty.is_of_load else _NO_WEIGHT
+
+
 def members_of(
     problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None = None
 ) -> tuple[Member, ...]:
@@ -248,8 +255,7 @@ def members_of(
     """
     count, joints = problem.contact_count, problem.joint_count
     of_load = uncertainty.is_of_load
-    if weight is None:
-        weight = weight_of_arrays(problem) if of_load else _NO_WEIGHT
+    weight = known_weight(problem, uncertainty, weight)
     friction = _per("friction", uncertainty.friction, count, "contacts")
     factors = _per("torque", uncertainty.torque, joints, "joints")
     offsets = _per("torque_offset", uncertainty.torque_offset, joints, "joints")
@@ -261,7 +267,7 @@ def members_of(
     ends = {
         "mass": _ends(np.array([uncertainty.mass])),
         "center_of_mass": _ends(uncertainty.center_of_mass),
-        "tilt": _gravities(weight, uncertainty.tilt),
+        "tilt": gravities(weight, uncertainty.tilt),
         "force": _ends(uncertainty.force),
         "moment": _ends(uncertainty.moment),
         "friction": _ends(friction[sliding]),
@@ -285,7 +291,8 @@ def members_of(
             coefficients = less.copy()
             coefficients[sliding] *= 1.0 + kinetic
             own = base.with_changes(friction=coefficients)
-        loads = []
+        along, loads = np.zeros(count), []
+        along[sliding] = kinetic
         for mass, off, down, force, moment, offset in product(
             *(ends[name] for name in ("mass", "center_of_mass", "tilt", "force", "moment")),
             ends["torque_offset"],
@@ -295,15 +302,15 @@ def members_of(
                 push = np.concatenate([force, moment])
                 wrench = apart + weight.wrench(float(mass[0]), off, down) + push
             carried = problem.gravity_torques + links @ (down - weight.down)
-            off_by = mass, off, down - weight.down, force, moment, kinetic, factor, offset
-            loads.append((wrench, carried, off_by))
-        kept = _hull(problem, np.array([np.concatenate([w, g - o[-1]]) for w, g, o in loads]))
-        for wrench, carried, off_by in (loads[number] for number in kept):
-            words = _with_effort(_words(problem, *off_by), effort)
+            corner = Corner(float(mass[0]), off, down, force, moment, along)
+            loads.append((wrench, carried, offset, corner))
+        kept = _hull(problem, np.array([np.concatenate([w, g - o]) for w, g, o, _ in loads]))
+        for wrench, carried, offset, corner in (loads[number] for number in kept):
+            words = _words(problem, corner, corner.down - weight.down, factor, offset)
+            words = _with_effort(words, effort)
             load = {"external_wrench": read_only(wrench), "gravity_torques": read_only(carried)}
             loaded = changed(own, *_OF_LOAD, **load)
-            named = dict(zip(_OFF_BY, off_by[:5], strict=True))
-            found.append(Member(loaded, 1.0 + factor, off_by[-1], words, named))
+            found.append(Member(loaded, 1.0 + factor, offset, words, corner))
     return tuple(found)
 
 
@@ -336,8 +343,16 @@ def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
     return sorted(kept.tolist())
 
 
-def _gravities(weight: Weight, tilt: float) -> FloatArray:
-    """Return corners of a prism around gravity's unit vector tilted to all sides."""
+def gravities(weight: Weight, tilt: float) -> FloatArray:
+    """Return corners of a prism around gravity's unit vector tilted to all sides, (K, 3).
+
+    Args:
+        weight: What weighs.
+        tilt: rad, to all sides.
+
+    Raises:
+        ArgumentError: If nothing weighs, or it is not known what the links' weight does.
+    """
     down = weight.down
     if tilt == 0.0:
         return down[None]
@@ -390,14 +405,17 @@ def _with_effort(words: str, effort: FloatArray) -> str:
 
 
 def _words(
-    problem: QuasistaticProblem, mass: FloatArray, off: FloatArray, tilted: FloatArray,
-    force: FloatArray, moment: FloatArray,
-    kinetic: FloatArray, factor: FloatArray, offset: FloatArray,
-) -> str:  # fmt: skip
-    told = [f"mass {100.0 * mass[0]:+.3g} %"] if mass.any() else []
+    problem: QuasistaticProblem,
+    corner: Corner,
+    tilted: FloatArray,
+    factor: FloatArray,
+    offset: FloatArray,
+) -> str:
+    told = [f"mass {100.0 * corner.mass:+.3g} %"] if corner.mass else []
     for name, value, unit in (
-        ("centre of mass", off, "m"), ("gravity", tilted, "of its size"), ("push", force, "N"),
-        ("moment", moment, "N m"), ("kinetic friction", kinetic, "of each"),
+        ("centre of mass", corner.center_of_mass, "m"), ("gravity", tilted, "of its size"),
+        ("push", corner.force, "N"), ("moment", corner.moment, "N m"),
+        ("kinetic friction", corner.kinetic[problem.is_sliding], "of each"),
     ):  # fmt: skip
         if value.any():
             told.append(f"{name} [{', '.join(f'{x:+.3g}' for x in value.tolist())}] {unit}")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,27 @@ _RANK = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Corner(Brief):
+    """By how much the load and sliding contacts of a member differ from the nominal problem's.
+
+    Attributes:
+        mass: Share by which it is larger.
+        center_of_mass: (3,) m, see `Uncertainty`.
+        down: (3,) gravity over its nominal size, world axes.
+        force: (3,) N.
+        moment: (3,) N m.
+        kinetic: (M,) shares by which coefficients are larger where contacts slide.
+    """
+
+    mass: float
+    center_of_mass: FloatArray
+    down: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    kinetic: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Member(Brief):
     """One of the problems that may turn out to be the true one.
 
@@ -29,15 +50,14 @@ class Member(Brief):
         factors: (L,) what the joints really make of a commanded torque, beside 1.
         offsets: (L,) what is added to it, N m (N).
         words: What is different from the nominal problem.
-        differences: The same of its load, by argument of `Uncertainty`: share of the object's mass,
-            (3,) m of its centre of mass, (3,) of gravity over its size (``tilt``), (3,) N and N m.
+        corner: The corner of a set that it is; None: it is no corner.
     """
 
     problem: QuasistaticProblem
     factors: FloatArray
     offsets: FloatArray
     words: str = ""
-    differences: Mapping[str, FloatArray] = field(default_factory=dict)
+    corner: Corner | None = None
 
     def commanded(self, contact_torques: FloatArray) -> FloatArray:
         """Return (L,) the commands c with factors * c + offsets = J^T f + g."""

@@ -136,20 +136,17 @@ def scene_of_member(scene: _Scene, member: Member) -> _Scene:
         scene: The scene as it is meant to be.
         member: One of its members.
     """
-    made, off = scene.object, member.differences
-    none, changes = np.zeros(3), dict[str, Any]()
-    force, moment = off.get("force", none), off.get("moment", none)
-    loads = [_at(load, made.center_of_mass) for load in scene.loads]
-    if force.any() or moment.any():
-        loads.append(Load(_PUSH, force, moment, at=made.center_of_mass))
-    tilt = off.get("tilt", none)
-    if tilt.any():
-        changes["gravity"] = scene.gravity + np.linalg.norm(scene.gravity) * tilt
-    changed = scene.with_changes(
-        object=_heavier(made, float(off.get("mass", none)[0]), off.get("center_of_mass", none)),
-        loads=loads,
-        **changes,
-    )
+    changed, corner = scene, member.corner
+    if corner is not None:
+        made = scene.object
+        loads = [_at(load, made.center_of_mass) for load in scene.loads]
+        if corner.force.any() or corner.moment.any():
+            loads.append(Load(_PUSH, corner.force, corner.moment, at=made.center_of_mass))
+        changed = scene.with_changes(
+            object=_heavier(made, corner.mass, corner.center_of_mass),
+            loads=loads,
+            gravity=np.linalg.norm(scene.gravity) * corner.down,
+        )
     friction = member.problem.friction
     if np.array_equal(problem_of(changed).friction, friction):
         return changed
