@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.oracles.uncertain_members import BALANCED, drawn_problem, imbalance, unbalanced, yielding
+from tests.oracles.uncertain_members import BALANCED, drawn, imbalance, unbalanced, yielding
 from tests.oracles.uncertain_modes import RULES, objections
 
 from graspless_pin import (
@@ -151,7 +151,7 @@ def test_nominal_torques_do_not_serve_the_corners():
     torques = scene.solve("torque", margin=0.02, static_friction="coulomb").torques
     rng = np.random.default_rng(0)
     given = {"mass": 0.2, "center_of_mass": 0.01}
-    off = [imbalance(drawn_problem(scene, given, rng, 1.0), torques) for _ in range(20)]
+    off = [imbalance(drawn(scene, 6, given, rng, 1.0).problem(scene), torques) for _ in range(20)]
     assert max(off) > 1e-3
 
 
@@ -168,7 +168,7 @@ def test_errors_of_torques_are_borne():
     assert found.max_torque > 1.05 * alone.max_torque
 
 
-@pytest.mark.parametrize(("seed", "rule"), [(49, 0), (49, 2), (8, 1), (13, 3), (21, 0), (34, 4)])
+@pytest.mark.parametrize(("seed", "rule"), [(49, 0), (49, 2), (40, 1), (40, 3), (21, 0), (34, 4)])
 def test_modes_of_all_corners_and_of_each_against_all_of_them(seed, rule):
     """A slice of `make uncertain`."""
     told, wrong = objections(seed, RULES[rule], 400)

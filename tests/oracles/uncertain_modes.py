@@ -195,8 +195,8 @@ def scene(seed: int) -> tuple[QuasistaticProblem, dict[str, Any]]:
     rng = np.random.default_rng([7, seed])
     contacts = 2 + seed % 3
     given: dict[str, Any] = {"mass": 0.2}
-    if seed % 4 >= 2:
-        given["center_of_mass"] = (0.012, 0.0, 0.0)
+    if seed % 4 >= 2 or seed >= 40:
+        given["center_of_mass"] = (0.012 if seed < 40 else 0.02, 0.0, 0.0)
     if contacts > 2 and seed % 5 == 0:
         return slope_scene(seed, contacts), given
     positions = np.array([[-0.04, 0.0, 0.0], [0.04, 0.0, 0.0], [0, 0, -0.03], [0, 0, -0.03]])
