@@ -13,6 +13,7 @@ from scene_tools import EXAMPLES, PAPER, content, loaded
 from graspless_pin import Scene, Uncertainty, load_scene
 from graspless_pin.algorithms.robust_torques import solve_robust
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.interfaces.mujoco import scene_from_mjcf, scene_to_mjcf
 from graspless_pin.scene.uncertain import weight_of
 
 MUG = EXAMPLES / "allegro_mug_against_wall.yaml"
@@ -132,6 +133,18 @@ def test_saved_scenes_say_it_again(tmp_path: Path, stated: dict[str, Any]) -> No
     of_all = scene.with_changes(uncertainty=Uncertainty(friction={"default": 0.1}))
     saved = content(of_all.save(tmp_path / "of_all.yaml"))
     assert saved["uncertainty"] == {"friction": 0.1}
+
+
+def test_an_mjcf_and_the_screen_say_it_too() -> None:
+    mujoco: Any = pytest.importorskip("mujoco")
+    stated = Uncertainty(mass=0.2, force=(0.1, 0.0, 0.2), friction={"hand": 0.1})
+    scene = load_scene(CUBOID).with_changes(uncertainty=stated)
+    again = scene_from_mjcf(mujoco.MjModel.from_xml_string(scene_to_mjcf(scene)))
+    assert again.uncertainty is not None
+    for name, value in vars(stated).items():
+        np.testing.assert_equal(getattr(again.uncertainty, name), value, err_msg=name)
+    line = "unknown   mass ±20 %; push ±0.1, ±0, ±0.2 N; friction hand ±10 %"
+    assert line in str(scene).splitlines()
 
 
 @pytest.mark.parametrize(

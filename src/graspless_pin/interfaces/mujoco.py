@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.findings import capture, emit
 from graspless_pin.geometry.hand.actuation import EffortLimit
 from graspless_pin.geometry.hand.assembly import ControlModes
@@ -128,4 +129,6 @@ def _scene(
     stated = {name: at.beyond[name] for name in NO_WORD_FOR if name in at.beyond}
     if "controller" in at.beyond:
         stated["controller"] = Controller(**at.beyond["controller"])
+    if "uncertainty" in at.beyond:
+        stated["uncertainty"] = Uncertainty(**at.beyond["uncertainty"])
     return scene.with_changes(**stated) if stated else scene

@@ -349,6 +349,8 @@ def scene_screen(scene: Scene) -> str:
         lines.append(f"          and {len(scene.loads) - _MOST} more")
     if scene.acceleration is not None:
         lines.append(f"moves     {scene.acceleration}")
+    if scene.uncertainty is not None:
+        lines.append(f"unknown   {scene.uncertainty}")
     lines.append(f"contacts  {_contacts(scene)}")
     if scene.motion is None:
         lines.append("motion    none: at rest")

@@ -99,6 +99,9 @@ def scene_to_mjcf(scene: Scene) -> str:
     beyond |= {name: stated[name] for name in NO_WORD_FOR if name in stated}
     beyond |= {"count_own_weight": scene.count_own_weight, "solve_options": stated["solve"]}
     beyond |= {"hybrid_force_limit": scene.hybrid_force_limit, "controller": vars(scene.controller)}
+    if stated["uncertainty"] is not None:
+        known = stated["uncertainty"].items()
+        beyond["uncertainty"] = {name: value for name, value in known if value is not None}
     add(document.section("custom"), "text", name=CUSTOM_TEXT, data=json.dumps(plain(beyond)))
     qpos = _coordinates(document.root, positions, scene.object.T_world_object)
     add(document.section("keyframe"), "key", name=KEYFRAME, qpos=qpos)
