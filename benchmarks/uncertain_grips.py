@@ -26,10 +26,10 @@ from benchmarks.real_grips import HANDS, KEPT, objects, place
 from graspless_pin import Controller, Holding, Scene, Uncertainty, load_scene
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.robust_torques import joint_stiffness
-from graspless_pin.algorithms.uncertainty import nominal_member
+from graspless_pin.algorithms.uncertainty import each_of, nominal_member
 from graspless_pin.findings import capture
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.members import Member
+from graspless_pin.problem.members import Corner, Member
 from graspless_pin.scene.member_verdicts import scene_of_member, torques_at_rest
 
 OUT = KEPT.with_name("uncertain_grips")
@@ -129,20 +129,22 @@ def drawn(scene: Scene, unknown: Uncertainty, rng: np.random.Generator) -> tuple
     problem, bodies = scene.problem(), scene.contacts.bodies
     mass, center = unknown.mass * share(1), unknown.center_of_mass * share(3)
     names = [*dict.fromkeys(bodies)]
-    rubs = dict(zip(names, (unknown.friction * share(len(names))).tolist(), strict=True))
+    rubs = dict(zip(names, (FRICTION * share(len(names))).tolist(), strict=True))
     friction = problem.friction * [1.0 + rubs[body] for body in bodies]
-    factors = 1.0 + unknown.torque * share(problem.joint_count)
+    joints = problem.joint_count
+    factors = 1.0 + each_of("torque", unknown.torque, joints, "joints") * share(joints)
     least = 100.0 * min(rubs.values())
     words = (
         f"mass {100.0 * mass[0]:+.0f} %, centre of mass {np.round(1e3 * center, 1).tolist()} mm, "
         f"friction {least:+.0f} to {100.0 * max(rubs.values()):+.0f} %, torques "
         f"{100.0 * (factors.min() - 1.0):+.1f} to {100.0 * (factors.max() - 1.0):+.1f} %"
     )
+    down, none = scene.gravity / np.linalg.norm(scene.gravity), np.zeros(3)
     asked = replace(
         nominal_member(problem.with_changes(friction=friction)),
         factors=factors,
         words=words,
-        differences={"mass": mass, "center_of_mass": center},
+        corner=Corner(float(mass[0]), center, down, none, none, np.zeros(problem.contact_count)),
     )
     changed = scene_of_member(scene, asked)
     return changed, replace(asked, problem=changed.problem())

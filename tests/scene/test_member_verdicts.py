@@ -73,7 +73,9 @@ def test_verdicts_are_those_of_scenes_that_are_changed_by_hand():
     found, wider = (robust_torques(scene, {"mass": share}) for share in (0.05, 0.6))
     found = replace(found, members=(*found.members, *wider.members))
     verdicts = scene.stability_of_members(found)
-    masses = [scene.object.mass * (1.0 + one.corner.mass) for one in found.members]
+    corners = [one.corner for one in found.members if one.corner is not None]
+    assert len(corners) == len(found.members)
+    masses = [scene.object.mass * (1.0 + one.mass) for one in corners]
     by_hand = [
         scene.with_changes(object=scene.object.with_mass(mass)).stability(found.torques)
         for mass in masses

@@ -13,9 +13,9 @@ from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.studies import (
     Study,
     load_study,
-    posing,
     results_summary,
     run_study,
+    sample_parts,
 )
 from graspless_pin.studies.sample_evaluation import evaluate_each
 
@@ -59,7 +59,7 @@ def test_a_sample_is_what_placing_by_hand_and_solving_give(made, tmp_path, monke
         searches.append(options["candidates"])
         return place_hand(scene, **options)
 
-    monkeypatch.setattr(posing, "place_hand", counted)
+    monkeypatch.setattr(sample_parts, "place_hand", counted)
     rows = [*evaluate_each(made, [*enumerate(made.samples)])]
     assert searches == [6] * 4  # one for all ranks of a seed and a mass
     far = load_scene(tmp_path / "far.yaml")

@@ -256,10 +256,10 @@ def members_of(
     count, joints = problem.contact_count, problem.joint_count
     of_load = uncertainty.is_of_load
     weight = known_weight(problem, uncertainty, weight)
-    friction = _per("friction", uncertainty.friction, count, "contacts")
-    factors = _per("torque", uncertainty.torque, joints, "joints")
-    offsets = _per("torque_offset", uncertainty.torque_offset, joints, "joints")
-    effort = _per("effort", uncertainty.effort, joints, "joints")
+    friction = each_of("friction", uncertainty.friction, count, "contacts")
+    factors = each_of("torque", uncertainty.torque, joints, "joints")
+    offsets = each_of("torque_offset", uncertainty.torque_offset, joints, "joints")
+    effort = each_of("effort", uncertainty.effort, joints, "joints")
     idle = ~problem.jacobian.any(axis=0)  # errors of these joints move no contact force
     factors, offsets = np.where(idle, 0.0, factors), np.where(idle, 0.0, offsets)
     sliding = np.flatnonzero(problem.is_sliding & (friction > 0.0))
@@ -462,7 +462,7 @@ def _share(name: str, value: float) -> float:
     return value
 
 
-def _per(name: str, value: Figures, count: int, of: str) -> FloatArray:
+def each_of(name: str, value: Figures, count: int, of: str) -> FloatArray:
     """Return a figure for each joint or contact.
 
     Raises:

@@ -20,7 +20,7 @@ from graspless_pin.algorithms.gradients import (
     optimum_gradients,
 )
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.algorithms.uncertainty import Uncertainty, Weight, gravities
+from graspless_pin.algorithms.uncertainty import Uncertainty, Weight, each_of, gravities
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -177,7 +177,7 @@ def _moved(
             down = gravities(weight, times * uncertainty.tilt)[number]
             return _loaded(member, weight, corner, replace(corner, down=down))
         case "friction":
-            share = np.broadcast_to(uncertainty.friction, problem.friction.shape)
+            share = each_of("friction", uncertainty.friction, problem.contact_count, "contacts")
             # Static friction counts with its lower end, kinetic friction with both.
             off = np.where(problem.is_sliding, corner.kinetic, -share)
             friction = problem.friction / (1.0 + off) * (1.0 + scaled(off))
@@ -187,7 +187,7 @@ def _moved(
         case "torque_offset":
             return replace(member, offsets=scaled(member.offsets))
         case _:
-            share = np.broadcast_to(uncertainty.effort, problem.lower_torque.shape)
+            share = each_of("effort", uncertainty.effort, problem.joint_count, "joints")
             left = (1.0 - scaled(share)) / (1.0 - share)
             limits = (
                 np.where(problem.lower_torque < 0.0, left, 1.0) * problem.lower_torque,

@@ -50,11 +50,9 @@ class MemberVerdicts(Brief):
         >>> from graspless_pin import Uncertainty, load_scene
         >>> scene = load_scene("examples/allegro_sphere_on_slope.yaml")
         >>> unknown = Uncertainty(mass=0.2, center_of_mass=0.005)  # 20 %, m
-        >>> robust = scene.solve(
-        ...     "torque", uncertainty=unknown, feedback=2.0, static_friction="coulomb"
-        ... )
-        >>> found = scene.stability_of_members(robust)
-        >>> str(found.holding)
+        >>> options = {"margin": 0.05, "static_friction": "coulomb"}
+        >>> robust = scene.solve("torque", uncertainty=unknown, feedback=2.0, **options)
+        >>> str(scene.stability_of_members(robust).holding)
         'holds'
     """
 
