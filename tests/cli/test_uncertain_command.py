@@ -115,7 +115,11 @@ def _spoilt(document: dict[str, Any], what: str) -> dict[str, Any]:
         case "the largest torque":
             stated["max_torque"] *= 0.999
         case "fewer members":
-            del stated["members"][-1]
+            del stated["members"][0]
+        case "the load of a member that was served without being solved for":
+            stated["members"][-1]["external_wrench"][2] *= 1.01
+        case "its forces":
+            stated["members"][-1]["forces"][0][0] += 1e-4
         case "a member's own balance":
             stated["proof"]["wrench_matrix"][8][0] += 0.5
         case "shared torques":
@@ -137,6 +141,7 @@ def _spoilt(document: dict[str, Any], what: str) -> dict[str, Any]:
         "a member's load", "a member's friction", "torque errors", "a stated torque",
         "the largest torque", "fewer members", "a member's own balance", "shared torques",
         "other contacts", "wider limits", "a force", "the torques themselves",
+        "the load of a member that was served without being solved for", "its forces",
     ],
 )  # fmt: skip
 def test_the_checker_sees_what_is_not_so(document: dict[str, Any], what: str) -> None:
@@ -178,7 +183,6 @@ def test_where_no_torques_serve_the_set(tmp_path: Path) -> None:
     said = words(result.stdout)
     assert result.exit_code == 1
     assert "No torques serve these members together, only without one of them:" in said
-    assert said.count("- mass ") == 2
     document = read_document(target)
     assert not document["found"] and document["status"] == "infeasible_forces"
     stated = document["uncertainty"]
@@ -189,7 +193,9 @@ def test_where_no_torques_serve_the_set(tmp_path: Path) -> None:
     assert share == pytest.approx(expected, abs=2e-3)
     assert f"Up to {100.0 * share:.3g} % of it is served: mass ±{20.0 * share:.3g} %" in said
     conflict = [stated["members"][number]["words"] for number in stated["conflict"]]
-    assert all(one in said for one in conflict) and len(conflict) == 2
+    assert said.count("- mass ") == len(conflict)
+    assert all(one in said for one in conflict)
+    assert 2 <= len(conflict) <= np.linalg.matrix_rank(problem.jacobian) + 1  # Helly
     nominal = load_scene(SPHERE).solve("torque", margin=0.1, static_friction="coulomb")
     assert (
         f"As it is meant to be: margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in said

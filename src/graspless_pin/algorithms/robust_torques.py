@@ -33,7 +33,7 @@ from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.problem.members import Member, feedback_torques, joined
+from graspless_pin.problem.members import Member, feedback_torques, joined, under_commands
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.records import changed
 from graspless_pin.solution import Status, TorqueSolution
@@ -260,7 +260,7 @@ def _lacking(
         mode=mode,
         enough=needed,
     )
-    lacking = np.flatnonzero(margins < needed - _AS_GOOD * force)
+    lacking = np.flatnonzero(margins < needed - 0.5 * _AS_GOOD * force)
     return lacking[np.argsort(margins[lacking])][:_MORE].tolist()
 
 
@@ -275,6 +275,41 @@ def _found_limits(
     if isinstance(objective, Torque):
         return np.maximum(low, -most), np.minimum(high, most)
     return low, high
+
+
+def further_forces(robust: RobustSolution) -> FloatArray | None:
+    """Return contact forces of the corners that were served without being solved for.
+
+    Args:
+        robust: Torques that were found.
+
+    Returns:
+        (K - J, M, 3) N, of `RobustSolution.members` from the solution's J on; None: corners may
+        need modes of their own.
+
+    Raises:
+        NoSolutionError: If nothing was found, or there are no such forces.
+    """
+    solution, first = robust.solution, robust.members[0]
+    others = robust.members[len(robust.contact_forces) :]
+    mode, coulomb = solution.given_mode, solution.rules.static_friction is StaticFriction.COULOMB
+    if others and mode is None and not coulomb:
+        return None
+    directions = None
+    if robust.feedback is not None:
+        directions = feedback_torques(first.problem, robust.feedback)
+    if mode is not None:
+        size = first.problem.contact_count
+        mode = SlidingMode(mode.selection[:size], mode.signs[:size])
+    most = _found_limits(first.problem, solution, solution.objective)
+    found = []
+    for member in others:
+        problem = under_commands(member, robust.torques, directions)
+        if directions is not None:
+            problem = problem.with_changes(torque_limits=most)
+        options = SolveOptions(rules=solution.rules)
+        found.append(solve_problem(problem, Margin(), options, mode=mode).contact_forces)
+    return np.array(found).reshape(-1, *first.problem.positions.shape)
 
 
 def _conflict(

@@ -306,6 +306,11 @@ class AtTorques(Objective):
         return self.base.unit(problem, coordinates)
 
     @property
+    def of_margin(self) -> bool:
+        """Whether its value is the margin e, N."""
+        return self.base.of_margin
+
+    @property
     def cutoff(self) -> float:
         """A value of the program from which on there is no solution."""
         return self.base.cutoff

@@ -66,6 +66,11 @@ class Objective(ABC):
         return 1.0
 
     @property
+    def of_margin(self) -> bool:
+        """Whether its value is the margin e, N."""
+        return self.algorithm is Algorithm.MARGIN
+
+    @property
     def cutoff(self) -> float:
         """A value of the program from which on there is no solution."""
         return np.inf

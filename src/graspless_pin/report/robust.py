@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
+from graspless_pin.algorithms.robust_torques import further_forces
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.robust_answer import STIFFNESS, RobustAnswer
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
@@ -134,12 +134,12 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         ``words`` (sentences that say so),
         ``coverage`` (``whole_set`` or ``corners``), ``margin`` (N), ``max_torque``,
         ``max_torque_unit``, ``bound``, ``torques`` by joint, ``feedback`` by joint (None:
-        constant torques), ``largest_deflection`` (rad or m), ``members`` of the solution,
+        constant torques), ``largest_deflection`` (rad or m), ``members`` (with ``forces`` of those
+        that the joined problem does not hold; None: modes differ from corner to corner),
         ``conflict`` (numbers of members), ``served_share``, ``with_feedback``, and ``nominal``.
         Figures that do not exist are None.
     """
     robust, nominal, found = answer.robust, answer.nominal, answer.found
-    count = robust.solution.problem.contact_count // nominal.problem.contact_count
     with_feedback = answer.with_feedback
     return {
         "stated": {
@@ -158,7 +158,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         if robust.feedback is None
         else dict(zip(robust.joint_names, robust.feedback.tolist(), strict=True)),
         "largest_deflection": _deflection(robust),
-        "members": _members(robust.members[:count]),
+        "members": _members(robust, nominal.problem.contact_count),
         "conflict": list(robust.conflict),
         "served_share": answer.served_share,
         "with_feedback": None
@@ -210,9 +210,12 @@ def _deflection(robust: RobustSolution) -> float | None:
     return float(np.abs(robust.deflections).max(initial=0.0))
 
 
-def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
-    """Return what is so of each member, in the order of the joined problem."""
-    return [
+def _members(robust: RobustSolution, contacts: int) -> list[dict[str, Any]]:
+    """Return what is so of each member, those of the joined problem first, in its order."""
+    held = robust.solution.problem.contact_count // contacts
+    # Where nothing was found, there are the members alone for which there is nothing.
+    members = robust.members if robust.found else robust.members[:held]
+    told: list[dict[str, Any]] = [
         {
             "words": one.words,
             "external_wrench": one.problem.external_wrench,
@@ -223,3 +226,7 @@ def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
         }
         for one in members
     ]
+    forces = further_forces(robust) if robust.found else None
+    for number, one in enumerate(told[held:]):
+        one["forces"] = None if forces is None else forces[number]
+    return told

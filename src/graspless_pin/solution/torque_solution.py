@@ -370,21 +370,22 @@ class TorqueSolution:
     def _headline(self) -> str:
         """Return what was solved, and the two figures that matter."""
         margin = f"at margin {self.required_margin:g} N"
+        name, of_margin = self.objective.name, self.objective.of_margin
         what = {
             "margin": "Algorithm 1, largest margin",
             "torque": f"Algorithm 2, smallest torque {margin}",
-        }.get(self.algorithm or "", f"{self.objective.name} {margin}")
+        }.get(self.algorithm or "", f"largest margin {name}" if of_margin else f"{name} {margin}")
         size = torque_size(self.problem, self.torques)
         return (
             f"{headed(what, self.status.message)}\n"
             f"margin e = {figure(self.margin, self.problem.scales.force)} N, max |torque| = "
             f"{figure(self.max_torque, size)} {self.max_torque_unit}"
-            f"{'' if self.algorithm else f', value = {self.value:g}'}"
+            f"{'' if self.algorithm or of_margin else f', value = {self.value:g}'}"
         )
 
     def _certificate_text(self) -> str:
         unit, size = "N", self.problem.scales.force
-        if self.algorithm is None:
+        if self.algorithm is None and not self.objective.of_margin:
             unit, size = "of its own unit", 1.0
         elif self.found and self.objective.by_limits:
             unit, size = "of the limit", 1.0

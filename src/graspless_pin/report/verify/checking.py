@@ -13,7 +13,13 @@ from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.assumptions import taken_as_given
 from graspless_pin.report.verify.bounds import proven_bound
 from graspless_pin.report.verify.disturbances import disturbance_checks
-from graspless_pin.report.verify.forces import figure_checks, force_checks, frames_check, residual
+from graspless_pin.report.verify.forces import (
+    against_mode,
+    figure_checks,
+    force_checks,
+    frames_check,
+    residual,
+)
 from graspless_pin.report.verify.outcome import Check, Verification, agrees, given, holds, within
 from graspless_pin.report.verify.problem import (
     FOUND_STATES,
@@ -280,10 +286,7 @@ class _Checker:
         )
 
     def _opposes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
-        friction = forces.local[:, 1:] * self.problem.cone[:, None]
-        allowed = np.where(signs == 0, np.abs(friction), signs * friction)
-        allowed[~selected] = np.abs(friction[~selected])
-        worst = float(max(allowed.max(), 0.0))
+        worst = against_mode(self.problem, forces, selected, signs)
         met = tolerances.force(self.problem)
         return within("friction opposes the mode (27), (31)", worst, met, "N")
 

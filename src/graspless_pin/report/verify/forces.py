@@ -48,6 +48,16 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
     return [*checks, within(name, over, tolerances.SHARE, "of the limit's or load's")]
 
 
+def against_mode(
+    problem: Problem, forces: Forces, selected: np.ndarray, signs: np.ndarray
+) -> float:
+    """Return the largest friction that does not oppose a mode as (27) and (31) ask for, N."""
+    friction = forces.local[:, 1:] * problem.cone[:, None]
+    allowed = np.where(signs == 0, np.abs(friction), signs * friction)
+    allowed[~selected] = np.abs(friction[~selected])
+    return _largest(allowed)
+
+
 def own_residual(problem: Problem, forces: Forces) -> float:
     """Return the largest violation of an objective's own constraints, over their units."""
     own = problem.own

@@ -34,6 +34,8 @@ SLOWEST = 1e-6
 """Of all velocities: sliding that counts."""
 STILL = 1e-8
 """Of all velocities: those that have to be zero."""
+IDLE = 1e-12
+"""Of the longest lever: joints on shorter ones bear no contact force."""
 RANK = 1e-8
 """Of the largest way in which all velocities may change: smaller ones are none."""
 GROWTH = 0.1

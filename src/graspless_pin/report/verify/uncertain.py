@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.outcome import Check, agrees, given, holds
+from graspless_pin.report.verify.forces import against_mode, residual
+from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Problem
-from graspless_pin.report.verify.reading import read_mode, read_problem
+from graspless_pin.report.verify.reading import read_forces, read_mode, read_problem
 from graspless_pin.report.verify.values import (
     MOST,
     array,
@@ -28,8 +29,6 @@ from graspless_pin.report.verify.values import (
     word,
 )
 
-_IDLE = 1e-12
-"""Of the longest lever: joints on shorter ones bear no contact force."""
 _ARRAYS = ("p", "frames", "limit", "v", "J")
 
 
@@ -59,9 +58,11 @@ def uncertainty_checks(
     nested = entry(stated, "proof", where)
     if not isinstance(nested, dict) or "uncertainty" in nested:
         raise ValueError("proof of uncertainty is no document of a joined problem")
-    joined = read_problem(nested)
+    joined, constant = read_problem(nested), entry(stated, "feedback", where) is None
+    held = joined.count // problem.count
     checks += [
-        _is_joined(joined, problem, members, constant=entry(stated, "feedback", where) is None),
+        _is_joined(joined, problem, members[:held], constant=constant),
+        *_further(members[held:], held, problem, stated, nested, constant=constant),
         _torques(document, stated, nested, problem),
         *_figures(stated, nested),
         _covers(stated, nested, joined, problem.count),
@@ -125,7 +126,7 @@ def _shares_torques(
 ) -> bool:
     """Whether the further rows say that all members have the torques of the first one."""
     levers = np.max([np.abs(one).max(axis=(0, 1), initial=0.0) for one in maps], axis=0)
-    loaded = np.flatnonzero(levers > _IDLE * levers.max(initial=0.0))
+    loaded = np.flatnonzero(levers > tolerances.IDLE * levers.max(initial=0.0))
     count, rows = len(maps), len(loaded)
     if joined.passive.shape[2] != first + (count - 1) * rows:
         return False
@@ -138,6 +139,54 @@ def _shares_torques(
         loads.append((carried[k] - carried[0])[loaded])
     further = joined.passive[:, :, first:].reshape(wanted.shape)
     return _near(further, wanted) and _near(joined.w[first:], np.concatenate([*loads, []]))
+
+
+def _further(
+    members: list[Any],
+    held: int,
+    problem: Problem,
+    stated: dict[str, Any],
+    nested: dict[str, Any],
+    *,
+    constant: bool,
+) -> list[Check]:
+    """Whether the torques serve the members that the joined problem does not hold.
+
+    Their forces balance within cones, with the stated margin, in the mode of the others, with the
+    same torques or, with feedback, none that are larger.
+    """
+    if not members:
+        return []
+    name, detail = "the torques serve all other members", f"{len(members)} members"
+    if any(entry(one, "forces", "a member") is None for one in members):
+        return [given("all other members", f"{detail}, in modes that are not stated")]
+    by_joint, where = entry(stated, "torques", "uncertainty"), "uncertainty"
+    torques = np.array([number(one, "a torque") for one in by_joint.values()])
+    margin, most = (number(entry(stated, key, where), key) for key in ("margin", "max_torque"))
+    mode = None
+    if not problem.coulomb:
+        selected, signs = read_mode(nested, read_problem(nested))
+        mode = selected[: problem.count], signs[: problem.count]
+    levers = np.abs(problem.J).max(axis=(0, 1), initial=0.0)
+    loaded = levers > tolerances.IDLE * levers.max(initial=0.0)
+    worst = 0.0
+    for index, one in enumerate(members, held):
+        each = _member(one, index, problem)
+        own = replace(
+            problem,
+            w=each["wrench"], mu=each["friction"], J=problem.J / each["factors"],
+            gravity=(each["gravity"] - each["offsets"]) / each["factors"],
+            own=None, algorithm="margin", e0=margin,
+        )  # fmt: skip
+        forces = read_forces(one["forces"], own, f"forces of member {index}")
+        off = np.abs(forces.torques - torques) if constant else np.abs(forces.torques) - most
+        worst = max(
+            worst,
+            residual(own, forces),
+            float((off / own.joint_scale)[loaded].max(initial=0.0)),
+            0.0 if mode is None else against_mode(own, forces, *mode) / own.force,
+        )
+    return [within(name, worst, tolerances.SHARE, f"(scaled), {detail}")]
 
 
 def _member(stated: Any, index: int, problem: Problem) -> dict[str, np.ndarray]:
