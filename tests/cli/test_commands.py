@@ -11,9 +11,11 @@ import threading
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 from cli_tools import ALLEGRO, PAPER, ROOT, assert_refused, run, solve_text, spoilt
+from matplotlib.image import imread
 
 from graspless_pin import bounds, compiled, contact_force_bounds, load_scene
 from graspless_pin.cli import solve
@@ -289,6 +291,13 @@ def test_tolerances_are_drawn_by_direction(tmp_path: Path):
     assert drawn.exit_code == 0 and f"wrote {picture}" in drawn.stdout
     assert "centre of mass" in drawn.stdout and "more mass" not in drawn.stdout
     assert picture.read_text(encoding="utf-8").count("least: ") == 3
+    image = picture.with_suffix(".png")
+    assert (
+        run("plot", PAPER / "cuboid_at_rest.yaml", "--kind", "tolerances", "-o", image).exit_code
+        == 0
+    )
+    edges = imread(image)[[0, -1]]
+    np.testing.assert_array_equal(edges, 1.0)  # white: titles and legends are whole
     (tmp_path / "lost.yaml").write_text(HEAVY, encoding="utf-8")
     lost = run("plot", tmp_path / "lost.yaml", "--kind", "tolerances", "-o", picture)
     assert lost.exit_code == 1 and lost.stdout.startswith("there are no torques: ")

@@ -62,7 +62,8 @@ def test_the_answer_is_the_torques_for_the_whole_set(cuboid: Path) -> None:
     assert f"max |torque| = {robust.max_torque:.6g} N m, proven for the whole set" in said
     assert f"as it is meant to be margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in said
     assert f"Least room: {robust.members[robust.worst].words}." in said
-    assert "the object provably stays" in said  # the verdict on these torques
+    # The verdict on these torques is not one on each member.
+    assert "Under these torques, as it is meant to be: holds" in said
     assert f"graspless-pin tolerances {cuboid}" in said
     answer = robust_answer(scene, "torque", **options)
     assert answer.held is not None
@@ -266,7 +267,10 @@ def test_what_is_refused(tmp_path: Path) -> None:
         "tilt": 0.1,
     }
     result = run("solve", stating(tmp_path, CUBOID, uncertainty=many))
-    assert result.exit_code == 2 and "corners" in result.stderr
+    assert result.exit_code == 2 and "scene.yaml: uncertainty: has " in result.stderr
+    assert "corners" in result.stderr
+    far = run("solve", stating(tmp_path, CUBOID, uncertainty={"center_of_mass": 3.0}))
+    assert far.exit_code == 2 and "scene.yaml: uncertainty: center_of_mass" in far.stderr
 
 
 def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
@@ -275,3 +279,19 @@ def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
     assert answer.robust.status is Status.NOT_FOUND_IN_LIMIT and np.isnan(answer.served_share)
     result = run("solve", file, "--algorithm", "torque", "--time-limit", "0", "--no-verdict")
     assert result.exit_code == 3 and "a node or time limit" in words(result.stdout)
+
+
+@pytest.mark.parametrize(
+    "command", [("tolerances",), ("plot", "--kind", "tolerances", "-o", "x.png")]
+)
+def test_commands_without_torques_for_the_set_say_so(
+    tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    """The ball has torques as it is meant to be, and constant ones serve no two masses."""
+    scene = stating(
+        tmp_path, BALL, uncertainty=SET, solve={"algorithm": "torque", "static_friction": "coulomb"}
+    )
+    result = run(command[0], scene, *command[1:])
+    assert result.exit_code == 1
+    assert result.stdout.startswith("there are no torques for all that the scene says is not known")
+    assert f"graspless-pin solve {scene}" in result.stdout

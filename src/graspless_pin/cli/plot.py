@@ -110,7 +110,7 @@ def _draw_tolerances(scene: Scene, solution: TorqueSolution, figure: Figure) -> 
     """Draw what is borne by direction, and print it."""
     found = tolerances_under(scene, solution, quantities=DIRECTED)
     count = len(found.each)
-    figure.set_size_inches(4.2 * count, 4.6)
+    figure.set_size_inches(4.2 * count, 5.2)  # titles and legends are whole
     panels = figure.subplots(1, count, subplot_kw={"projection": "polar"}, squeeze=False)[0]
     for one, axes in zip(found.each, panels, strict=True):
         tolerance_plot(found, one.quantity, axes)

@@ -22,7 +22,7 @@ from graspless_pin.cli.outcome import (
     plain_errors,
     under_controller,
 )
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, NODE_LIMIT, StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
@@ -169,7 +169,12 @@ def solved(
         # Loaded here: what is known exactly goes without.
         from graspless_pin.scene.robust_answer import robust_answer
 
-        answer = robust_answer(scene, algorithm, **options)
+        try:
+            answer = robust_answer(scene, algorithm, **options)
+        except ArgumentError as error:
+            if error.argument != "uncertainty" or scene.path is None:
+                raise
+            raise SceneError(f"{scene.path}: {error}") from None
         return answer.solution.of_source(scene), answer
 
 
@@ -190,10 +195,13 @@ def solved_scene(
     scene = loaded_scene(path)
     emit(*scene.findings)
     scene = under_controller(scene, controller)
-    solution, _ = solved(scene, algorithm, **options)
+    solution, answer = solved(scene, algorithm, **options)
     echo_findings(solution.findings)
     if not solution.found:
-        typer.echo(f"there are no torques: {solution.status.message}")
+        for_all = "" if answer is None else " for all that the scene says is not known"
+        typer.echo(f"there are no torques{for_all}: {solution.status.message}")
+        if answer is not None:
+            typer.echo(f"which members are in conflict, and what helps: graspless-pin solve {path}")
         raise typer.Exit(ExitCode.INFEASIBLE)
     return scene, solution
 

@@ -64,10 +64,9 @@ def scene_solution_text(
         title += f"\n{robust_text(answer)}"
         if not answer.found:
             return title
+        title += "\nUnder these torques, as it is meant to be:"
     if verdict:
         title += f"\n{fill(verdict, COLUMNS, break_on_hyphens=False)}"
-    if answer is not None:
-        title += "\nUnder these torques, as it is meant to be:"
     remarks = _remarks(scene, solution, bounds) if solution.found else []
     return f"{title}\n{solution.text(_touching(scene), remarks)}"
 

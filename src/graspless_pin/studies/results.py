@@ -375,6 +375,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     if isinstance(table, str | Path):
         parts = results_parts(table)
     failures, count, found, serious, unplaced = dict.fromkeys(Failure, 0), 0, 0, 0, 0
+    asked, served = 0, 0
     largest: Any = None
     smallest: Any = None
     failure: Any = None
@@ -386,6 +387,9 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
         unplaced += int((part["status"] == NOT_PLACED).sum())
         for why in Failure:
             failures[why] += int((part["status"] == why.value).sum())
+        if "robust_found" in part:
+            asked += int(part["robust_found"].notna().sum())
+            served += int(part["robust_found"].sum())
         has_findings = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
         sound = part["found"] & ~has_findings
         serious += int((part["found"] & ~sound).sum())
@@ -407,6 +411,8 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     for why, times in failures.items():
         if times or why is Failure.FAILED:
             lines[0] += f", {times} {why.value.replace('_', ' ')}"
+    if asked:
+        lines.append(f"torques for all that is not known exactly: {served} of {asked} found")
     for word, row in (("largest", largest), ("smallest", smallest)):
         if row is not None:
             names = row.index[1 : row.index.get_loc("status")]
