@@ -324,8 +324,8 @@ def configuration_gradient(
     Raises:
         NoSolutionError: If the state has no torques.
         ArgumentError: If the scene has no hand or accelerates otherwise than as one, the evaluator
-            has a regularisation, contacts slide by another law than Coulomb's, or ``follows`` is
-            not known.
+            has a regularisation or an uncertainty, contacts slide by another law than Coulomb's, or
+            ``follows`` is not known.
 
     Examples:
         >>> from graspless_pin import Evaluator, load_scene
@@ -341,6 +341,12 @@ def configuration_gradient(
         raise NoSolutionError(f"This state has no torques ({evaluation.reason}); nothing changes.")
     if scene.hand is None:
         raise ArgumentError("evaluation", "is of a scene without a hand: no joint can move")
+    if evaluation.robust is not None:
+        raise ArgumentError(
+            "evaluation",
+            "is of an evaluator with an uncertainty, which has no gradients by the joints; leave "
+            "the uncertainty out",
+        )
     problem = evaluation.solution.problem
     if problem.is_sliding.any() and not problem.cone_model.is_coulomb:
         raise ArgumentError(

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search import CLOSED
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
@@ -24,6 +25,7 @@ from graspless_pin.scene.joints import possible_columns
 from graspless_pin.solution.tables import brief_figure
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
+_COVERAGES = None, *Coverage
 
 
 class StateFigures(NamedTuple):
@@ -37,6 +39,7 @@ class StateFigures(NamedTuple):
         bounds: (K,).
         gaps: (K,).
         residuals: (K,).
+        coverages: (K,) numbers among `_COVERAGES`.
     """
 
     codes: NDArray[np.uint8]
@@ -46,14 +49,16 @@ class StateFigures(NamedTuple):
     bounds: FloatArray
     gaps: FloatArray
     residuals: FloatArray
+    coverages: NDArray[np.uint8]
 
     @classmethod
     def room(cls, count: int, joint_count: int) -> StateFigures:
         """Return room for states, each without a problem."""
         unknown = np.full((3, count), np.nan)
         torques, counts = np.full((count, joint_count), np.nan), np.zeros(count, dtype=np.int32)
-        codes, margins = np.zeros(count, dtype=np.uint8), np.full(count, -np.inf)
-        return cls(codes, margins, torques, counts, *unknown)
+        codes, covered = np.zeros((2, count), dtype=np.uint8)
+        margins = np.full(count, -np.inf)
+        return cls(codes, margins, torques, counts, *unknown, coverages=covered)
 
     def put(self, number: int, evaluation: Evaluation, torque_names: tuple[str, ...]) -> None:
         """Enter what was found of one state.
@@ -66,15 +71,18 @@ class StateFigures(NamedTuple):
         self.codes[number] = STATUSES.index(evaluation.status)
         if not evaluation.has_contacts:
             return
-        solution = evaluation.solution
-        certificate = solution.certificate
-        self.contact_counts[number] = solution.problem.contact_count
-        self.bounds[number] = certificate.bound
+        certificate, robust = evaluation.solution.certificate, evaluation.robust
+        problem, bound = evaluation.solution.problem, certificate.bound
+        if robust is not None:
+            problem, bound = robust.members[0].problem, robust.bound
+            self.coverages[number] = _COVERAGES.index(robust.coverage)
+        self.contact_counts[number] = problem.contact_count
+        self.bounds[number] = bound
         if evaluation.found:
             columns = _columns(evaluation.joint_names, torque_names)
             self.margins[number] = evaluation.margin
             self.torques[number, columns] = evaluation.torques
-            self.gaps[number] = certificate.gap
+            self.gaps[number] = abs(bound - robust.solution.value) if robust else certificate.gap
             self.residuals[number] = certificate.primal_residual
 
     def put_solved(self, number: int, state: WarmState, torque_names: tuple[str, ...]) -> None:
@@ -127,6 +135,8 @@ class EvaluatedStates:
         gaps: (K,) distance of what was found from that bound, same unit; NaN where nothing was.
         residuals: (K,) largest violation of a constraint by the forces behind the torques, scaled,
             see `Certificate.primal_residual`; NaN where nothing was found.
+        coverages: (K,) the `Coverage` of each: which members of the evaluator's uncertainty the
+            answer is proven for; None where it has none, or there is no problem.
         evaluations: The whole answer by number of the state, for those that were asked for.
 
     Examples:
@@ -148,6 +158,7 @@ class EvaluatedStates:
     bounds: FloatArray
     gaps: FloatArray
     residuals: FloatArray
+    coverages: NDArray[np.object_]
     evaluations: Mapping[int, Evaluation]
 
     @property
@@ -192,9 +203,12 @@ def evaluated_states(
     for number, evaluation in evaluations.items():
         figures.put(number, evaluation, names)
     statuses = np.array(STATUSES, dtype=object)[figures.codes]
-    for array in (statuses, *figures):
+    coverages = np.array(_COVERAGES, dtype=object)[figures.coverages]
+    for array in (statuses, coverages, *figures):
         array.setflags(write=False)
-    return EvaluatedStates(names, tuple(columns.values()), statuses, *figures[1:], evaluations)
+    return EvaluatedStates(
+        names, tuple(columns.values()), statuses, *figures[1:-1], coverages, evaluations
+    )
 
 
 def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
@@ -224,7 +238,9 @@ def solved_or_alone(
     enough: float | None = None,
 ) -> SolvedStates | None:
     """Solve many states by `StateLoops.optima_of_states`; where that is None, each alone."""
-    solved = solver.loops.optima_of_states(states.configurations, objective, alone, enough)
+    solved = None
+    if solver.uncertainty is None:
+        solved = solver.loops.optima_of_states(states.configurations, objective, alone, enough)
     if solved is None:
         for number in range(states.total):
             alone(number)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from types import MappingProxyType
-from typing import NamedTuple, Unpack
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from graspless_pin.programs.objectives import Objective
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.solution import TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.algorithms.robust_solution import RobustSolution
 
 
 class StateStatus(Enum):
@@ -98,7 +101,7 @@ class Evaluation(Brief):
     status: StateStatus
     reason: str
     scene: Scene
-    _found: TorqueSolution | WarmAnswer | None
+    _found: TorqueSolution | WarmAnswer | RobustSolution | None
 
     @property
     def found(self) -> bool:
@@ -123,9 +126,17 @@ class Evaluation(Brief):
         """Whether the state was solved, found torques or not: else there is no solution."""
         return self._found is not None
 
+    @property
+    def robust(self) -> RobustSolution | None:
+        """What was found for all members of an evaluator's uncertainty; None: it has none."""
+        found = self._found
+        return None if found is None or isinstance(found, TorqueSolution | WarmAnswer) else found
+
     @cached_property
     def solution(self) -> TorqueSolution:
         """The solution with its problem, forces, mode and proof, found or not.
+
+        With an uncertainty it is that of the joined problem of the members that were needed.
 
         Raises:
             NoSolutionError: If the state has no contacts to solve for, or is refused; with the
@@ -136,6 +147,8 @@ class Evaluation(Brief):
             raise NoSolutionError(f"This state was not solved ({self.reason}).")
         if isinstance(found, TorqueSolution):
             return found
+        if not isinstance(found, WarmAnswer):
+            return found.solution
         problem = self.scene.problem()
         return solution_of_optimum(problem, found.objective, found.rules, found.optimum)
 
@@ -188,5 +201,9 @@ class Evaluation(Brief):
         return self.scene.stability(self.torques, **options)
 
 
-def _with_joints(found: TorqueSolution | WarmAnswer) -> QuasistaticProblem | WarmAnswer:
-    return found.problem if isinstance(found, TorqueSolution) else found
+def _with_joints(
+    found: TorqueSolution | WarmAnswer | RobustSolution,
+) -> QuasistaticProblem | WarmAnswer:
+    if isinstance(found, WarmAnswer):
+        return found
+    return found.problem if isinstance(found, TorqueSolution) else found.members[0].problem

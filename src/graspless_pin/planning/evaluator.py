@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +40,9 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import checked_scene
 from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.state_findings import StateChecks
+
+if TYPE_CHECKING:
+    from graspless_pin.algorithms.uncertainty import Uncertainty
 
 
 class Evaluator:
@@ -85,6 +88,7 @@ class Evaluator:
         position_limits: bool = True,
         pins: Sequence[PinEntry] | None = None,
         attached_to: str | None = None,
+        uncertainty: Uncertainty | bool | None = None,
         **options: Unpack[SolveKeywords],
     ) -> None:
         """Take the scene and the options of all solves; what is not given is the scene's own.
@@ -111,11 +115,16 @@ class Evaluator:
             attached_to: Name of the link that the object moves with, in a hand that alone holds it
                 as in the scene; None: it moves with none. States are then configurations of all
                 joints but those behind the link.
+            uncertainty: What is not known exactly: then torques are one vector that serves the
+                whole set, and margins are those that all members keep, see `Scene.solve`. True:
+                what the scene says of it. None: all is as it is meant to be.
             options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
             ArgumentError: If an option is not known or a figure out of range; if there is no link
-                ``attached_to``, it stands still, or not all that touches the object moves with it.
+                ``attached_to``, it stands still, or not all that touches the object moves with it;
+                or if there is an uncertainty beside pins or ``stability="strong"``, or it is none
+                of the scene's.
             SceneError: If the object shall move with a link and the scene has no contacts.
             SolverUnavailableError: If the solver is not installed.
         """
@@ -145,11 +154,23 @@ class Evaluator:
             )
         at = at if position_limits else at.without_limits
         self._solver = StateSolver(at, *how, checks)
+        if uncertainty is not None and uncertainty is not False:
+            # Loaded here: what is known exactly goes without.
+            from graspless_pin.planning.uncertain_states import UncertainStateSolver
+            from graspless_pin.scene.uncertain import stated_by
+
+            of = stated_by(scene) if uncertainty is True else uncertainty
+            self._solver = UncertainStateSolver(at, *how, checks, of)
 
     @property
     def algorithm(self) -> Algorithm | None:
         """What `evaluate` solves: Algorithm 1 or 2; None: another objective."""
         return self._solver.objective.algorithm
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """The set for all of which states are solved; None: all is as it is meant to be."""
+        return self._solver.uncertainty
 
     @property
     def rules(self) -> Rules:

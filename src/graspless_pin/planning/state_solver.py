@@ -32,6 +32,7 @@ from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 
 if TYPE_CHECKING:
+    from graspless_pin.algorithms.uncertainty import Uncertainty
     from graspless_pin.holding.small_motions import RestModel
 
 
@@ -63,7 +64,10 @@ class StateSolver:
         options: How.
         checks: What a state is refused for.
         loops: What solves many states at once.
+        uncertainty: The set for all members of which states are solved; None: the scene as it is.
     """
+
+    uncertainty: Uncertainty | None = None
 
     def __init__(
         self,
@@ -264,10 +268,23 @@ def margin_and_status(
         enough = is_reached(optimum.value, optimum.unit, required)
         status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
         return problem.margin_of(optimum.forces), status
+    return status_of_margin(found, found.certificate.bound, required)
+
+
+def status_of_margin(
+    found: TorqueSolution, bound: float, required: float
+) -> tuple[float, StateStatus]:
+    """Return the margin that a search found, and what is said of it: see `StateSolver.margin_of`.
+
+    Args:
+        found: What was found.
+        bound: What no margin is larger than, N; NaN where there is none.
+        required: The margin that is asked for, N.
+    """
     slack = CLOSED * max(found.problem.scales.force, required)
     if found.found and found.margin >= required - slack:
         return found.margin, StateStatus.FOUND
-    if found.status in UNDECIDED and not found.certificate.bound < required - slack:
+    if found.status in UNDECIDED and not bound < required - slack:
         status = StateStatus.UNDECIDED
     else:
         status = StateStatus.BELOW_MARGIN if found.found else StateStatus.INFEASIBLE

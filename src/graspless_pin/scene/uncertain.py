@@ -54,7 +54,7 @@ def solve_uncertain(
     """
     problem = problem_of(scene)
     if isinstance(uncertainty, Uncertainty):
-        _check_center(scene, uncertainty)
+        check_center(scene, uncertainty)
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
     return solve_robust(
         problem,
@@ -116,7 +116,7 @@ def tolerances_of(
     )
 
 
-def _check_center(scene: SceneFields, uncertainty: Uncertainty) -> None:
+def check_center(scene: SceneFields, uncertainty: Uncertainty) -> None:
     """Refuse a centre of mass that may be farther off than the object is large.
 
     Raises:

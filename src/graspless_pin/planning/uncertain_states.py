@@ -1,0 +1,192 @@
+"""States of a scene of which not all is known exactly: one vector of torques serves the whole set.
+
+The joined problems of all members are none that compiled loops take: each state is solved by
+itself. Whether a margin is reached is known sooner where the nominal problem, or the joined one
+under plain Coulomb friction, rules it out, or the mode of an earlier state proves it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.uncertainty import Uncertainty
+from graspless_pin.errors import ArgumentError
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.planning.configurations import Configurations
+from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.state_solver import PosedScene, StateSolver, status_of_margin
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.scene import Scene
+from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks
+from graspless_pin.scene.uncertain import check_center, solve_uncertain
+from graspless_pin.scene.uncertain_figures import check_names
+from graspless_pin.solution import UNDECIDED
+
+_MOST_KEPT = 256
+"""Sets of contacts of which a mode is kept."""
+
+
+class UncertainStateSolver(StateSolver):
+    """Solves states for all members of a set, each by itself.
+
+    Attributes:
+        uncertainty: The set.
+    """
+
+    def __init__(
+        self,
+        configurations: Configurations,
+        objective: Objective,
+        options: SolveOptions,
+        checks: StateChecks = ALL_CHECKS,
+        uncertainty: Uncertainty | None = None,
+    ) -> None:
+        """Take what `StateSolver` does, and the set.
+
+        Raises:
+            ArgumentError: If the set is none, or none of the scene's in all of its states; if
+                contacts are pinned; or if more than balance is asked for.
+        """
+        if not isinstance(uncertainty, Uncertainty):
+            raise ArgumentError(
+                "uncertainty",
+                f"is {uncertainty!r:.80}; give an Uncertainty, or True for what the scene says",
+            )
+        if configurations.pins is not None:
+            raise ArgumentError(
+                "pins",
+                "are given beside an uncertainty, for which they have no gradients; give one",
+            )
+        options.need_weak(
+            "an uncertainty is about forces that may balance",
+            "leave it out, and ask `Scene.stability_of_members` of an answer's `robust`",
+        )
+        _check_figures(configurations.scene, uncertainty)
+        super().__init__(configurations, objective, options, checks)
+        self.uncertainty = self._set = uncertainty
+        self._modes: dict[tuple[Any, ...], SlidingMode] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what was given."""
+        own, given = super().__reduce__()
+        return own, (*given, self._set)
+
+    def with_objective(self, objective: Objective) -> UncertainStateSolver:
+        """Return one for another objective."""
+        given = self.configurations, objective, self.options, self.checks
+        return UncertainStateSolver(*given, self._set)
+
+    def solved(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
+        """Solve for one state: there are no records to do without."""
+        return self.evaluate(q, T_world_object, twist)
+
+    def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
+        """Return the answer for all members in one state: see `Evaluator.evaluate`."""
+        scene, problem, faults = self.posed(q, T_world_object, twist)
+        if problem is None or faults:
+            return Evaluation(*faults[0], scene, None)
+        robust = self._robust(scene, self.objective)
+        if robust.found:
+            return Evaluation(StateStatus.FOUND, "", scene, robust)
+        undecided = robust.status in UNDECIDED
+        status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
+        return Evaluation(status, str(robust), scene, robust)
+
+    def margin_of(
+        self,
+        scene: Scene,
+        problem: QuasistaticProblem,  # noqa: ARG002 - members are made of the scene
+        required: float,
+    ) -> tuple[float, StateStatus]:
+        """Return the largest margin that one vector of torques keeps for all members."""
+        robust = self._robust(scene, Margin())
+        return status_of_margin(robust.solution, robust.bound, required)
+
+    def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
+        """Tell whether a state is proven to reach a margin for all members."""
+        row = self._row(q, T_world_object, twist) if margin >= 0.0 and self._is_coulomb else None
+        if row is not None and self.loops.reaches(row, margin) is False:
+            return False
+        return self.holds(self.posed(q, T_world_object, twist, solve=margin >= 0.0), margin)
+
+    def holds(self, state: PosedScene, margin: float) -> bool:
+        """Tell whether nothing is wrong with a state, and all members reach a margin together."""
+        scene, problem, faults = state
+        if faults or problem is None:
+            return not faults
+        if self._is_coulomb:
+            # Of convex loads the nominal one is among the means of the corners: it is no worse.
+            if not super().holds(state, margin):
+                return False
+        elif not self.options.rules.by_direction:
+            mode, coulomb = self._modes.get(_touching(scene)), self.options.rules
+            coulomb = replace(coulomb, static_friction=StaticFriction.COULOMB)
+            if mode is not None and self._reaches(self._robust(scene, Margin(), mode), margin):
+                return True
+            relaxed = replace(self.options, rules=coulomb)
+            if not self._reaches(self._robust(scene, Margin(), options=relaxed), margin):
+                return False
+        return self._reaches(self._robust(scene, Margin()), margin)
+
+    @staticmethod
+    def _reaches(robust: RobustSolution, margin: float) -> bool:
+        return status_of_margin(robust.solution, robust.bound, margin)[1] is StateStatus.FOUND
+
+    @property
+    def _is_coulomb(self) -> bool:
+        return self.options.rules.static_friction is StaticFriction.COULOMB
+
+    def _robust(
+        self,
+        scene: Scene,
+        objective: Objective,
+        mode: SlidingMode | None = None,
+        options: SolveOptions | None = None,
+    ) -> RobustSolution:
+        """Solve the scene of a state, and keep the mode that all members have in common.
+
+        Args:
+            scene: The scene in the state.
+            objective: What is optimised.
+            mode: The one mode for all members; None: any.
+            options: How; None: as is asked for.
+        """
+        how = options or self.options
+        robust = solve_uncertain(scene, objective, how, self._set, mode=mode)
+        common = robust.solution.given_mode
+        if robust.found and common is not None:
+            if len(self._modes) >= _MOST_KEPT:
+                self._modes = {}
+            size = robust.members[0].problem.contact_count
+            own = SlidingMode(common.selection[:size], common.signs[:size])
+            self._modes[_touching(scene)] = own
+        return robust
+
+
+def _touching(scene: Scene) -> tuple[Any, ...]:
+    """Return what is alike where the same modes are at hand."""
+    contacts = scene.contacts
+    return contacts.bodies, contacts.sliding.any(axis=1).tobytes()
+
+
+def _check_figures(scene: Scene, uncertainty: Uncertainty) -> None:
+    """Refuse figures that a scene has no use for in all of its states.
+
+    Raises:
+        ArgumentError: Naming them.
+    """
+    check_center(scene, uncertainty)
+    links = () if scene.hand is None else scene.hand.link_names
+    check_names(uncertainty, scene.hand, [*links, *(one.name for one in scene.supports)])
+    friction = uncertainty.friction
+    if not isinstance(friction, Mapping) and friction.ndim:
+        raise ArgumentError(
+            "friction",
+            "is of each contact, and every state has contacts of its own; give one figure, or some "
+            "by hand link and support",
+        )
