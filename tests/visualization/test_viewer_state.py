@@ -3,13 +3,14 @@
 import math
 import re
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.report.report_cases import micro_block
 
-from graspless_pin import Stability, maximize_margin
+from graspless_pin import Stability, Uncertainty, maximize_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import displaced_hand
 from graspless_pin.programs.objectives import Algorithm
@@ -55,6 +56,35 @@ def write(folder: Path, text: str):
     file = folder / "scene.yaml"
     file.write_text(text, encoding="utf-8")
     return load_scene(file)
+
+
+def torques_of(shown):
+    assert shown.solution is not None and shown.solution.found
+    return shown.solution.torques
+
+
+def test_what_is_not_known_exactly_counts(paper):
+    """The page shows the torques for the whole set, under the scene as it is meant to be."""
+    unknown = paper.with_changes(uncertainty=Uncertainty(mass=0.2, center_of_mass=0.01))
+    asked = Settings("torque", 0.1)
+    shown = answer_settings(unknown, asked)
+    robust = unknown.solve("torque", margin=0.1, uncertainty=True)
+    np.testing.assert_allclose(torques_of(shown), robust.torques, atol=1e-9)
+    assert shown.bodies == paper.contacts.bodies
+    assert "mass ±20 %, centre of mass ±1 cm, proven for the whole set" in shown.limits[0]
+    assert escape(shown.limits[0]) in result_html(shown, None, dark=False)
+    heavier = answer_settings(unknown, replace(asked, values={"mass": 2.0 * paper.object.mass}))
+    sizes = [np.abs(torques_of(one)).max() for one in (answer_settings(paper, asked), shown)]
+    assert sizes[0] < sizes[1] < np.abs(torques_of(heavier)).max()
+
+
+def test_members_in_conflict_are_told():
+    box = load_scene(EXAMPLES / "trihand_push_box.yaml")
+    unknown = box.with_changes(uncertainty=Uncertainty(mass=0.2))
+    shown = answer_settings(unknown, Settings("margin", 0.1))
+    assert shown.solution is not None and not shown.solution.found
+    assert shown.solution.problem.contact_count == len(box.contacts.bodies)
+    assert "mass -20 %" in shown.reason and "mass +20 %" in shown.reason
 
 
 def test_an_internal_error_is_shown_at_its_state(paper, monkeypatch):

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.robust_torques import largest_share
 from graspless_pin.algorithms.solve import solve_problem
@@ -77,11 +78,56 @@ def robust_answer(scene: Scene, algorithm: str | None = None, **options: Any) ->
     nominal = scene.solve(algorithm, **options)
     if robust.found:
         _, how = scene.asked(algorithm, **options)
-        held = solve_problem(scene.problem(), at_torques(Margin(), robust.torques), how)
-        return RobustAnswer(unknown, robust, nominal, held.of_source(scene), 1.0)
+        return RobustAnswer(unknown, robust, nominal, _held(scene, robust, how), 1.0)
     share, with_feedback = math.nan, None
     if robust.status is not Status.NOT_FOUND_IN_LIMIT:
         share = largest_share(lambda share: robust if share == 1.0 else solved(share))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
             with_feedback = solved(feedback=STIFFNESS)
     return RobustAnswer(unknown, robust, nominal, None, share, with_feedback)
+
+
+def solution_for_all(
+    scene: Scene, algorithm: str | None = None, **options: Any
+) -> tuple[TorqueSolution, RobustSolution]:
+    """Return the solution of a scene under the torques for its whole set, and what they are.
+
+    Where there are no torques, the solution has the scene's own contacts, and tells why.
+
+    Args:
+        scene: The scene; it says what is not known.
+        algorithm: See `Scene.solve`.
+        options: See `Scene.solve`.
+
+    Raises:
+        ArgumentError: See `Scene.solve`.
+    """
+    robust = scene.solve(algorithm, uncertainty=True, **options)
+    if robust.found:
+        _, how = scene.asked(algorithm, **options)
+        return _held(scene, robust, how), robust
+    joined = changed(robust.solution, "explanation", _explanation=str(robust))
+    return without_torques(scene.solve(algorithm, **options), joined), robust
+
+
+def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSolution:
+    """Return a solution of the scene's own contacts, for which there are no torques.
+
+    Args:
+        nominal: That of the scene as it is meant to be.
+        joined: That of the members together, not found; it tells why.
+    """
+    return changed(
+        nominal,
+        status=joined.status,
+        certificate=joined.certificate,
+        _forces=None,
+        _mode=None,
+        _explanation=joined.explanation,
+    )
+
+
+def _held(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
+    """Return the scene under robust torques: the forces of the largest margin."""
+    held = solve_problem(scene.problem(), at_torques(Margin(), robust.torques), how)
+    return held.of_source(scene)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from graspless_pin.algorithms.named_objectives import useless
+from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.tolerances import Quantity
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import (
@@ -34,6 +35,7 @@ from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
+from graspless_pin.scene.robust_answer import solution_for_all
 from graspless_pin.scene.scene_stability import solution_verdict
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
@@ -74,7 +76,8 @@ class SettingsAnswer:
     Attributes:
         settings: The setting.
         scene: The scene as changed; as loaded if it cannot be changed so.
-        solution: The solution, found or not; None if there is no problem to solve.
+        solution: The solution, found or not; None if there is no problem to solve. Of a scene that
+            says what is not known of it, that under the torques for all of it.
         picture: What it looks like; without contacts if there are none.
         reason: Why there are no torques; empty if there are.
         verdict: What is said of whether the object stays; None: nothing yet.
@@ -162,14 +165,17 @@ def words_of(error: Exception) -> str:
 
 def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
     """Do what `answer_settings` does, whatever is raised."""
-    changed, bodies = scene, None
+    changed, bodies, robust = scene, None, None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GrasplessPinWarning)  # they were shown at loading
         try:
             changed = changed_scene(scene, settings.values)
             takes_margin = not useless("margin", settings.algorithm)
             options: dict[str, Any] = {"margin": settings.required_margin} if takes_margin else {}
-            solution = changed.solve(settings.algorithm, **options)
+            if changed.uncertainty is None:
+                solution = changed.solve(settings.algorithm, **options)
+            else:
+                solution, robust = solution_for_all(changed, settings.algorithm, **options)
         except GrasplessPinError as error:
             if isinstance(error, StateError) and error.kind is StateFault.NO_CONTACT:
                 bodies = ()
@@ -192,11 +198,20 @@ def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
             sliding=draw_virtual_sliding(picture, solution, changed.hand, origin),
             bodies=bodies,
             limits=(
+                "" if robust is None else _served_words(robust),
                 TORQUES_OF_HELD_JOINTS if changed.controller.holds_joints else "",
                 margin_limit_words(solution, bodies),
                 joint_limit_words(solution),
             ),
         )
+
+
+def _served_words(robust: RobustSolution) -> str:
+    """Return what torques were found for, and the member of it with the least room."""
+    return (
+        f"torques for {robust.uncertainty}, proven for {robust.coverage}; the least room where: "
+        f"{robust.members[robust.worst].words}"
+    )
 
 
 def came_and_went(before: Sequence[str], after: Sequence[str]) -> str:

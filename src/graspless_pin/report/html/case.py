@@ -10,13 +10,12 @@ from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.records import changed
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
 from graspless_pin.report.verdict_data import read_motion, read_small_motion
 from graspless_pin.scene import Scene, load_scene
-from graspless_pin.scene.robust_answer import RobustAnswer
+from graspless_pin.scene.robust_answer import RobustAnswer, without_torques
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization import Picture, draw_scene
 from graspless_pin.visualization.contacts import draw_contacts
@@ -122,16 +121,7 @@ def case_of_scene(
     """
     document = solution_document(solution, scene, verdict, answer=answer)
     if answer is not None and not answer.found:
-        # The scene's own contacts, for which there are no torques.
-        joined, why = solution, solution.explanation
-        solution = changed(
-            answer.nominal,
-            status=joined.status,
-            certificate=joined.certificate,
-            _forces=None,
-            _mode=None,
-            _explanation=why,
-        )
+        solution = without_torques(answer.nominal, solution)
     origin, picture = scene.object.center_of_mass_world, draw_scene(scene, solution)
     return Case(
         scene.name,
