@@ -103,17 +103,14 @@ def test_one_pose_for_each_set() -> None:
     assert compiled.core is not None
     sets = compiled.core.ConvexSets(*sets_arguments(kinds=[compiled.core.BALL]))
     pairs = compiled.core.BodyPairs(sets, [0], [0])
-    with pytest.raises(ValueError, match="one pose for each set"):
-        pairs.within(POSES, 5e-3)
-    with pytest.raises(ValueError, match="one pose for each set"):
-        pairs.beside(POSES[:1], sets, POSES, 5e-3)
+    for poses in ((POSES, POSES[:1]), (POSES[:1], POSES)):
+        with pytest.raises(ValueError, match="one pose for each set"):
+            pairs.may_be_deep(poses[0], sets, poses[1], 5e-3)
     with pytest.raises(ValueError, match="sets that exist"):
         compiled.core.BodyPairs(sets, [0], [1])
-    with pytest.raises(ValueError, match="one pose for each set"):
-        compiled.core.plain_contacts(sets, POSES, sets, POSES[:1], 1e-3, 5e-3, lambda *_: None)
     nothing: Any = None
     with pytest.raises(TypeError):
-        compiled.core.plain_contacts(nothing, POSES, sets, POSES[:1], 1e-3, 5e-3, lambda *_: None)
+        pairs.may_be_deep(POSES[:1], nothing, POSES, 5e-3)
 
 
 def program_arguments(**changes):

@@ -11,7 +11,7 @@ from planar_fingers import RADIUS, allegro, lever
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning
 from graspless_pin.findings import FindingCode
 from graspless_pin.geometry.bodies.object_and_supports import Support
-from graspless_pin.geometry.bodies.shapes import HalfSpace
+from graspless_pin.geometry.bodies.shapes import Box, HalfSpace
 from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
@@ -37,6 +37,12 @@ def test_a_touch_is_no_overlap():
     wall = wall_at(2 * RADIUS - 5e-5)
     assert unwanted_overlaps(lever(), [wall]) == ()
     assert len(unwanted_overlaps(lever(), [wall], tolerance=1e-5)) == 1
+
+
+def test_a_tip_that_is_smaller_than_what_passes_is_seen_deep_in_a_block():
+    block = Support("block", Box((0.2, 0.2, 0.2)), pose_matrix((0.15, RADIUS, 0)))
+    (overlap,) = unwanted_overlaps(lever(), [block], tolerance=1.5 * RADIUS)
+    assert overlap.link == "tip" and overlap.depth > 2 * RADIUS
 
 
 def test_two_mounted_robots_in_each_other_are_reported():

@@ -1,7 +1,7 @@
-"""Loops in C for many states, the closed forms of contacts, bounds of outcomes and small programs.
+"""Loops in C for many states, bounds of outcomes and small programs.
 
 They are compiled when the package is installed, if there is a C compiler. Where they are not,
-states are solved one after the other, coal finds the contacts and HiGHS solves the programs, with
+states are solved one after the other, numpy bounds outcomes and HiGHS solves the programs, with
 the same results to rounding.
 """
 

@@ -40,41 +40,20 @@ cdef class BodyPairs:
                 raise ValueError("needs sets that exist")
         self._centers = empty(sets.count, 3)
 
-    def within(self, poses, double depth):
-        """Return the pairs that a shift by a depth may not part, in the order they were given.
+    def may_be_deep(self, poses, ConvexSets others not None, others_poses, double depth):
+        """Return whether there is a pair, or a set beside one around it, that may be deep.
 
         Args:
             poses: (K, 4, 4).
-            depth: m, not negative.
-        """
-        cdef cnp.ndarray T = self._placed(poses)
-        cdef Py_ssize_t place, i, j
-        cdef list found = []
-        for place in range(self.count):
-            i, j = numbers_of(self._ones)[place], numbers_of(self._twos)[place]
-            if self._deep(data(T), i, j, depth):
-                found.append((i, j))
-        return found
-
-    def beside(self, poses, ConvexSets others not None, others_poses, double depth):
-        """Return the pairs (k, m) of a set and one around it that a shift may not part.
-
-        Args:
-            poses: (K, 4, 4).
-            others: M sets.
+            others: M sets around.
             others_poses: (M, 4, 4).
             depth: m, not negative.
         """
-        cdef cnp.ndarray T = self._placed(poses), there = as_poses(others_poses)
-        cdef Py_ssize_t k, m
-        cdef list found = []
-        if there.shape[0] != others.count:
+        cdef cnp.ndarray T = as_poses(poses), there = as_poses(others_poses)
+        if T.shape[0] != self.sets.count or there.shape[0] != others.count:
             raise ValueError("needs one pose for each set")
-        for k in range(self.sets.count):
-            for m in range(others.count):
-                if self._deep_beside(data(T), k, others, data(there), m, depth):
-                    found.append((k, m))
-        return found
+        # The room for the centres is shared, hence the lock of Python is kept.
+        return self.any_deep(data(T), others, data(there), depth)
 
     cdef bint any_deep(
         self, const double* poses, ConvexSets others, const double* others_poses, double depth
@@ -92,14 +71,6 @@ cdef class BodyPairs:
                 if self._deep_beside(poses, k, others, others_poses, m, depth):
                     return True
         return False
-
-    cdef cnp.ndarray _placed(self, object poses):
-        cdef cnp.ndarray T = as_poses(poses)
-        if T.shape[0] != self.sets.count:
-            raise ValueError("needs one pose for each set")
-        # The room for the centres is shared, hence the lock of Python is kept.
-        self._place(data(T))
-        return T
 
     cdef void _place(self, const double* poses) noexcept:
         cdef Py_ssize_t k
@@ -149,15 +120,15 @@ cdef bint _deep_in_plane(
     return min(reach, sets.reaches[k]) - height > depth
 
 
-cdef double _from_box(const double* local, const double* half) noexcept nogil:
-    """Squared distance of a point from a box about the origin."""
+cdef bint _from_box_by(double reach, const double* local, const double* half) noexcept nogil:
+    """Whether a point is outside a box about the origin, and as far from it as some reach."""
     cdef double over, total = 0.0
     cdef int i
     for i in range(3):
         over = fabs(local[i]) - half[i]
         if over > 0.0:
             total += over * over
-    return total
+    return total > 0.0 and (reach <= 0.0 or total >= reach * reach)
 
 
 cdef bint _may_be_deep(
@@ -180,12 +151,10 @@ cdef bint _may_be_deep(
     if reach <= 0.0 or dot(offset, offset) >= reach * reach:
         return False
     turn_back(T, offset, local)
-    reach = others.reaches[k] - depth
-    if reach <= 0.0 or _from_box(local, half) >= reach * reach:
+    if _from_box_by(others.reaches[k] - depth, local, half):
         return False
     turn_back(T_other, offset, beyond)
-    reach = ones.reaches[p] - depth
-    if reach <= 0.0 or _from_box(beyond, other_half) >= reach * reach:
+    if _from_box_by(ones.reaches[p] - depth, beyond, other_half):
         return False
     for i in range(3):
         for j in range(3):

@@ -1,7 +1,6 @@
-"""The contacts that are known in closed form: spheres over faces, and faces on half-spaces."""
+"""Convex sets, which of them may touch, and the contacts of spheres over faces."""
 
 from libc.math cimport fabs
-from libc.string cimport memcpy
 
 cimport numpy as cnp
 
@@ -16,7 +15,7 @@ cdef double _ON_FACE = 1e-9  # m, as in `polytopes`
 
 
 cdef class ConvexSets:
-    """K convex sets in the frames of their geometries, as `plain_contacts` takes them."""
+    """K convex sets in the frames of their geometries, as `HandStates` takes them."""
 
     cdef Py_ssize_t count
     cdef cnp.ndarray _kinds, _bodies, _centers, _halves, _reaches, _planes, _starts, _faces
@@ -136,118 +135,6 @@ cdef bint _highest_face(
     return True
 
 
-cdef class _Rows:
-    """Contacts as they are found, in an array that grows."""
-
-    cdef cnp.ndarray array
-    cdef double* data
-    cdef Py_ssize_t count, capacity
-
-    def __cinit__(self):
-        self.count, self.capacity = 0, 16
-        self.array = empty(self.capacity, 6)
-        self.data = data(self.array)
-
-    cdef void add(self, const double* surface, double height, const double* normal):
-        """A contact half a height back along its normal from a point."""
-        cdef cnp.ndarray larger
-        cdef int i
-        if self.count == self.capacity:
-            larger = empty(2 * self.capacity, 6)
-            memcpy(data(larger), self.data, 6 * self.capacity * sizeof(double))
-            self.array, self.data, self.capacity = larger, data(larger), 2 * self.capacity
-        for i in range(3):
-            self.data[6 * self.count + i] = surface[i] - 0.5 * height * normal[i]
-            self.data[6 * self.count + 3 + i] = normal[i]
-        self.count += 1
-
-    cdef cnp.ndarray part(self, int first):
-        """(M, 3) the first or the last three columns."""
-        cdef cnp.ndarray columns = empty(self.count, 3)
-        cdef Py_ssize_t row
-        for row in range(self.count):
-            memcpy(data(columns) + 3 * row, self.data + 6 * row + first, 3 * sizeof(double))
-        return columns
-
-
-def plain_contacts(
-    ConvexSets ones not None, ones_poses, ConvexSets others not None, others_poses,
-    double tolerance, double max_penetration, face_of,
-):
-    """Contacts of spheres over faces and of faces on half-spaces, and the pairs that are left.
-
-    Args:
-        ones: P sets of the object.
-        ones_poses: (P, 4, 4).
-        others: K sets.
-        others_poses: (K, 4, 4).
-        tolerance: Largest gap, m.
-        max_penetration: Largest overlap, m.
-        face_of: Called with p and a (3,) direction in that set's frame: the corners (V, 4) of the
-            face farthest along it, its contact points (G, 4), both [x, y, z, 1], and whether these
-            are its corners; None where there is no such face.
-
-    Returns:
-        For each of M contacts the place of its pair; (M, 3) positions, (M, 3) normals into the
-        object and M gaps; the near pairs (p, k); the places of those that are left.
-    """
-    cdef cnp.ndarray one_poses = as_poses(ones_poses), other_poses = as_poses(others_poses)
-    cdef Py_ssize_t P = ones.count, K = others.count, p, k, place
-    if one_poses.shape[0] != P or other_poses.shape[0] != K:
-        raise ValueError("needs one pose for each set")
-    cdef const double* T
-    cdef const double* T_other
-    cdef double center[3]
-    cdef cnp.npy_intp count = P * K
-    cdef cnp.ndarray near = <cnp.ndarray>cnp.PyArray_EMPTY(1, &count, cnp.NPY_INTP, 0)
-    cdef cnp.npy_intp* hits = numbers_of(near)
-    count = K
-    cdef cnp.ndarray seen = <cnp.ndarray>cnp.PyArray_ZEROS(1, &count, cnp.NPY_INTP, 0)
-    cdef cnp.npy_intp* times = numbers_of(seen)
-    cdef _Rows rows = _Rows()
-    cdef list left = [], pairs = [], places = [], gaps = []
-    cdef double row[6]
-    cdef double gap
-    cdef int touches
-    cdef bint plain
-    count = 0
-    for k in range(K):
-        T_other = data(other_poses) + 16 * k
-        move(T_other, others.centers + 3 * k, center)
-        for p in range(P):
-            T = data(one_poses) + 16 * p
-            if near_boxes(ones, p, T, others, k, T_other, center, tolerance):
-                hits[count] = k * P + p
-                count += 1
-                times[others.bodies[k]] += 1
-    for place in range(count):
-        p, k = hits[place] % P, hits[place] // P
-        T, T_other = data(one_poses) + 16 * p, data(other_poses) + 16 * k
-        pairs.append((p, k))
-        plain = ones.kinds[p] == POLYTOPE and times[others.bodies[k]] == 1
-        if plain and others.kinds[k] == BALL:
-            touches = ball_on_face(
-                ones, p, T, others.reaches[k], T_other, tolerance, max_penetration, row, &gap
-            )
-            plain = touches >= 0
-            if touches > 0:
-                rows.add(row, 0.0, row + 3)
-                gaps.append(gap)
-        elif plain and others.kinds[k] == PLANE:
-            plain = _face_on_plane(
-                p, T, others.planes + 4 * k, T_other, tolerance, max_penetration, face_of, rows,
-                gaps,
-            )
-        else:
-            plain = False
-        if plain:
-            while len(places) < len(gaps):
-                places.append(place)
-        else:
-            left.append(place)
-    return places, rows.part(0), rows.part(3), gaps, pairs, left
-
-
 cdef int ball_on_face(
     ConvexSets ones, Py_ssize_t p, const double* T, double radius, const double* T_ball,
     double tolerance, double max_penetration, double* row, double* gap
@@ -276,45 +163,3 @@ cdef int ball_on_face(
         row[3 + i] = -row[3 + i]
         row[i] = T_ball[4 * i + 3] + 0.5 * (height + radius) * row[3 + i]
     return 1
-
-
-cdef bint _face_on_plane(
-    Py_ssize_t p, const double* T, const double* plane, const double* T_plane, double tolerance,
-    double max_penetration, object face_of, _Rows rows, list gaps
-):
-    """Whether all of a face is near a half-space."""
-    cdef cnp.ndarray direction = empty1(3)
-    cdef double* down = data(direction)
-    cdef double normal[3]
-    cdef double x[3]
-    cdef double height, offset = plane[3]
-    cdef int i
-    cdef Py_ssize_t g, begun = rows.count
-    cdef cnp.ndarray corners, points
-    turn(T_plane, plane, normal)
-    turn_back(T, normal, down)
-    for i in range(3):
-        offset += normal[i] * T_plane[4 * i + 3]
-        down[i] = -down[i]
-    face = face_of(p, direction)
-    if face is None:
-        return False
-    corners, points = as_reals(face[0], 2), as_reals(face[1], 2)
-    if corners.shape[1] != 4 or points.shape[1] != 4:
-        raise ValueError("needs rows [x, y, z, 1]")
-    if not face[2]:
-        for g in range(corners.shape[0]):
-            move(T, data(corners) + 4 * g, x)
-            height = dot(normal, x) - offset
-            if not -max_penetration <= height <= tolerance:
-                return False
-    for g in range(points.shape[0]):
-        move(T, data(points) + 4 * g, x)
-        height = dot(normal, x) - offset
-        if not -max_penetration <= height <= tolerance:
-            rows.count = begun
-            del gaps[begun:]
-            return False
-        rows.add(x, height, normal)
-        gaps.append(height)
-    return True

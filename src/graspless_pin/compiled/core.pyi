@@ -1,4 +1,4 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,22 +25,11 @@ class ConvexSets:
         faces: Array,
     ) -> None: ...
 
-def plain_contacts(
-    ones: ConvexSets,
-    ones_poses: Array,
-    others: ConvexSets,
-    others_poses: Array,
-    tolerance: float,
-    max_penetration: float,
-    face_of: Callable[[int, Array], tuple[Array, Array, bool] | None],
-) -> tuple[list[int], Array, Array, list[float], list[tuple[int, int]], list[int]]: ...
-
 class BodyPairs:
     def __init__(self, sets: ConvexSets, ones: ArrayLike, twos: ArrayLike) -> None: ...
-    def within(self, poses: Array, depth: float) -> list[tuple[int, int]]: ...
-    def beside(
+    def may_be_deep(
         self, poses: Array, others: ConvexSets, others_poses: Array, depth: float
-    ) -> list[tuple[int, int]]: ...
+    ) -> bool: ...
 
 class KinematicChains:
     def __init__(

@@ -439,5 +439,5 @@ def _pairs(at: AttachedConfigurations, sets: Any, pieces: int) -> Any:
     """Return the pairs of links, and of links beside the object and its pieces, for loops."""
     count, tree = len(at.beside), at.hand.tree
     beside = np.flatnonzero(at.beside).tolist()
-    places = [*pairs_of(tree).places, *((k, count + p) for k in beside for p in range(pieces))]
+    places = [*pairs_of(tree).tolist(), *((k, count + p) for k in beside for p in range(pieces))]
     return core.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])

@@ -155,12 +155,13 @@ class PlainProblems:
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies
+        links = solids_of(tree.shapes).for_loops
         return loops_of(
             scene,
             (tree.coupling.S, tree.coupling.offset),
-            (*tree.shape_placements, solids_of(tree.shapes).for_loops),
+            (*tree.shape_placements, links),
             pieces,
-            pairs_of(tree).loops if self._collisions else None,
+            core.BodyPairs(links, *pairs_of(tree).T) if self._collisions else None,
         )
 
 

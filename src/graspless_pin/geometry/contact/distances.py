@@ -13,6 +13,7 @@ from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
@@ -60,8 +61,6 @@ class Solids:
     @cached_property
     def for_loops(self) -> Any:
         """The same sets as the compiled loops take them."""
-        if core is None:
-            return None
         faces = [
             np.column_stack([one.face_normals, one.face_offsets])
             if isinstance(one, Polytope)
@@ -158,6 +157,37 @@ def near_solids(
     """Return what `near_pairs` does for bodies whose sets are known."""
     k, p = np.nonzero(least_gaps(one, solids, two, others) <= tolerance)
     return list(zip(p.tolist(), k.tolist(), strict=True))
+
+
+def deep_pairs(
+    one: PlacedBodies, two: PlacedBodies, pairs: NDArray[np.intp], depth: float
+) -> NDArray[np.intp]:
+    """Return those of some pairs whose bodies may overlap by more than a depth.
+
+    The sphere around the first is compared with the sphere and the box around the second, or with
+    the half-space that it is.
+
+    Args:
+        one: Bodies, no half-spaces.
+        two: Bodies.
+        pairs: (P, 2) indices into both.
+        depth: m, not negative.
+    """
+    solids, others = solids_of(one.shapes), solids_of(two.shapes)
+    first, second = pairs.T
+    centers = box_centers(one, solids)[first]
+    offsets = centers - box_centers(two, others)[second]
+    local = (offsets[:, None] @ two.poses[second, :3, :3])[:, 0]
+    beyond = np.linalg.norm(np.maximum(np.abs(local) - others.half_extents[second], 0.0), axis=1)
+    gaps = np.linalg.norm(offsets, axis=1) - others.reaches[second]
+    # How deep a centre is inside the box is not known.
+    gaps = np.maximum(gaps, np.where(beyond > 0.0, beyond, -np.inf))
+    for index, solid in enumerate(others.sets):
+        if isinstance(solid, Plane):
+            T, on_it = two.poses[index], second == index
+            normal = T[:3, :3] @ solid.normal
+            gaps[on_it] = (centers[on_it] - T[:3, 3]) @ normal - solid.offset
+    return pairs[gaps - solids.reaches[first] < -depth]
 
 
 def least_gaps(one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids) -> FloatArray:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.compiled import core
 from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.polytopes import Polytope
@@ -92,7 +91,7 @@ def near_and_closed_form(
     others: Solids,
     limits: ContactLimits,
 ) -> tuple[Sequence[tuple[int, int]], list[ContactRows], list[int]]:
-    """Find the pairs that may touch, and the contacts known in closed form.
+    """Find the pairs that may touch, and the contacts of faces on half-spaces.
 
     Args:
         pieces: The object's pieces.
@@ -103,38 +102,24 @@ def near_and_closed_form(
 
     Returns:
         The pairs, indices of a piece and a body; the contacts; and the places of the pairs that are
-        left to the general search, in any order.
+        left to the general search.
     """
     if not bodies.shapes.names:
         return [], [], []
-
-    def face_of(p: int, direction: FloatArray) -> _Face | None:
-        solid = solids.sets[p]
-        if not isinstance(solid, Polytope):
-            return None
-        return _face(solid, solid.farthest(direction), limits)
-
-    if core is not None:
-        places, positions, normals, gaps, pairs, left = core.plain_contacts(
-            solids.for_loops,
-            pieces.poses,
-            others.for_loops,
-            bodies.poses,
-            limits.tolerance,
-            limits.max_penetration,
-            face_of,
-        )
-        return pairs, [ContactRows(places, positions, normals, gaps)], left
     pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
     names = [bodies.shapes.names[k] for _, k in pairs]
     found, left = [], []
     for place, (p, k) in enumerate(pairs):
-        plane, rows = others.sets[k], None
-        if isinstance(plane, Plane) and names.count(names[place]) == 1:
+        solid, plane, rows = solids.sets[p], others.sets[k], None
+        if (
+            isinstance(plane, Plane)
+            and isinstance(solid, Polytope)
+            and names.count(names[place]) == 1
+        ):
             T, T_plane = pieces.poses[p], bodies.poses[k]
             normal = T_plane[:3, :3] @ plane.normal
             offset = float(normal @ T_plane[:3, 3]) + plane.offset
-            face = face_of(p, -normal @ T[:3, :3])
+            face = _face(solid, solid.farthest(-normal @ T[:3, :3]), limits)
             rows = None if face is None else _on_plane(face, T, normal, offset, place, limits)
         if rows is None:
             left.append(place)
@@ -271,7 +256,7 @@ def contact_arrays(
         )
     pairs, found, left = near_and_closed_form(pieces, solids, bodies, others_solids, limits)
     if left:
-        touches = _touches(pieces, solids, bodies, others_solids, pairs, sorted(left), limits)
+        touches = _touches(pieces, solids, bodies, others_solids, pairs, left, limits)
         found += _rows_of(touches, pieces, bodies, kind, limits)
     names = bodies.shapes.names
     rows = joined_rows(found)

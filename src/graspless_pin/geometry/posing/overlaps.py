@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.caching import Derived
-from graspless_pin.compiled import core
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
-from graspless_pin.geometry.contact.distances import least_gaps, near_solids, separation, solids_of
+from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, separation, solids_of
 from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.posed_links import posed_links
@@ -76,9 +76,8 @@ def unwanted_overlaps(
     if not (np.isfinite(tolerance) and tolerance >= 0.0):
         raise ArgumentError("tolerance", f"needs zero or more metres, got {tolerance!r}")
     bodies = hand.placed_bodies
-    pairs = pairs_of(hand.tree)
     found: dict[tuple[str, str], float] = {}
-    for i, j in pairs.within(bodies, tolerance):
+    for i, j in deep_pairs(bodies, bodies, pairs_of(hand.tree), tolerance).tolist():
         depth = _depth(bodies[i], bodies[j])
         if depth > tolerance:
             names = bodies[i].name, bodies[j].name
@@ -86,8 +85,9 @@ def unwanted_overlaps(
     overlaps = [Overlap(*names, BodyKind.HAND, depth) for names, depth in found.items()]
     for support in supports:
         pieces = support.placed_bodies
+        every = np.indices((len(bodies), len(pieces))).reshape(2, -1).T
         deepest: dict[str, float] = {}
-        for i, k in pairs.beside(bodies, pieces, tolerance):
+        for i, k in deep_pairs(bodies, pieces, every, tolerance).tolist():
             depth = _depth(bodies[i], pieces[k])
             if depth > tolerance:
                 deepest[bodies[i].name] = max(deepest.get(bodies[i].name, 0.0), depth)
@@ -97,53 +97,12 @@ def unwanted_overlaps(
     return tuple(overlaps)
 
 
-@dataclass(frozen=True, eq=False)
-class LinkPairs:
-    """The pairs of a hand's shapes that should not be in each other, and what finds those that may.
-
-    Attributes:
-        places: (i, j) of each pair among the shapes, i below j, in model order.
-        loops: The same as compiled loops; None: nothing was compiled.
-    """
-
-    places: tuple[tuple[int, int], ...]
-    loops: Any
-
-    def within(self, bodies: PlacedBodies, depth: float) -> list[tuple[int, int]]:
-        """Return the pairs that are not known to overlap by less than a depth.
-
-        Args:
-            bodies: The hand's shapes at a configuration.
-            depth: m, not negative.
-        """
-        if self.loops is not None:
-            return self.loops.within(bodies.poses, depth)
-        solids = solids_of(bodies.shapes)
-        near = set(near_solids(bodies, solids, bodies, solids, -depth))
-        return [pair for pair in self.places if pair in near]
-
-    def beside(
-        self, bodies: PlacedBodies, pieces: PlacedBodies, depth: float
-    ) -> list[tuple[int, int]]:
-        """Return the pairs of a shape and a support's piece of which that is not known.
-
-        Args:
-            bodies: The hand's shapes at a configuration.
-            pieces: The support's.
-            depth: m, not negative.
-        """
-        solids = solids_of(pieces.shapes)
-        if self.loops is not None:
-            return self.loops.beside(bodies.poses, solids.for_loops, pieces.poses, depth)
-        return sorted(near_solids(bodies, solids_of(bodies.shapes), pieces, solids, -depth))
-
-
-def pairs_of(tree: KinematicTree) -> LinkPairs:
-    """Return the pairs of a hand's shapes that `unwanted_overlaps` compares."""
+def pairs_of(tree: KinematicTree) -> NDArray[np.intp]:
+    """Return the (P, 2) pairs of a hand's shapes that `unwanted_overlaps` compares, i below j."""
     return _PAIRS.of(tree)
 
 
-def _pairs(tree: KinematicTree) -> LinkPairs:
+def _pairs(tree: KinematicTree) -> NDArray[np.intp]:
     parents = [int(parent) for parent in tree.pinocchio_model.parents]
     robot_of = {name: k for k, (names, _) in enumerate(tree.bases) for name in names}
     robots = [robot_of[link] for link in tree.shapes.names]
@@ -160,22 +119,19 @@ def _pairs(tree: KinematicTree) -> LinkPairs:
     links = [frozenset((tree.shapes.names[i], tree.shapes.names[j])) for i, j in of_one_robot]
     neutral = tree.coupling.all_positions(np.clip(0.0, *tree.ranges))
     bodies = posed_links(tree, neutral).bodies
-    all_of_them = _made(tree, of_one_robot)
     ever = tree.disabled_pairs | {
         frozenset((bodies[i].name, bodies[j].name))
-        for i, j in all_of_them.within(bodies, 0.0)
+        for i, j in deep_pairs(bodies, bodies, _array(of_one_robot), 0.0).tolist()
         if _depth(bodies[i], bodies[j]) > 0.0
     }
     own = [pair for pair, names in zip(of_one_robot, links, strict=True) if names not in ever]
-    return _made(tree, sorted([*apart, *own]))
+    pairs = _array(sorted([*apart, *own]))
+    pairs.setflags(write=False)
+    return pairs
 
 
-def _made(tree: KinematicTree, places: Sequence[tuple[int, int]]) -> LinkPairs:
-    loops = None
-    if core is not None:
-        sets = solids_of(tree.shapes).for_loops
-        loops = core.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])
-    return LinkPairs(tuple(places), loops)
+def _array(pairs: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
 def _depth(first: CollisionBody, second: CollisionBody) -> float:
@@ -183,7 +139,7 @@ def _depth(first: CollisionBody, second: CollisionBody) -> float:
     return max(-separation(first, second).distance, 0.0)
 
 
-_PAIRS: Derived[KinematicTree, LinkPairs] = Derived(_pairs)
+_PAIRS: Derived[KinematicTree, NDArray[np.intp]] = Derived(_pairs)
 
 
 class Clearance(NamedTuple):
@@ -229,15 +185,13 @@ def least_clearance(
     for support in supports:
         least = _least(links, support.placed_bodies, least, np.where(moves, np.inf, -depth))
     least = _least(links, moved, least, np.full(len(links), -depth))
-    solids, places = solids_of(links.shapes), pairs_of(hand.tree).places
-    if not places:
-        return least
-    first, second = np.array(places).T
+    solids, pairs = solids_of(links.shapes), pairs_of(hand.tree)
+    first, second = pairs.T
     bounds = least_gaps(links, solids, links, solids)[second, first]
     for place in np.argsort(bounds, kind="stable").tolist():
         if bounds[place] >= least.distance:
             break
-        least = min(least, _measured(links, links, *places[place]))
+        least = min(least, _measured(links, links, *pairs[place].tolist()))
     return least
 
 
