@@ -108,6 +108,8 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
     changes = np.zeros_like(forces)
     y = np.einsum("lni,lik->nk", pushes, forces) + dynamics.load[:, None]
     still = _SLOW * dynamics.limit
+    # A verdict on what moves takes up to three times as long by the sweeps in numpy, which stay for
+    # where nothing is compiled, and to test the loops with.
     if core is not None:
         core.swept(
             rows, pushes.transpose(0, 2, 1), mu, commanded, dynamics.points, forces, y, _SWEEPS,
