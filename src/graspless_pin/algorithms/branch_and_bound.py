@@ -16,11 +16,15 @@ import numpy as np
 
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits
-from graspless_pin.algorithms.search import SearchResult, SearchState, closeness, finished
+from graspless_pin.algorithms.search import (
+    SearchResult,
+    SearchState,
+    best_first,
+    closeness,
+    relaxation,
+)
 from graspless_pin.modes.rules import SignRule, SlidingMode
-from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
-from graspless_pin.tree_search import TreeSearch
 
 _GUESS_EVERY = 8
 """A mode is guessed at the first conflict and at each so many after it."""
@@ -34,46 +38,26 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
         state: The search to run.
         limits: When to stop.
     """
-    answer = state.relax()
-    state.nodes += 1
-    if answer.outcome is not Outcome.SOLVED:
-        failed = answer.outcome is Outcome.FAILED
-        return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
+    answer = relaxation(state)
+    if isinstance(answer, SearchResult):
+        return answer
     tree = ModeTree(state.formulation, state.rules)
-    root = ModePart.every_mode(state.formulation.problem, state.rules)
-    children = None if state.closed(answer.bound) else _children(state, tree, root, answer)
-    # The lowest bound of the nodes that were left without being split: no optimum lies below it.
-    left = answer.bound if children is None else np.inf
-    search = TreeSearch(children or [], answer.bound)
-    cover: list[ModePart] = []
-    for bound, part in search:
-        state.raise_bound(min(bound, left))
-        if state.closed(bound):
-            state.cover = (*cover, part, *search.left())
-            return finished(state)
-        if limits.end(state.nodes):
-            return finished(state, interrupted=True)
+    every = ModePart.every_mode(state.formulation.problem, state.rules)
+
+    def expand(part: ModePart, before: float) -> tuple[float, list[ModePart] | None]:
         state.oracle.kinematic_programs += int(part.selected.any())
         if tree.exclusion(part) is not None:
-            continue
+            return before, []
         answer = state.solve(*tree.bounds(part))
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
-            left = min(left, max(bound, answer.bound))
-            cover.append(part)
-            continue
-        if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
-            left = min(left, answer.bound)
-            cover.append(part)
-            continue
+            return max(before, answer.bound), None
         children = _children(state, tree, part, answer)
-        if children is None:
-            left = min(left, answer.bound)
-            cover.append(part)
-        search.add(children or [], _level(bound, answer.bound))
-    state.raise_bound(left)
-    state.cover = tuple(cover)
-    return finished(state)
+        return (answer.bound if children is None else _level(before, answer.bound)), children
+
+    root = answer.bound, _children(state, tree, every, answer)
+    result, state.cover = best_first(state, limits, root, expand, state.closed)
+    return result
 
 
 def _level(before: float, bound: float) -> float:
@@ -116,6 +100,8 @@ def _children(
     None where nothing in the part is better than what was kept, or it cannot be split; no children
     where it holds no mode.
     """
+    if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
+        return None
     x = tree.within(part, answer.x)
     found = state.oracle.mode_for(x)
     state.modes_examined += 1

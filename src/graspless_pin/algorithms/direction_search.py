@@ -17,7 +17,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import NO_FRICTION
 from graspless_pin.algorithms.options import Limits
-from graspless_pin.algorithms.search import SearchResult, SearchState, finished
+from graspless_pin.algorithms.search import SearchResult, SearchState, best_first, relaxation
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule
 from graspless_pin.modes.sectors import (
@@ -30,9 +30,7 @@ from graspless_pin.modes.sectors import (
 )
 from graspless_pin.modes.witness_heuristics import CLEARLY, RANK_TOLERANCE
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
-from graspless_pin.tree_search import TreeSearch
 
 _SMALL = 0.01
 """Optima below this share of the load are found to the gap of this size."""
@@ -81,11 +79,9 @@ def search_directions(state: SearchState, gap: float, limits: Limits) -> SearchR
             f"is 'direction', which does not take {what}: only the largest margin and the smallest "
             "torque without a regularisation; ask for 'strict', 'exact' or 'nonzero'",
         )
-    answer = state.relax()
-    state.nodes += 1
-    if answer.outcome is not Outcome.SOLVED:
-        failed = answer.outcome is Outcome.FAILED
-        return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
+    answer = relaxation(state)
+    if isinstance(answer, SearchResult):
+        return answer
     search = _DirectionSearch(state, gap)
     try:
         return search.run(answer, limits)
@@ -113,27 +109,18 @@ class _DirectionSearch:
 
     def run(self, answer: Answer, limits: Limits) -> SearchResult:
         """Search from the answer to the relaxation on."""
-        state, bound = self.state, answer.bound
-        children = self._split(_Node(dict.fromkeys(self.always), frozenset()), answer, bound)
-        search = TreeSearch(children or (), bound)
-        left = bound if children is None else np.inf
-        for before, node in search:
-            state.raise_bound(min(before, left))
-            if self._closed(before):
-                return finished(state)
-            if limits.end(state.nodes):
-                return finished(state, interrupted=True)
-            if isinstance(self.motions.find(node.sectors), Exclusion):
-                continue
-            state.nodes += 1
-            answer = self._solve(self._friction(node))
-            bound = max(before, answer.bound)
-            children = self._split(node, answer, bound)
-            if children is None:
-                left = min(left, bound)
-            search.add(children or (), bound)
-        state.raise_bound(left)
-        return finished(state)
+        every = _Node(dict.fromkeys(self.always), frozenset())
+        root = answer.bound, self._split(every, answer, answer.bound)
+        return best_first(self.state, limits, root, self._expand, self._closed)[0]
+
+    def _expand(self, node: _Node, before: float) -> tuple[float, list[_Node] | None]:
+        """Return what is proven of a node, and its children, as `best_first` asks for them."""
+        if isinstance(self.motions.find(node.sectors), Exclusion):
+            return before, []
+        self.state.nodes += 1
+        answer = self._solve(self._friction(node))
+        bound = max(before, answer.bound)
+        return bound, self._split(node, answer, bound)
 
     def _split(self, node: _Node, answer: Answer, bound: float) -> list[_Node] | None:
         """Return the children of a node; None where it is closed, or cannot be split."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import ModeOracle
+from graspless_pin.algorithms.options import Limits
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.feasibility import Conflict, Requirement
@@ -19,6 +20,7 @@ from graspless_pin.modes.witness_heuristics import CLEARLY
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
+from graspless_pin.tree_search import Node, TreeSearch
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.mode_tree import ModePart
@@ -183,6 +185,57 @@ def undecided(state: SearchState) -> SearchResult:
     """Return the result of a search in which no solver decided on a virtual motion."""
     state.unproven_bound = -np.inf
     return finished(state)
+
+
+def relaxation(state: SearchState) -> Answer | SearchResult:
+    """Return the answer to the relaxation, the first node; without one, how the search ended."""
+    answer = state.relax()
+    state.nodes += 1
+    if answer.outcome is Outcome.SOLVED:
+        return answer
+    failed = answer.outcome is Outcome.FAILED
+    return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
+
+
+def best_first(
+    state: SearchState,
+    limits: Limits,
+    root: tuple[float, list[Node] | None],
+    expand: Callable[[Node, float], tuple[float, list[Node] | None]],
+    closed: Callable[[float], bool],
+) -> tuple[SearchResult, tuple[Node, ...]]:
+    """Search from the relaxation on, the node with the lowest bound first.
+
+    Args:
+        state: The search to run.
+        limits: When to stop.
+        root: What `expand` would return of the relaxation.
+        expand: Looks at a node with a proven bound: what is proven then, and its children; None
+            where it is left without being split.
+        closed: Whether nothing at or above a bound is of interest.
+
+    Returns:
+        How it ended, and nodes that hold all there is and whose bounds were enough; none where a
+        limit ended it.
+    """
+    bound, children = root
+    search = TreeSearch(children or (), bound)
+    # The lowest bound of the nodes that were left without being split: no optimum lies below it.
+    left = bound if children is None else np.inf
+    cover: list[Node] = []
+    for before, node in search:
+        state.raise_bound(min(before, left))
+        if closed(before):
+            return finished(state), (*cover, node, *search.left())
+        if limits.end(state.nodes):
+            return finished(state, interrupted=True), ()
+        bound, children = expand(node, before)
+        if children is None:
+            left = min(left, bound)
+            cover.append(node)
+        search.add(children or (), bound)
+    state.raise_bound(left)
+    return finished(state), tuple(cover)
 
 
 def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requirement]) -> SearchResult:

@@ -10,11 +10,16 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.direction_search import search_directions
 from graspless_pin.algorithms.options import Limits, Search, SolveOptions
-from graspless_pin.algorithms.search import SearchResult, SearchState, finished, undecided
+from graspless_pin.algorithms.search import (
+    SearchResult,
+    SearchState,
+    finished,
+    relaxation,
+    undecided,
+)
 from graspless_pin.errors import OverrunError, UndecidedMotionError
 from graspless_pin.modes.enumeration import feasible_modes
 from graspless_pin.modes.rules import SlidingMode
-from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
 
 
@@ -28,12 +33,9 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
         state: The search to run.
         limits: When to stop; modes count as nodes.
     """
-    answer = state.relax()
-    state.nodes = 1
-    if answer.outcome is Outcome.INFEASIBLE:
-        return SearchResult(Status.INFEASIBLE_FORCES, state)
-    if answer.outcome is Outcome.FAILED:
-        return SearchResult(Status.UNVERIFIED, state)
+    answer = relaxation(state)
+    if isinstance(answer, SearchResult):
+        return answer
     mode = state.oracle.mode_for(answer.x)
     state.modes_examined = 1
     if isinstance(mode, SlidingMode) and state.accept(answer, mode):
