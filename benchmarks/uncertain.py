@@ -62,7 +62,7 @@ def _states() -> str:
     for name, (how, spread) in STATES.items():
         scene = load_scene(EXAMPLES / f"{name}.yaml")
         for told, rules in RULES.items():
-            unknown = Uncertainty(**SETS["16 corners"])  # type: ignore[arg-type]
+            unknown = Uncertainty(**SETS["16 corners"])
             nominal, robust = (
                 Evaluator(scene, algorithm="margin", uncertainty=one, **how, **rules)
                 for one in (None, unknown)
