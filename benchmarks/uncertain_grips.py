@@ -26,7 +26,8 @@ from benchmarks.real_grips import HANDS, KEPT, objects, place
 from graspless_pin import Controller, Holding, Scene, Uncertainty, load_scene
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.robust_torques import joint_stiffness
-from graspless_pin.algorithms.uncertainty import each_of, nominal_member
+from graspless_pin.algorithms.uncertain_members import nominal_member
+from graspless_pin.algorithms.uncertainty import each_of
 from graspless_pin.findings import capture
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Corner, Member

@@ -10,19 +10,24 @@ from types import MappingProxyType
 import numpy as np
 from tabulate import tabulate
 
-from graspless_pin.algorithms.uncertainty import Uncertainty, Weight
+from graspless_pin.algorithms.force_policy import ForcePolicy
+from graspless_pin.algorithms.uncertain_members import Weight
+from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Member
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution
 
+_CLOSED = 1e-6
+"""Of a value: a bound that is no farther from it is reached."""
+
 
 class Coverage(StrEnum):
     """Which members an answer is proven for. See the example of `Uncertainty`."""
 
     WHOLE_SET = "the whole set"
-    """Forces of any member are means of those of the corners, in one mode."""
+    """Forces of any member are means of those of the corners, or those of a policy, in one mode."""
     CORNERS = "the corners of the set"
     """Modes differ from corner to corner: between them nothing is proven."""
 
@@ -35,13 +40,14 @@ class RobustSolution(Brief):
 
     Attributes:
         solution: Of the joined problem of the members that were needed: its certificate proves the
-            answer.
+            answer, or with a policy the bound alone.
         coverage: Which members it is proven for; where nothing was found, which members it is
             proven for that nothing serves them.
-        bound: No torques for all corners are better than this, in the unit of the objective's
+        bound: No torques for all members are better than this, in the unit of the objective's
             value: N for Algorithm 1, N m or N for Algorithm 2. NaN where it is proven that there
             are none.
-        members: K corners of the set, those of the solution first.
+        members: K members of the set: first those that `contact_forces` are of, the solution's or
+            the policy's corners.
         joint_names: L names.
         conflict: Numbers of members that no torques serve together, and any fewer of them do. Empty
             where torques were found, or where it is not proven that there are none.
@@ -49,6 +55,9 @@ class RobustSolution(Brief):
             constant.
         uncertainty: The set.
         weight: Which part of the load is weight.
+        policy: Forces that are affine in balls and in errors of many torques, which prove the
+            answer for the whole set; the solution is then that of members which bound it from the
+            other side. None: corners are enough.
     """
 
     solution: TorqueSolution
@@ -60,30 +69,40 @@ class RobustSolution(Brief):
     feedback: FloatArray | None = None
     uncertainty: Uncertainty | None = None
     weight: Weight | None = None
+    policy: ForcePolicy | None = None
 
     @property
     def status(self) -> Status:
-        """What is known of the joined problem."""
-        return self.solution.status
+        """What is known of the joined problem; of a policy, whether it reaches the bound."""
+        status = self.solution.status
+        if self.policy is None:
+            return status
+        value = self.policy.value(self.solution.objective)
+        closed = abs(value - self.bound) <= _CLOSED * abs(value)
+        return status if closed and self.solution.found else Status.LIMIT_REACHED
 
     @property
     def found(self) -> bool:
         """Whether there are torques."""
-        return self.solution.found
+        return self.policy is not None or self.solution.found
 
     @property
     def margin(self) -> float:
         """The margin that all members keep, N; NaN where nothing was found."""
+        if self.policy is not None:
+            return self.policy.least_margin
         return self.solution.margin
 
     @property
     def max_torque(self) -> float:
         """The largest |torque| that is commanded in any member; NaN where nothing was found."""
+        if self.policy is not None:
+            return self.policy.max_torque
         return self.solution.max_torque
 
     @property
     def commands(self) -> FloatArray:
-        """(J, L) commanded torques of the solution's J members, N m (N).
+        """(J, L) commanded torques of the solution's J members or the policy's corners, N m (N).
 
         They are the same but for what feedback adds.
 
@@ -110,11 +129,13 @@ class RobustSolution(Brief):
 
     @property
     def worst(self) -> int:
-        """Number of the solution's member whose forces keep the least margin.
+        """Number of the solution's member, or of the corner, whose forces keep the least margin.
 
         Raises:
             NoSolutionError: If nothing was found.
         """
+        if self.policy is not None:
+            return int(np.argmin([*map(self.policy.margin, range(len(self.policy.corners)))]))
         forces = zip(self.members, self.contact_forces, strict=False)
         return int(np.argmin([member.problem.margin_of(force) for member, force in forces]))
 
@@ -134,7 +155,9 @@ class RobustSolution(Brief):
 
     @property
     def contact_forces(self) -> FloatArray:
-        """(J, M, 3) forces of the solution's J members, N, world axes."""
+        """(J, M, 3) forces of the solution's J members or the policy's corners, N, world axes."""
+        if self.policy is not None:
+            return self.policy.forces
         count = self.members[0].problem.contact_count
         return self.solution.contact_forces.reshape(-1, count, 3)
 
@@ -142,6 +165,8 @@ class RobustSolution(Brief):
         """Return what was found, for which members, or which are in conflict."""
         if not self.found:
             lines = [f"no torques for the whole set: {self.status.message}"]
+            if self.status is Status.UNVERIFIED:
+                lines.append("forces affine in what is unknown do not serve it; others may")
             if len(self.conflict) == 1:
                 lines.append("this member alone cannot be served:")
             elif self.conflict:
@@ -165,9 +190,14 @@ class RobustSolution(Brief):
         headers = ("joint", "torque", "least", "most", "")
         if self.feedback is None:
             rows, headers = [(row[0], row[1], row[4]) for row in rows], ("joint", "torque", "")
+        policy = ""
+        if self.policy is not None:
+            policy = (
+                f" by affine forces\nno torques for the whole set are better than {self.bound:.6g}"
+            )
         return (
             f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} {unit}, proven for "
-            f"{self.coverage}\n"
+            f"{self.coverage}{policy}\n"
             f"least room where: {self.members[self.worst].words}\n\n"
             f"{tabulate(rows, headers=headers, disable_numparse=True)}"
         )

@@ -15,36 +15,39 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.common_mode import common_mode, tiled
+from graspless_pin.algorithms.force_policy import unknowns_of
+from graspless_pin.algorithms.joined_optimum import (
+    AS_GOOD,
+    best_of,
+    bound_of,
+    conflict_of,
+    ended_by_time,
+    spread,
+)
 from graspless_pin.algorithms.member_margins import member_margins
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
-from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
-from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.uncertainty import (
-    Uncertainty,
+from graspless_pin.algorithms.policy_torques import torques_by_policy
+from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.uncertain_members import (
     Weight,
     known_weight,
     members_of,
     nominal_member,
+    part_of_corners,
 )
+from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import Controller, gain_shares
-from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.members import Member, feedback_torques, joined, under_commands
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
-from graspless_pin.records import changed
 from graspless_pin.solution import Status, TorqueSolution
 
 _AT_ONCE, _MORE = 6, 4
 """Members of the first joined problem, and how many join it at a time."""
-_COMMON_NODES, _NODES = 400, 12
-"""Of the searches over modes that members have in common, and over modes of each, unless another
-limit is given."""
-_AS_GOOD = 1e-6
-"""Of an optimum, or of the load: values that differ by less are one."""
 _SHARE = 1e-3
 
 
@@ -67,7 +70,8 @@ def solve_robust(
 
     Under plain Coulomb friction, or in one mode, the loads that torques bear are convex, and the
     corners of a set prove all of it. Under other rules the best mode that all corners have in
-    common is looked for first; where there is none, modes that differ, for the corners alone.
+    common is looked for first; where there is none, modes that differ, for the corners alone. Of
+    balls, and of errors and pushes with too many corners, forces are affine in what is unknown.
 
     Args:
         problem: The nominal one.
@@ -92,40 +96,42 @@ def solve_robust(
     )
     limits = Limits.of(options)
     weight = known_weight(problem, uncertainty, weight)
-    members = members_of(problem, uncertainty, weight)
+    of_corners = part_of_corners(problem, uncertainty)
+    members = members_of(problem, of_corners, weight)
     directions = stiffness = None
     if feedback is not None:
         stiffness = joint_stiffness(problem, feedback, fingers)
         directions = feedback_torques(problem, stiffness)
         members = (nominal_member(problem), *members)
+    unknowns = unknowns_of(problem, uncertainty, of_corners, weight, members)
+    if unknowns.count:
+        found = torques_by_policy(
+            members, unknowns, objective, options, limits, directions=directions, mode=mode
+        )
+        return replace(found, feedback=stiffness, uncertainty=uncertainty, weight=weight)
     at_once = _AT_ONCE
     if not isinstance(objective, Margin | Torque | TorqueShare):
         at_once = len(members)  # of others it is not known when further members fit
-    chosen, others = _spread(members, at_once)
+    chosen, others = spread(members, at_once)
     while True:
         together = joined(chosen, directions)
-        solution, coverage = _best(together, objective, limits.within(options), chosen, mode)
+        solution, coverage = best_of(together, objective, limits.within(options), chosen, mode)
         lacking = (
             []
             if not solution.found
             else _lacking(solution, objective, options, chosen, others, directions, limits)
         )
         if limits.passed and others and solution.found:
-            # What was not looked at may be without forces under these torques.
-            solution = changed(solution, status=Status.NOT_FOUND_IN_LIMIT, _forces=None, _mode=None)
+            solution = ended_by_time(solution)
             break
         if not lacking:
             break
         chosen += [others[number] for number in lacking]
         others = [one for number, one in enumerate(others) if number not in lacking]
-    bound = solution.certificate.bound
-    if mode is None and solution.given_mode is not None and solution.found:
-        bound = _bound(together, objective, limits.within(options), chosen, solution)
-    if not solution.found and solution.status is not Status.NOT_FOUND_IN_LIMIT:
-        bound = math.nan
+    bound = bound_of(together, objective, limits.within(options), chosen, solution, mode)
     conflict: tuple[int, ...] = ()
     if solution.status is Status.INFEASIBLE_FORCES:
-        conflict = _conflict(chosen, objective, options, directions)
+        conflict = conflict_of(chosen, objective, options, limits, directions)
     return RobustSolution(
         solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness,
         uncertainty, weight,
@@ -153,81 +159,6 @@ def joint_stiffness(
     if (given < 0.0).any():
         raise ArgumentError("feedback", f"is {given.min():.4g}; stiffness is not negative")
     return given
-
-
-def _best(
-    together: QuasistaticProblem,
-    objective: Objective,
-    options: SolveOptions,
-    members: Sequence[Member],
-    mode: SlidingMode | None,
-) -> tuple[TorqueSolution, Coverage]:
-    """Return the best torques for some members, and whom they serve."""
-    convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
-    if mode is None and not convex:
-        if not options.rules.by_direction:
-            limited = _limited(options, _COMMON_NODES)
-            mode = common_mode(together, members, objective, limited)
-        if mode is None:
-            solution = solve_problem(together, objective, _limited(options, _NODES))
-            return solution, Coverage.CORNERS
-    every = None if mode is None else tiled(mode, len(members))
-    return solve_problem(together, objective, options, mode=every), Coverage.WHOLE_SET
-
-
-def _limited(options: SolveOptions, nodes: int) -> SolveOptions:
-    return options if options.node_limit else replace(options, node_limit=nodes)
-
-
-def _bound(
-    together: QuasistaticProblem,
-    objective: Objective,
-    options: SolveOptions,
-    members: Sequence[Member],
-    solution: TorqueSolution,
-) -> float:
-    """Return what no torques for all members are better than, whatever their modes.
-
-    That is the optimum under plain Coulomb friction, or of a member alone where that is worse.
-    """
-    rules = replace(options.rules, static_friction=StaticFriction.COULOMB)
-    best = max if not objective.maximizes else min
-    bound = solve_problem(together, objective, replace(options, rules=rules)).certificate.bound
-    for member in members:
-        if _reaches(solution, bound):
-            break
-        alone = solve_problem(joined([member]), objective, options)
-        bound = best(bound, alone.certificate.bound)
-    return bound
-
-
-def _reaches(solution: TorqueSolution, bound: float) -> bool:
-    return abs(solution.value - bound) <= _AS_GOOD * max(abs(bound), abs(solution.value))
-
-
-def _spread(members: Sequence[Member], most: int) -> tuple[list[Member], list[Member]]:
-    """Return members to begin with, each as far from those before it as can be, and the others."""
-    if len(members) <= most:
-        return list(members), []
-    problem = members[0].problem
-    force, length, joints = problem.scales
-    sizes = np.concatenate([np.where(problem.passive_turns, force * length, force), joints])
-    points = np.array(
-        [
-            np.concatenate([one.problem.external_wrench, one.commanded(np.zeros_like(joints))])
-            / sizes
-            for one in members
-        ]
-    )
-    distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    chosen = [0]  # the nominal one, where feedback is from there
-    distances = np.minimum(distances, np.linalg.norm(points - points[0], axis=1))
-    for _ in range(most - 1):
-        chosen.append(int(distances.argmax()))
-        distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        distances[chosen] = -1.0
-    rest = [one for number, one in enumerate(members) if number not in set(chosen)]
-    return [members[number] for number in chosen], rest
 
 
 def _lacking(
@@ -260,7 +191,7 @@ def _lacking(
         mode=mode,
         enough=needed,
     )
-    lacking = np.flatnonzero(margins < needed - 0.5 * _AS_GOOD * force)
+    lacking = np.flatnonzero(margins < needed - 0.5 * AS_GOOD * force)
     return lacking[np.argsort(margins[lacking])][:_MORE].tolist()
 
 
@@ -268,7 +199,7 @@ def _found_limits(
     problem: QuasistaticProblem, solution: TorqueSolution, objective: Objective
 ) -> tuple[FloatArray, FloatArray]:
     """Return limits of torques, no larger than was found to be enough, for what feedback adds."""
-    most = (1.0 + _AS_GOOD) * solution.value
+    most = (1.0 + AS_GOOD) * solution.value
     low, high = problem.lower_torque, problem.upper_torque
     if isinstance(objective, TorqueShare):
         return most * low, most * high
@@ -310,28 +241,6 @@ def further_forces(robust: RobustSolution) -> FloatArray | None:
         options = SolveOptions(rules=solution.rules)
         found.append(solve_problem(problem, Margin(), options, mode=mode).contact_forces)
     return np.array(found).reshape(-1, *first.problem.positions.shape)
-
-
-def _conflict(
-    members: Sequence[Member],
-    objective: Objective,
-    options: SolveOptions,
-    directions: FloatArray | None,
-) -> tuple[int, ...]:
-    """Return members that no forces serve together, none of which can be left out.
-
-    A deletion filter (Chinneck): under Coulomb's law at most rank(J) + 1 are left, by Helly.
-    """
-    coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
-    kept = list(range(len(members)))
-    for number in range(len(members)):
-        fewer = [one for one in kept if one != number]
-        if not fewer:
-            break
-        together = joined([members[one] for one in fewer], directions)
-        if solve_problem(together, objective, coulomb).status is Status.INFEASIBLE_FORCES:
-            kept = fewer
-    return tuple(kept)
 
 
 def served_share(

@@ -18,13 +18,13 @@ from graspless_pin.algorithms.member_margins import member_margins
 from graspless_pin.algorithms.options import NO_LIMITS, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.uncertainty import (
-    Uncertainty,
+from graspless_pin.algorithms.uncertain_members import (
     Weight,
     members_of,
     nominal_member,
     weight_of_arrays,
 )
+from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem

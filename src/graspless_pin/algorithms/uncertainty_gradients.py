@@ -20,7 +20,8 @@ from graspless_pin.algorithms.gradients import (
     optimum_gradients,
 )
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.algorithms.uncertainty import Uncertainty, Weight, each_of, gravities
+from graspless_pin.algorithms.uncertain_members import Weight, gravities
+from graspless_pin.algorithms.uncertainty import Uncertainty, each_of
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -59,7 +60,8 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
 
     Raises:
         NoSolutionError: If nothing was found.
-        ArgumentError: See `optimum_gradients`; or if the members are not corners of a set.
+        ArgumentError: See `optimum_gradients`; or if the members are not corners of a set, as those
+            of balls are not.
 
     Examples:
         >>> from graspless_pin import Uncertainty, load_scene, minimize_torque
@@ -76,6 +78,13 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     uncertainty, weight = robust.uncertainty, robust.weight
     if uncertainty is None or weight is None:
         raise ArgumentError("robust", "does not tell of which set it is")
+    if robust.policy is not None:
+        raise ArgumentError(
+            "robust",
+            "has forces affine in balls, or in what has too many corners, and gradients are of "
+            "corners; give boxes in place of balls (center_of_mass, force, moment), or solve for "
+            "two sizes of the set",
+        )
     found = optimum_gradients(robust.solution)
     forces = robust.solution.contact_forces
     members = robust.members[: len(robust.contact_forces)]
@@ -186,7 +195,7 @@ def _moved(
             return replace(member, factors=1.0 + scaled(member.factors - 1.0))
         case "torque_offset":
             return replace(member, offsets=scaled(member.offsets))
-        case _:
+        case "effort":
             share = each_of("effort", uncertainty.effort, problem.joint_count, "joints")
             left = (1.0 - scaled(share)) / (1.0 - share)
             limits = (
@@ -194,6 +203,8 @@ def _moved(
                 np.where(problem.upper_torque > 0.0, left, 1.0) * problem.upper_torque,
             )
             return replace(member, problem=problem.with_changes(torque_limits=limits))
+        case _:
+            raise ArgumentError("uncertainty", f"has no corners of {name}")
 
 
 def _loaded(member: Member, weight: Weight, before: Corner, corner: Corner) -> Member:

@@ -108,7 +108,7 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
     maps = [one.problem.jacobian / one.factors for one in members]  # J_k of commands
     carried = [one.commanded(np.zeros(first.joint_count)) for one in members]
     names, units = first.joint_names, first.joint_units
-    shared, coupled = _coupling(first, maps, feedback)
+    shared, coupled = shared_commands(members, feedback)
     driven, drives = (maps[:1], 1) if feedback is None else (maps, count)
     rows = len(shared)
     coupling = np.zeros(((count - 1) * rows, 3 * sum(one.contact_count for one in problems)))
@@ -155,7 +155,7 @@ def under_commands(
     """
     problem = member.problem
     made = problem.jacobian / member.factors
-    shared, coupled = _coupling(problem, [made], feedback)
+    shared, coupled = shared_commands([member], feedback)
     joints = {} if feedback is None else {
         "jacobian": made,
         "gravity_torques": member.commanded(np.zeros(problem.joint_count)),
@@ -183,18 +183,24 @@ def loads_under_commands(
         feedback: See `joined`.
     """
     first = members[0].problem
-    shared, _ = _coupling(first, [first.jacobian / members[0].factors], feedback)
+    shared, _ = shared_commands(members[:1], feedback)
     carried = np.array([one.commanded(np.zeros(first.joint_count)) for one in members])
     wrenches = np.array([one.problem.external_wrench for one in members])
     return np.hstack([wrenches, (carried - commanded) @ shared.T])
 
 
-def _coupling(
-    problem: QuasistaticProblem, maps: Sequence[FloatArray], feedback: FloatArray | None
+def shared_commands(
+    members: Sequence[Member], feedback: FloatArray | None
 ) -> tuple[FloatArray, list[JointUnit]]:
-    """Return which sums of commands are the same for all members, as rows, and their units."""
-    units = problem.joint_units
+    """Return which sums of commands are the same for all members, as (s, L) rows, and their units.
+
+    Args:
+        members: All of them.
+        feedback: See `joined`.
+    """
+    units = members[0].problem.joint_units
     if feedback is None:
+        maps = [one.problem.jacobian / one.factors for one in members]
         levers = np.max([np.abs(one).max(axis=0, initial=0.0) for one in maps], axis=0)
         # What carries the links of joints that bear no contact force is their own.
         loaded = np.flatnonzero(levers > _IDLE * levers.max(initial=0.0))

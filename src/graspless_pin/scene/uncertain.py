@@ -12,7 +12,8 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.robust_torques import Feedback, solve_robust
 from graspless_pin.algorithms.tolerances import Tolerances, tolerances
-from graspless_pin.algorithms.uncertainty import Uncertainty, Weight
+from graspless_pin.algorithms.uncertain_members import Weight
+from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.inertial_forces import STILL
 from graspless_pin.holding.controller import Controller

@@ -1,0 +1,367 @@
+"""The affinely adjustable robust counterpart of Algorithms 1 and 2: one conic program.
+
+Forces of corner k are f_k + F d. Balance and shared commands hold for all d where they do at d = 0
+and the coefficients of each d cancel. A row of the cones holds for all d in a product of balls
+where it does with the lengths of its coefficients taken off: a linear program for intervals, a
+second-order one for balls. Corners of the same contacts, and the same loads of d, share F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.algorithms.corner_rows import (
+    CANCELS,
+    CornerRows,
+    Group,
+    corner_rows,
+    grouped,
+    scaled_shared,
+)
+from graspless_pin.algorithms.force_policy import ForcePolicy, Unknowns
+from graspless_pin.algorithms.options import NO_LIMITS, Limits
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.members import Member
+from graspless_pin.programs.answers import PRIMAL_TOLERANCE
+from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.objectives import Margin, Torque
+from graspless_pin.solvers.sparse_conic import Entries, SparseConic, diagonal
+
+_ACTIVE = 1e-3
+"""Of the sum of all multipliers of a corner: rows with less do not count."""
+_SAME, _MOST_ACTIVE = 1e-3, 100
+_FAR = 1e6
+
+
+def best_policy(
+    corners: Sequence[Member],
+    unknowns: Unknowns,
+    objective: Margin | Torque,
+    *,
+    directions: FloatArray | None = None,
+    modes: Sequence[SlidingMode | None] = (None,),
+    limits: Limits = NO_LIMITS,
+) -> tuple[ForcePolicy | None, list[int]]:
+    """Return affine forces for the best torques that have such, checked; None: there are none.
+
+    Args:
+        corners: K members.
+        unknowns: What d is.
+        objective: One of the paper's, without a regularisation.
+        directions: (L, d) what feedback may add to commands, see `feedback_torques`.
+        modes: Those to look in, one for all forces; None is plain Coulomb friction.
+        limits: When to stop.
+
+    Returns:
+        The best of all modes, and numbers of unknowns along a motion that no contact resists: no
+        constant torques serve more than one load there.
+    """
+    sign, best, worth, free = 1.0 if objective.maximizes else -1.0, None, -np.inf, list[int]()
+    for mode in modes:
+        if limits.passed:
+            break
+        program = _AffineProgram(corners, unknowns, objective, directions, mode)
+        free = program.free
+        found = program.best(limits)
+        value = -np.inf if found is None else sign * found.value(objective)
+        if value > worth:
+            best, worth = found, value
+    return best, free
+
+
+class _AffineProgram:
+    """The program of affine forces, and the way back from its columns.
+
+    Attributes:
+        free: Numbers of unknowns along a motion that no contact resists: no constant torques serve
+            more than one load there.
+    """
+
+    def __init__(
+        self,
+        corners: Sequence[Member],
+        unknowns: Unknowns,
+        objective: Margin | Torque,
+        directions: FloatArray | None,
+        mode: SlidingMode | None,
+    ) -> None:
+        """Lay out the rows.
+
+        Args:
+            corners: K members.
+            unknowns: What d is.
+            objective: One of the paper's, without a regularisation.
+            directions: (L, d) what feedback may add to commands, see `feedback_torques`.
+            mode: The one mode of all forces; None: plain Coulomb friction.
+        """
+        first = corners[0].problem
+        self.corners, self.unknowns, self.directions = corners, unknowns, directions
+        self.objective = objective
+        scale = force_coordinates(first, objective.required_margin)
+        self.scale = scale
+        self.shared = scaled_shared(corners, scale, directions)
+        self.rows = corner_rows(corners, scale, mode)
+        self.groups = grouped(corners, self.rows, unknowns, self.shared)
+        self.of_joint = np.flatnonzero(unknowns.joints >= 0)
+        self.free = sorted({one for group in self.groups for one in self._free(group)})
+
+    def best(self, limits: Limits) -> ForcePolicy | None:
+        """Return affine forces for the best torques that have such, checked; None: none do."""
+        if self.free:
+            return None
+        self.built = SparseConic()
+        self._build()
+        found = self.built.solve(limits.left)
+        return None if found is None else self._policy(*found)
+
+    def _sides(self, group: Group, errors: FloatArray) -> FloatArray:
+        """Return (P + s, D) what the forces of each unknown have to make; errors (L,) scaled."""
+        commands = np.zeros((len(errors), len(self.unknowns.balls)))
+        joints = self.unknowns.joints[self.of_joint]
+        commands[joints, self.of_joint] = errors[joints]
+        return np.vstack([group.loads, self.shared @ commands])
+
+    def _free(self, group: Group) -> list[int]:
+        """Return unknowns that no forces balance."""
+        sides = self._sides(group, (self.unknowns.offsets > 0.0).astype(float))
+        off = np.abs(sides - group.effects @ (group.inverse @ sides)).max(axis=0, initial=0.0)
+        room = CANCELS * max(1.0, np.abs(sides).max(initial=0.0))
+        return np.flatnonzero(off > room).tolist()
+
+    def _build(self) -> None:
+        built, unknowns, objective = self.built, self.unknowns, self.objective
+        count, D = len(self.rows[0].kept), len(unknowns.balls)
+        self.at = [built.columns(count) for _ in self.corners]
+        self.slopes = [[built.columns(count) for _ in range(D)] for _ in self.groups]
+        joints = unknowns.joints[self.of_joint]
+        self.errors = built.columns(len(joints))
+        margin: float | NDArray[np.int_]
+        if isinstance(objective, Margin):
+            margin = built.columns(1, cost=-1.0)
+        else:
+            margin = objective.required_margin / self.scale.force_scale
+            self.largest = built.columns(1, cost=1.0)[0]
+        self._balance()
+        self.active: list[NDArray[np.int_]] = [np.zeros(0, dtype=int)] * len(self.corners)
+        for slopes, group in zip(self.slopes, self.groups, strict=True):
+            self._cone_rows(group, slopes, margin)
+            self._command_rows(group, slopes)
+
+    def _balance(self) -> None:
+        """Balance at d = 0 and of each d; the same commands, and errors that forces make up for."""
+        first, start = self.rows[0], Entries.of(-(self.shared @ self.rows[0].torque))
+        for number, rows in enumerate(self.rows):
+            own = int(self.at[number][0])
+            self.built.equal([Entries.of(rows.balance).at(own)], rows.wrench)
+            if number:
+                torque = Entries.of(self.shared @ rows.torque)
+                self.built.equal(
+                    [torque.at(own), start.at(int(self.at[0][0]))],
+                    self.shared @ (first.carried - rows.carried),
+                )
+        passive = len(first.balance)
+        for slopes, group in zip(self.slopes, self.groups, strict=True):
+            effects = Entries.of(group.effects)
+            sides = self._sides(group, np.zeros(len(self.scale.joint_scale)))
+            for number, columns in enumerate(slopes):
+                parts = [effects.at(int(columns[0]))]
+                made = np.flatnonzero(self.of_joint == number)
+                if len(made):
+                    joint = self.unknowns.joints[number]
+                    error = np.zeros((passive + len(self.shared), 1))
+                    error[passive:, 0] = -self.shared[:, joint]
+                    parts.append(Entries.of(error).at(int(self.errors[made[0]])))
+                self.built.equal(parts, sides[:, number])
+
+    def _lengths(
+        self,
+        rows: Entries,
+        count: int,
+        slopes: list[NDArray[np.int_]],
+        *,
+        of_commands: bool,
+        leave: int = -1,
+    ) -> list[Entries]:
+        """Add columns no less than the lengths of rows' coefficients, a column for each ball.
+
+        Args:
+            rows: Entries of the rows.
+            count: How many.
+            slopes: Columns of the coefficients.
+            of_commands: Whether rows are those of joints, from which errors are taken off.
+            leave: A ball that is left out.
+        """
+        added = []
+        balls = self.unknowns.balls
+        for ball in range(len(self.unknowns.words)):
+            if ball == leave:
+                continue
+            own = np.flatnonzero(balls == ball)
+            sizes = self.built.columns(count)
+            added.append(diagonal(sizes))
+            inside = [rows.at(int(slopes[one][0])) for one in own]
+            if len(own) > 1:
+                self.built.cones([diagonal(sizes, -1.0)], np.zeros(count), inside)
+                continue
+            parts = [inside[0]]
+            made = np.flatnonzero(self.of_joint == own[0])
+            if of_commands and len(made):
+                joint = np.array([self.unknowns.joints[own[0]]])
+                parts.append(Entries(joint, self.errors[made], -np.ones(1)))
+            for sign in (1.0, -1.0):
+                signed = [one.at(0, times=sign) for one in parts]
+                self.built.below([*signed, diagonal(sizes, -1.0)], np.zeros(count))
+        return added
+
+    def _cone_rows(
+        self, group: Group, slopes: list[NDArray[np.int_]], margin: float | NDArray[np.int_]
+    ) -> None:
+        """Keep the rows of all corners of a group below their sides, by the margin, for all d."""
+        rows, entries = group.rows, Entries.of(group.rows.rows)
+        sides, wide = rows.sides, []
+        if isinstance(margin, np.ndarray):
+            wide = [Entries.of(rows.level[:, None]).at(int(margin[0]))]
+        else:
+            sides = sides - margin * rows.level
+        # With one corner the cone of a ball bounds its rows itself, without further columns.
+        balls = np.bincount(self.unknowns.balls, minlength=1)
+        leave = int(balls.argmax()) if len(group.corners) == 1 and balls.max() > 1 else -1
+        lengths = self._lengths(entries, len(sides), slopes, of_commands=False, leave=leave)
+        for number in group.corners:
+            parts = [entries.at(int(self.at[number][0])), *wide, *lengths]
+            if leave >= 0:
+                own = np.flatnonzero(self.unknowns.balls == leave)
+                inside = [entries.at(int(slopes[one][0])) for one in own]
+                self.active[number] = self.built.cones(parts, sides, inside)
+            else:
+                self.active[number] = self.built.below(parts, sides)
+
+    def _command_rows(self, group: Group, slopes: list[NDArray[np.int_]]) -> None:
+        """Keep commands within limits, errors no less than they may be, and t the largest."""
+        fed = self.directions is not None
+        driven = group.corners if fed else [one for one in group.corners if one == 0]
+        if not driven or not len(self.scale.joint_scale):
+            return
+        problem, scale = self.corners[0].problem, self.scale.joint_scale
+        torque = group.rows.torque
+        lengths = (
+            self._lengths(Entries.of(torque), len(scale), slopes, of_commands=True) if fed else []
+        )
+        loaded, of_errors = torque.any(axis=1), self.unknowns.joints[self.of_joint]
+        sides = ()
+        if isinstance(self.objective, Torque):
+            sides = self.objective.sides(problem, self.scale)
+
+        def below(number: int, sign: float, joints: NDArray[np.int_], times: FloatArray,
+                  side: FloatArray, more: list[Entries]) -> None:  # fmt: skip
+            if not len(joints):
+                return
+            picked = Entries.of(times[:, None] * np.eye(len(scale))[joints])
+            parts = [Entries.of(sign * times[:, None] * torque[joints]).at(int(self.at[number][0]))]
+            parts += [picked.at(int(one.columns[0])) for one in lengths]
+            carried = sign * times * self.rows[number].carried[joints]
+            self.built.below([*parts, *more], side - carried)
+
+        for number in driven:
+            own = self.corners[number].problem
+            for sign, limit in ((1.0, own.upper_torque), (-1.0, -own.lower_torque)):
+                # Limits far above the load spoil figures; whether they hold is checked in the end.
+                joints = np.flatnonzero(loaded & (limit < _FAR * scale))
+                ones = np.ones(len(joints))
+                below(number, sign, joints, ones, (limit / scale)[joints], [])
+                shares = self.unknowns.shares[of_errors]
+                more = [diagonal(self.errors, -1.0)] if len(of_errors) else []
+                offsets = -(self.unknowns.offsets / scale)[of_errors]
+                below(number, sign, of_errors, shares, offsets, more)
+            for one in sides:
+                more = [Entries.of(-one.level[:, None]).at(int(self.largest))]
+                times = scale[one.joints] / one.unit
+                below(number, one.sign, one.joints, times, np.zeros(len(times)), more)
+
+    def _policy(self, x: FloatArray, z: FloatArray, of_cones: FloatArray) -> ForcePolicy | None:
+        """Return what a solver's answer is once equalities hold exactly; None: nothing it says."""
+        force, joints = self.scale.force_scale, self.scale.joint_scale
+        at = np.array([x[one] for one in self.at])
+        first = self.rows[0]
+        at[0] += np.linalg.lstsq(first.balance, first.wrench - first.balance @ at[0])[0]
+        start = self.shared @ (first.torque @ at[0] + first.carried)
+        errors = np.zeros(len(joints))
+        of_errors = self.unknowns.joints[self.of_joint]
+        errors[of_errors] = x[self.errors]
+        slopes = np.zeros((len(self.groups), at.shape[1], len(self.unknowns.balls)))
+        forces = np.zeros((len(at), self.corners[0].problem.contact_count, 3))
+        spread = np.zeros((*forces.shape, slopes.shape[2]))
+        active: list[tuple[float, int, FloatArray]] = []
+        for number, group in enumerate(self.groups):
+            F = np.array([x[one] for one in self.slopes[number]]).reshape(-1, at.shape[1]).T
+            slopes[number] = F + group.inverse @ (self._sides(group, errors) - group.effects @ F)
+            for corner in group.corners:
+                rows = self.rows[corner]
+                if corner:
+                    sides = np.concatenate([rows.wrench, start - self.shared @ rows.carried])
+                    at[corner] += group.inverse @ (sides - group.effects @ at[corner])
+                forces[corner] = rows.forces(at[corner])
+                for one in range(slopes.shape[2]):
+                    spread[corner, :, :, one] = rows.forces(slopes[number][:, one])
+                active += self._needed(corner, rows, slopes[number], z, of_cones)
+        made = np.zeros((len(joints), slopes.shape[2]))
+        made[of_errors, self.of_joint] = (joints * errors)[of_errors]
+        found = ForcePolicy(
+            tuple(self.corners), self.unknowns, read_only(forces), read_only(spread),
+            read_only(made), self.directions, _distinct(active),
+        )  # fmt: skip
+        return found if self._passes(found, at, slopes, force) else None
+
+    def _needed(
+        self, corner: int, rows: CornerRows, slopes: FloatArray, z: FloatArray, of_cones: FloatArray
+    ) -> list[tuple[float, int, FloatArray]]:
+        """Return multiplier, corner and worst d of the rows that bound the optimum."""
+        places = self.active[corner]
+        weights = z[places] if (places >= 0).all() else of_cones[-1 - places]
+        counts = np.flatnonzero(weights > _ACTIVE * max(float(weights.sum()), 1e-30))
+        worst = self.unknowns.worst(rows.rows[counts] @ slopes)
+        return [(float(weights[one]), corner, d) for one, d in zip(counts, worst, strict=True)]
+
+    def _passes(self, found: ForcePolicy, at: FloatArray, slopes: FloatArray, force: float) -> bool:
+        """Return whether the policy keeps what it has to, worked out anew and for the worst d."""
+        if not found.residual() <= PRIMAL_TOLERANCE:
+            return False
+        least = self.objective.required_margin - PRIMAL_TOLERANCE * force
+        for number, group in enumerate(self.groups):
+            for corner in group.corners:
+                # What a mode asks of friction stands in the rows alone.
+                rows = self.rows[corner]
+                off = rows.rows @ at[corner] - rows.sides
+                off += self.unknowns.sizes_of(rows.rows @ slopes[number])
+                if off.max() > PRIMAL_TOLERANCE or found.margin(corner) < least:
+                    return False
+                problem, room = (
+                    self.corners[corner].problem,
+                    PRIMAL_TOLERANCE * self.scale.joint_scale,
+                )
+                if corner and self.directions is None:
+                    continue
+                nominal, more = found.commands(corner)
+                size = 0.0 if self.directions is None else self.unknowns.sizes_of(more)
+                if (nominal + size > problem.upper_torque + room).any():
+                    return False
+                if (nominal - size < problem.lower_torque - room).any():
+                    return False
+        return True
+
+
+def _distinct(active: list[tuple[float, int, FloatArray]]) -> tuple[tuple[int, FloatArray], ...]:
+    """Return members with the largest sums of multipliers first, nearly equal ones once."""
+    active = sorted(active, key=lambda one: -one[0])[:_MOST_ACTIVE]
+    if not active:
+        return ()
+    weights = np.array([one[0] for one in active])
+    points = np.array([np.append(one[1], one[2]) for one in active])
+    same = np.abs(points[:, None] - points).max(axis=2) < _SAME
+    first = np.unique(same.argmax(axis=1))
+    sums = same[first] @ weights
+    return tuple(active[place][1:] for place in first[np.argsort(-sums, kind="stable")])

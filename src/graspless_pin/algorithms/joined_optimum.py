@@ -1,0 +1,207 @@
+"""The best torques for some members together, what none are better than, and who is in conflict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from graspless_pin.algorithms.common_mode import common_mode, tiled
+from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.robust_solution import Coverage
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.members import Member, joined
+from graspless_pin.problem.scales import coordinate_units
+from graspless_pin.programs.objectives import Objective
+from graspless_pin.records import changed
+from graspless_pin.solution import Status, TorqueSolution
+
+COMMON_NODES, NODES = 400, 12
+"""Of the searches over modes that members have in common, and over modes of each, unless another
+limit is given."""
+AS_GOOD = 1e-6
+"""Of an optimum, or of the load: values that differ by less are one."""
+_CARRIES = 1e-6
+"""Of the largest multiplier: a member with less does not count for a proof."""
+
+
+def best_of(
+    together: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    members: Sequence[Member],
+    mode: SlidingMode | None,
+) -> tuple[TorqueSolution, Coverage]:
+    """Return the best torques for some members, and whom they serve.
+
+    Args:
+        together: Their joined problem.
+        objective: What is optimised.
+        options: How.
+        members: The members.
+        mode: The one mode for all; None: the best that they have in common, if there is one.
+    """
+    convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
+    if mode is None and not convex:
+        if not options.rules.by_direction:
+            how = limited(options, COMMON_NODES)
+            mode = common_mode(together, members, objective, how)
+        if mode is None:
+            solution = solve_problem(together, objective, limited(options, NODES))
+            return solution, Coverage.CORNERS
+    every = None if mode is None else tiled(mode, len(members))
+    return solve_problem(together, objective, options, mode=every), Coverage.WHOLE_SET
+
+
+def limited(options: SolveOptions, nodes: int) -> SolveOptions:
+    """Return options with so many nodes, unless they have a limit of their own."""
+    return options if options.node_limit else replace(options, node_limit=nodes)
+
+
+def bound_of(
+    together: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    members: Sequence[Member],
+    solution: TorqueSolution,
+    mode: SlidingMode | None,
+) -> float:
+    """Return what no torques for all members are better than, whatever their modes.
+
+    That is the optimum under plain Coulomb friction, or of a member alone where that is worse.
+
+    Args:
+        together: Their joined problem.
+        objective: What is optimised.
+        options: How.
+        members: The members.
+        solution: The best of all together, in one mode if there is one.
+        mode: The one mode for all, if it was given: then the bound is that of this mode.
+
+    Returns:
+        In the objective's unit; NaN where it is proven that there are no torques.
+    """
+    if not solution.found:
+        open_ = solution.status is Status.NOT_FOUND_IN_LIMIT
+        return solution.certificate.bound if open_ else math.nan
+    if mode is not None or solution.given_mode is None:
+        return solution.certificate.bound
+    rules = replace(options.rules, static_friction=StaticFriction.COULOMB)
+    best = max if not objective.maximizes else min
+    bound = solve_problem(together, objective, replace(options, rules=rules)).certificate.bound
+    for member in members:
+        if _reaches(solution, bound):
+            break
+        alone = solve_problem(joined([member]), objective, options)
+        bound = best(bound, alone.certificate.bound)
+    return bound
+
+
+def _reaches(solution: TorqueSolution, bound: float) -> bool:
+    return abs(solution.value - bound) <= AS_GOOD * max(abs(bound), abs(solution.value))
+
+
+def spread(members: Sequence[Member], most: int) -> tuple[list[Member], list[Member]]:
+    """Return members to begin with, each as far from those before it as can be, and the others.
+
+    Args:
+        members: K of them.
+        most: How many to begin with.
+    """
+    if len(members) <= most:
+        return list(members), []
+    problem = members[0].problem
+    sizes = coordinate_units(problem.scales, problem.passive_units)
+    still = np.zeros(problem.joint_count)
+    points = np.array(
+        [
+            np.concatenate([one.problem.external_wrench, one.commanded(still)]) / sizes
+            for one in members
+        ]
+    )
+    distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    chosen = [0]  # the nominal one, where feedback is from there
+    distances = np.minimum(distances, np.linalg.norm(points - points[0], axis=1))
+    for _ in range(most - 1):
+        chosen.append(int(distances.argmax()))
+        distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        distances[chosen] = -1.0
+    rest = [one for number, one in enumerate(members) if number not in set(chosen)]
+    return [members[number] for number in chosen], rest
+
+
+def ended_by_time(solution: TorqueSolution) -> TorqueSolution:
+    """Return a solution without its torques: the time was over before all members were asked."""
+    return changed(solution, status=Status.NOT_FOUND_IN_LIMIT, _forces=None, _mode=None)
+
+
+def conflict_of(
+    members: Sequence[Member],
+    objective: Objective,
+    options: SolveOptions,
+    limits: Limits,
+    directions: FloatArray | None,
+) -> tuple[int, ...]:
+    """Return members that no forces serve together, none of which can be left out.
+
+    Multipliers that prove it (Farkas) tell which members carry the proof; a deletion filter
+    (Chinneck) goes through these. Under Coulomb's law at most rank(J) + 1 are left, by Helly.
+
+    Args:
+        members: Those that no forces serve.
+        objective: What is optimised.
+        options: How.
+        limits: When to stop: then there are none.
+        directions: What feedback may add to commands, see `feedback_torques`.
+    """
+    coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
+
+    def carrying(numbers: list[int]) -> list[int] | None:
+        """Return the members that carry a proof that these cannot be served; None: they can."""
+        some = [members[one] for one in numbers]
+        together = joined(some, directions)
+        found = solve_problem(together, objective, limits.within(coulomb))
+        if found.status is not Status.INFEASIBLE_FORCES:
+            return None
+        shares = _shares(found, some)
+        carried = shares > _CARRIES * shares.max(initial=0.0)
+        return [one for one, counts in zip(numbers, carried, strict=True) if counts] or numbers
+
+    def narrowed(numbers: list[int]) -> list[int] | None:
+        """Return some of these that cannot be served; None: these can."""
+        fewer = carrying(numbers)
+        if fewer is None:
+            return None
+        while len(fewer) < len(numbers) and not limits.passed:
+            further = carrying(fewer)
+            if further is None:
+                break
+            numbers, fewer = fewer, further
+        return numbers
+
+    kept = narrowed([*range(len(members))]) or []
+    for number in tuple(kept):
+        if number in kept and len(kept) > 1:
+            kept = narrowed([one for one in kept if one != number]) or kept
+    return () if limits.passed else tuple(kept)
+
+
+def _shares(refuted: TorqueSolution, members: Sequence[Member]) -> FloatArray:
+    """Return (K,) the largest multiplier of each member that proves that they have no forces.
+
+    Ones where there are none at hand.
+    """
+    count, passive = len(members), members[0].problem.passive_count
+    if refuted.evidence.relaxation is None:
+        return np.ones(count)
+    y = np.abs(refuted.evidence.relaxation[0])
+    shares = y[: count * passive].reshape(count, passive).max(axis=1)
+    if count > 1:  # commands that are the same as those of the first
+        coupled = y[count * passive :].reshape(count - 1, -1).max(axis=1, initial=0.0)
+        shares[1:] = np.maximum(shares[1:], coupled)
+    return shares

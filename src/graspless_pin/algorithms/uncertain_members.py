@@ -1,0 +1,342 @@
+"""The members of an uncertain set that prove something of it: the corners of its boxes."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from math import cos, pi, prod, sin
+
+import numpy as np
+
+from graspless_pin.algorithms.uncertainty import Uncertainty, each_of
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.matrices import wrench_map
+from graspless_pin.problem.members import Corner, Member
+from graspless_pin.problem.scales import coordinate_units
+from graspless_pin.records import Brief, changed
+
+MOST_MEMBERS = 20_000
+"""Corners that a set may have before its hull."""
+MOST_ERRORS = 8
+"""Errors of torques beside balls of which all corners are looked at: no hull makes them fewer."""
+_SIDES = 12
+"""Of the polygon around the circle of gravity's tilt: it is 3.5 % wider at its corners."""
+_SAME = 1e-9
+"""Of the load: directions in which loads differ by less are none."""
+_OF_LOAD = "scales", "strictness", "limit_tolerances"
+"""What is derived from a problem's load."""
+_MOST_DIMENSIONS = 6
+"""Of loads whose hull is taken; in more, it has nearly all of them."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Weight(Brief):
+    """Which part of a problem's load and torques is whose weight.
+
+    Attributes:
+        force: (3,) N, the object's weight.
+        steady: (3,) N, what else is proportional to its mass, and does not turn with gravity.
+        lever: (3,) m, from the reference point to the centre of mass.
+        axes: (3, 3) columns: the axes of `Uncertainty.center_of_mass` in the world's.
+        other: (6, 3) times a unit vector along gravity: the wrench of what else weighs.
+        links: (L, 3) times that vector: the torques that carry the links; None: not known.
+    """
+
+    force: FloatArray
+    steady: FloatArray
+    lever: FloatArray
+    axes: FloatArray
+    other: FloatArray
+    links: FloatArray | None
+
+    @cached_property
+    def down(self) -> FloatArray:
+        """(3,) unit vector along gravity; zero where the object has no weight."""
+        size = np.linalg.norm(self.force)
+        return self.force / size if size > 0.0 else np.zeros(3)
+
+    def wrench(self, mass: float, off: FloatArray, down: FloatArray) -> FloatArray:
+        """Return the (6,) wrench of all weight under gravity along another vector.
+
+        Args:
+            mass: Share by which the object's is larger.
+            off: (3,) m, how far its centre of mass is off, in `axes`.
+            down: (3,) gravity over its nominal size, world axes.
+        """
+        at = self.lever + self.axes @ off
+        return wrench_map(at[None]) @ self.pull(mass, down) + self.other @ down
+
+    def pull(self, mass: float, down: FloatArray) -> FloatArray:
+        """Return the (3,) force on the object's own centre of mass, see `wrench`."""
+        return (1.0 + mass) * (np.linalg.norm(self.force) * down + self.steady)
+
+
+_NO_WEIGHT = Weight(np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3), np.zeros((6, 3)), None)
+
+
+def weight_of_arrays(problem: QuasistaticProblem) -> Weight:
+    """Return the weight where a problem's external wrench is all that is known: it counts as such.
+
+    Raises:
+        ArgumentError: If the problem is not one of one free object, or has no force.
+    """
+    if problem.passive_count != 6 or problem.wrench_matrix is not None:
+        raise ArgumentError(
+            "uncertainty", "is of one free object, and the problem has a wrench_matrix"
+        )
+    force, moment = problem.external_wrench[:3], problem.external_wrench[3:]
+    lever = np.cross(force, moment) / max(float(force @ force), np.finfo(float).tiny)
+    links = None if problem.gravity_torques.any() else np.zeros((problem.joint_count, 3))
+    return Weight(force, np.zeros(3), lever, np.eye(3), np.zeros((6, 3)), links)
+
+
+def known_weight(
+    problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None
+) -> Weight:
+    """Return the weight that is given, or all of the external wrench where one is needed."""
+    if weight is not None:
+        return weight
+    return weight_of_arrays(problem) if uncertainty.is_of_load else _NO_WEIGHT
+
+
+def members_of(
+    problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None = None
+) -> tuple[Member, ...]:
+    """Return the members of a set of which all others are means, once each.
+
+    Wrench and torques are multi-affine in mass, centre of mass, gravity's vector and pushes, so
+    that those of a product of polytopes lie in the hull of its corners' (a polygon stands around
+    the circle of tilts). Of static friction the lower end counts: each cone contains it. Kinetic
+    coefficients of several contacts are intervals each by itself, of which corners are enough: with
+    the others fixed, those for which forces exist are an interval. Balls are left out.
+
+    Args:
+        problem: The nominal one.
+        uncertainty: What is not known of it.
+        weight: Which part of its load is weight; None: all of its external wrench.
+
+    Raises:
+        ArgumentError: If the set has too many corners, or asks for what the problem does not tell.
+    """
+    count, joints = problem.contact_count, problem.joint_count
+    of_load = uncertainty.is_of_load
+    weight = known_weight(problem, uncertainty, weight)
+    friction = each_of("friction", uncertainty.friction, count, "contacts")
+    factors, offsets = errors_of(problem, uncertainty)
+    effort = each_of("effort", uncertainty.effort, joints, "joints")
+    sliding = np.flatnonzero(problem.is_sliding & (friction > 0.0))
+    _check_size(problem, uncertainty)
+    ends = {
+        "mass": _ends(np.array([uncertainty.mass])),
+        "center_of_mass": _ends(uncertainty.center_of_mass),
+        "tilt": gravities(weight, uncertainty.tilt),
+        "force": _ends(uncertainty.force),
+        "moment": _ends(uncertainty.moment),
+        "friction": _ends(friction[sliding]),
+        "torque": _ends(factors),
+        "torque_offset": _ends(offsets),
+    }
+    less = np.where(problem.is_sliding, problem.friction, (1.0 - friction) * problem.friction)
+    limits = (
+        np.where(problem.lower_torque < 0.0, 1.0 - effort, 1.0) * problem.lower_torque,
+        np.where(problem.upper_torque > 0.0, 1.0 - effort, 1.0) * problem.upper_torque,
+    )
+    base = problem.with_changes(friction=less, torque_limits=limits)
+    apart = problem.external_wrench
+    if of_load:
+        apart = apart - weight.wrench(0.0, np.zeros(3), weight.down)
+    links = np.zeros((joints, 3)) if weight.links is None else weight.links
+    found: list[Member] = []
+    for kinetic, factor in product(ends["friction"], ends["torque"]):
+        own = base
+        if kinetic.any():
+            coefficients = less.copy()
+            coefficients[sliding] *= 1.0 + kinetic
+            own = base.with_changes(friction=coefficients)
+        along, loads = np.zeros(count), []
+        along[sliding] = kinetic
+        for mass, off, down, force, moment, offset in product(
+            *(ends[name] for name in ("mass", "center_of_mass", "tilt", "force", "moment")),
+            ends["torque_offset"],
+        ):
+            wrench = apart
+            if of_load:
+                push = np.concatenate([force, moment])
+                wrench = apart + weight.wrench(float(mass[0]), off, down) + push
+            carried = problem.gravity_torques + links @ (down - weight.down)
+            corner = Corner(float(mass[0]), off, down, force, moment, along)
+            loads.append((wrench, carried, offset, corner))
+        points = np.array([np.concatenate([w, g - o]) for w, g, o, _ in loads])
+        if uncertainty.center_of_mass_radius > 0.0:  # equal loads may differ in what weighs
+            pulls = [weight.pull(one.mass, one.down) for *_, one in loads]
+            points = np.hstack([points, pulls])
+        kept = _hull(problem, points)
+        for wrench, carried, offset, corner in (loads[number] for number in kept):
+            words = _words(problem, corner, corner.down - weight.down, factor, offset)
+            words = _with_effort(words, effort)
+            load = {"external_wrench": read_only(wrench), "gravity_torques": read_only(carried)}
+            loaded = changed(own, *_OF_LOAD, **load)
+            found.append(Member(loaded, 1.0 + factor, offset, words, corner))
+    return tuple(found)
+
+
+def errors_of(
+    problem: QuasistaticProblem, uncertainty: Uncertainty
+) -> tuple[FloatArray, FloatArray]:
+    """Return (L,) shares and (L,) N m (N) by which torques of joints may be off.
+
+    Errors of joints that bear no contact are left out: they move no contact force.
+
+    Raises:
+        ArgumentError: If there are some for another number of joints, or by name.
+    """
+    joints, idle = problem.joint_count, ~problem.jacobian.any(axis=0)
+    factors = each_of("torque", uncertainty.torque, joints, "joints")
+    offsets = each_of("torque_offset", uncertainty.torque_offset, joints, "joints")
+    return np.where(idle, 0.0, factors), np.where(idle, 0.0, offsets)
+
+
+def part_of_corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> Uncertainty:
+    """Return the part of a set whose corners are looked at; in the rest forces may be affine.
+
+    That is all but balls where it has few corners. Errors of torques are left out first, then
+    forces and moments along axes. A radius of the centre of mass stays: it tells of which loads the
+    hull is taken.
+
+    Args:
+        problem: The nominal one.
+        uncertainty: The set.
+    """
+    figures = dict(vars(uncertainty), force_radius=0.0, moment_radius=0.0)
+    errors = sum(map(np.count_nonzero, errors_of(problem, uncertainty)))
+    many = errors > MOST_ERRORS if uncertainty.has_balls else False
+    if many or prod(_corner_counts(problem, uncertainty).values()) > MOST_MEMBERS:
+        figures.update(torque=0.0, torque_offset=0.0)
+    if prod(_corner_counts(problem, Uncertainty(**figures)).values()) > MOST_MEMBERS:
+        figures.update(force=0.0, moment=0.0)
+    return Uncertainty(**figures)
+
+
+def nominal_member(problem: QuasistaticProblem) -> Member:
+    """Return a problem as it is, as a member."""
+    ones = np.ones(problem.joint_count)
+    return Member(problem, ones, np.zeros_like(ones), "nominal")
+
+
+def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
+    """Return which loads (K, P + L) are corners of the hull of all; forces may stand behind."""
+    sizes = coordinate_units(problem.scales, problem.passive_units)
+    further = np.full(loads.shape[1] - len(sizes), problem.scales.force)
+    idle = np.zeros(loads.shape[1], dtype=bool)
+    idle[problem.passive_count : len(sizes)] = ~problem.jacobian.any(axis=0)
+    scaled = np.where(idle, 0.0, loads / np.concatenate([sizes, further]))
+    scaled, kept = np.unique(scaled.round(12), axis=0, return_index=True)
+    _, shares, directions = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
+    rank = int((shares > _SAME * np.sqrt(len(scaled))).sum())
+    points = scaled @ directions[:rank].T
+    if rank == 1:
+        kept = kept[[int(points.argmin()), int(points.argmax())]]
+    elif 1 < rank <= _MOST_DIMENSIONS and len(points) > rank + 1:
+        # Loaded here: scenes have an `Uncertainty`, and are loaded without.
+        from scipy.spatial import ConvexHull, QhullError
+
+        with suppress(QhullError):  # nearly flat: all of them serve as well
+            kept = kept[ConvexHull(points).vertices]
+    return sorted(kept.tolist())
+
+
+def gravities(weight: Weight, tilt: float) -> FloatArray:
+    """Return corners of a prism around gravity's unit vector tilted to all sides, (K, 3).
+
+    Args:
+        weight: What weighs.
+        tilt: rad, to all sides.
+
+    Raises:
+        ArgumentError: If nothing weighs, or it is not known what the links' weight does.
+    """
+    down = weight.down
+    if tilt == 0.0:
+        return down[None]
+    if not down.any():
+        raise ArgumentError("tilt", "needs gravity, and the object has no weight")
+    if weight.links is None:
+        raise ArgumentError(
+            "tilt", "turns the links' weight, which arrays do not tell; ask it of a scene"
+        )
+    across = np.linalg.svd(down[None])[2][1:]
+    angles = 2.0 * pi * np.arange(_SIDES) / _SIDES
+    ring = (sin(tilt) / cos(pi / _SIDES)) * np.array([np.cos(angles), np.sin(angles)]).T @ across
+    return np.concatenate([ring + height * down for height in (cos(tilt), 1.0)])
+
+
+def _ends(halves: FloatArray) -> FloatArray:
+    """Return the corners of a box about zero, without the directions in which it is flat."""
+    wide = np.flatnonzero(halves)
+    corners = np.zeros((2 ** len(wide), len(halves)))
+    corners[:, wide] = list(product((-1.0, 1.0), repeat=len(wide)))
+    return corners * halves
+
+
+def _corner_counts(problem: QuasistaticProblem, uncertainty: Uncertainty) -> dict[str, int]:
+    """Return by figure how many corners a set has, without its balls."""
+    friction = each_of("friction", uncertainty.friction, problem.contact_count, "contacts")
+    factors, offsets = errors_of(problem, uncertainty)
+    boxes = {
+        "mass": np.array([uncertainty.mass]), "center_of_mass": uncertainty.center_of_mass,
+        "force": uncertainty.force, "moment": uncertainty.moment,
+        "friction": friction[problem.is_sliding], "torque": factors, "torque_offset": offsets,
+    }  # fmt: skip
+    counts = {name: 2 ** int(np.count_nonzero(box)) for name, box in boxes.items()}
+    return counts | {"tilt": 2 * _SIDES if uncertainty.tilt > 0.0 else 1}
+
+
+def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
+    """Refuse sets with too many corners, before any of them is made."""
+    counts = _corner_counts(problem, uncertainty)
+    corners = prod(counts.values())
+    if corners > MOST_MEMBERS:
+        told = ", ".join(f"{name} {count}" for name, count in counts.items() if count > 1)
+        raise ArgumentError(
+            "uncertainty",
+            f"has {corners} corners ({told}); at most {MOST_MEMBERS} are looked at: let fewer "
+            "contacts or axes be uncertain, each of which doubles them",
+        )
+
+
+def _with_effort(words: str, effort: FloatArray) -> str:
+    if not effort.any():
+        return words
+    lack = f"effort limits {-100.0 * effort.max():.3g} %"
+    return lack if words == "nominal" else f"{words}, {lack}"
+
+
+def _words(
+    problem: QuasistaticProblem,
+    corner: Corner,
+    tilted: FloatArray,
+    factor: FloatArray,
+    offset: FloatArray,
+) -> str:
+    told = [f"mass {100.0 * corner.mass:+.3g} %"] if corner.mass else []
+    for name, value, unit in (
+        ("centre of mass", corner.center_of_mass, "m"), ("gravity", tilted, "of its size"),
+        ("push", corner.force, "N"), ("moment", corner.moment, "N m"),
+        ("kinetic friction", corner.kinetic[problem.is_sliding], "of each"),
+    ):  # fmt: skip
+        if value.any():
+            told.append(f"{name} [{', '.join(f'{x:+.3g}' for x in value.tolist())}] {unit}")
+    for value, scale, unit in ((factor, 100.0, " %"), (offset, 1.0, "")):
+        named = [
+            f"{joint} {scale * x:+.3g}{unit or f' {kind}'}"
+            for joint, kind, x in zip(
+                problem.joint_names, problem.joint_units, value.tolist(), strict=True
+            )
+            if x
+        ]
+        told += [f"torques of {', '.join(named)}"] if named else []
+    return ", ".join(told) or "nominal"
