@@ -176,7 +176,7 @@ def cases(path: Path, *, lifted: bool, count: int = MEMBERS) -> Iterator[MemberC
         "torque", margin=MARGIN, uncertainty=unknown, feedback=stiffness, **COULOMB
     )
     if robust.found:  # the torques are the same at any stiffness
-        stiffness *= max(1.0, float(np.abs(robust.deflections).max()) / MOST_DEFLECTION)
+        stiffness *= max(1.0, robust.largest_deflection / MOST_DEFLECTION)
     scene = scene.with_changes(controller=Controller(stiffness))
     gains = joint_stiffness(scene.problem(), scene.controller, {})
     asked = {"nominal": (nominal.torques, "")}

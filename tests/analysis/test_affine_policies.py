@@ -251,6 +251,19 @@ def test_cones_shares_and_modes_of_balls():
     assert free.bound <= given.max_torque * (1.0 + 1e-6)
 
 
+def test_the_time_ends_a_search_among_many_corners():
+    """384 corners and ten balls: with time enough forces are not found, and UNVERIFIED says so."""
+    scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+    small = {"force": 0.002, "moment": 0.002, "torque_offset": 0.002, "tilt": 0.002}
+    unknown = Uncertainty(mass=0.1, torque=0.1, center_of_mass=0.002, **small)
+    options = {"margin": 0.1, "static_friction": "coulomb", "uncertainty": unknown}
+    found = scene.solve("torque", time_limit=0.2, **options)
+    assert found.status is Status.NOT_FOUND_IN_LIMIT
+    assert not found.found
+    assert found.conflict == ()
+    assert "no torques for the whole set" in str(found)
+
+
 def test_what_balls_do_not_go_with():
     problem = contacts_alone("paper/cuboid_at_rest")
     unknown = Uncertainty(force_radius=0.1)

@@ -15,6 +15,12 @@ SETS = {
     "paper/cuboid_at_rest": {"mass": 0.2, "center_of_mass": (0.01, 0.004, 0.0), "force": 0.1},
     "paper/cuboid_sliding_up": {"mass": 0.1, "friction": 0.1, "moment": (0.0, 0.01, 0.0)},
     "allegro_sphere_on_slope": {"mass": 0.2, "tilt": 0.02, "friction": 0.1},
+    "allegro_box_on_slope": {
+        "mass": 0.1,
+        "center_of_mass_radius": 0.004,
+        "force_radius": 0.1,
+        "moment_radius": 0.001,
+    },
 }
 
 

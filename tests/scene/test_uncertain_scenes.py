@@ -111,6 +111,7 @@ def test_a_stated_stiffness_is_the_feedback(tmp_path: Path) -> None:
         {"center_of_mass": [0.01, 0.0, 0.02], "force": 0.5, "moment": [0.0, 0.0, 0.1]},
         {"tilt": 0.1, "friction": {"hand": 0.2, "wall": 0.1}, "torque": {"index": 0.05}},
         {"torque_offset": 0.01, "effort": {"joint_1.0": 0.1, "default": 0.2}},
+        {"center_of_mass_radius": 0.01, "force_radius": 0.2, "moment_radius": 0.003},
     ],
 )
 def test_saved_scenes_say_it_again(tmp_path: Path, stated: dict[str, Any]) -> None:
@@ -154,6 +155,9 @@ def test_an_mjcf_and_the_screen_say_it_too() -> None:
         ({"tilt": "10 deg"}, r"yaml:\d+: uncertainty.tilt: .*; write 0.17453\d+ \(rad\)"),
         ({"center_of_mass": "1 cm"}, r"uncertainty.center_of_mass: .*; write 0.01 \(m\)"),
         ({"torque_offset": "5 mNm"}, r"uncertainty.torque_offset: .*; write 0.005 \(Nm\)"),
+        ({"force_radius": "1 N"}, r"uncertainty.force_radius: .*; write 1, without"),
+        ({"center_of_mass_radius": "5 mm"}, r"center_of_mass_radius: .*; write 0.005 \(m\)"),
+        ({"moment_radius": -1.0}, r"uncertainty.moment_radius: found -1.0; needs a finite number"),
         ({"torque": "5 %"}, r"uncertainty.torque: .*; write 0.05, without '%'"),
         ({"mass": 1.0}, r"yaml:\d+: uncertainty.mass: is 1, a share; it must be below 1"),
         ({"tilt": 0.8}, r"yaml:\d+: uncertainty.tilt: is 0.8 rad; it must be below 45 degrees"),
@@ -184,5 +188,7 @@ def test_mistakes_in_python() -> None:
     with pytest.raises(ArgumentError, match="friction: is by name, which scenes take; give one"):
         solve_robust(scene.problem(), *scene.asked()[:1], Uncertainty(friction={"hand": 0.1}),
                      scene.asked()[1])  # fmt: skip
+    with pytest.raises(ArgumentError, match=r"may be off by 5 m along x.*give metres"):
+        scene.solve(uncertainty=Uncertainty(center_of_mass_radius=5.0))
     with pytest.raises(SceneError, match=r"uncertainty: mass: is 1.5, a share"):
         scene.with_changes({"uncertainty.mass": 1.5})

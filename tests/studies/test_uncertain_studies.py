@@ -60,6 +60,21 @@ def test_rows_have_the_torques_for_the_whole_set(tmp_path: Path, ending: str) ->
     assert said in results_summary(table) and said in results_summary(output)
 
 
+def test_rows_of_balls_have_the_largest_torques_of_all_members(tmp_path: Path) -> None:
+    vary = {"push": {"key": "uncertainty.force_radius", "from": 0.1, "to": 0.4, "steps": 2}}
+    study = study_of(tmp_path, vary, {"mass": 0.1})
+    output = tmp_path / "results.csv"
+    run_study(study, output, executor=Here(), progress=False)
+    table: Any = read_results(output)
+    scene = load_scene(tmp_path / "scene.yaml")
+    for radius, told in zip(table["push_N"], table["robust_max_torque_Nm"], strict=True):
+        known = scene.with_changes({"uncertainty.force_radius": radius})
+        found = known.solve("torque", uncertainty=True, margin=0.1, static_friction="coulomb")
+        assert found.policy is not None
+        assert told == pytest.approx(found.max_torque, rel=1e-6)
+    assert table["robust_found"].all()
+
+
 def test_where_a_set_ceases_to_be_served(tmp_path: Path) -> None:
     """A grid that is refined where `robust_found` changes."""
     vary = {"off": {"key": "uncertainty.center_of_mass", "from": 0.0, "to": 0.2, "steps": 3}}

@@ -345,8 +345,7 @@ class _AffineProgram:
                 )
                 if corner and self.directions is None:
                     continue
-                nominal, more = found.commands(corner)
-                size = 0.0 if self.directions is None else self.unknowns.sizes_of(more)
+                nominal, size = found.commands(corner)[0], found.added(corner)
                 if (nominal + size > problem.upper_torque + room).any():
                     return False
                 if (nominal - size < problem.lower_torque - room).any():

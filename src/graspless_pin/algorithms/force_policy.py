@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.uncertain_members import Weight, errors_of
+from graspless_pin.algorithms.uncertain_members import Weight, errors_of, under_load
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -196,7 +196,7 @@ def _member_at(
 ) -> Member:
     """Return a member at d, under another wrench and with other errors of its joints."""
     return Member(
-        member.problem.with_changes(external_wrench=wrench),
+        under_load(member.problem, wrench, member.problem.gravity_torques),
         factors,
         offsets,
         _joined_words(member.words, unknowns.told(d)),
@@ -245,12 +245,14 @@ class ForcePolicy(Brief):
         nominal = member.commanded(J @ self.forces[corner].ravel())
         return nominal, slopes / member.factors[:, None] - self.errors
 
-    def most(self, corner: int) -> FloatArray:
-        """Return (L,) the largest |command| of each joint; one for all d where none is fed back."""
+    def added(self, corner: int) -> FloatArray:
+        """Return (L,) the most that d adds to commands, N m (N); zero where none is fed back."""
         nominal, slopes = self.commands(corner)
-        if self.directions is None:
-            return np.abs(nominal)
-        return np.abs(nominal) + self.unknowns.sizes_of(slopes)
+        return np.zeros_like(nominal) if self.directions is None else self._sizes(slopes)
+
+    def most(self, corner: int) -> FloatArray:
+        """Return (L,) the largest |command| of each joint, N m (N)."""
+        return np.abs(self.commands(corner)[0]) + self.added(corner)
 
     @property
     def max_torque(self) -> float:
@@ -286,8 +288,8 @@ class ForcePolicy(Brief):
 
     def _share(self, corner: int) -> float:
         """Return the largest share of a joint's limit that is commanded."""
-        problem, (nominal, slopes) = self.corners[corner].problem, self.commands(corner)
-        room = 0.0 if self.directions is None else self._sizes(slopes)
+        problem, nominal = self.corners[corner].problem, self.commands(corner)[0]
+        room = self.added(corner)
         most = 0.0
         for limit, torque in ((problem.upper_torque, nominal), (-problem.lower_torque, -nominal)):
             there = np.isfinite(limit) & (limit > 0.0)

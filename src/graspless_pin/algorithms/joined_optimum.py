@@ -26,8 +26,8 @@ COMMON_NODES, NODES = 400, 12
 limit is given."""
 AS_GOOD = 1e-6
 """Of an optimum, or of the load: values that differ by less are one."""
-_CARRIES = 1e-6
-"""Of the largest multiplier: a member with less does not count for a proof."""
+_CARRIES = 1e-1
+"""Of the largest multiplier: members with less are left out if the others are refuted, too."""
 
 
 def best_of(
@@ -141,6 +141,7 @@ def ended_by_time(solution: TorqueSolution) -> TorqueSolution:
 
 
 def conflict_of(
+    refuted: TorqueSolution,
     members: Sequence[Member],
     objective: Objective,
     options: SolveOptions,
@@ -153,6 +154,7 @@ def conflict_of(
     (Chinneck) goes through these. Under Coulomb's law at most rank(J) + 1 are left, by Helly.
 
     Args:
+        refuted: The answer to their joined problem: infeasible.
         members: Those that no forces serve.
         objective: What is optimised.
         options: How.
@@ -161,33 +163,30 @@ def conflict_of(
     """
     coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
 
-    def carrying(numbers: list[int]) -> list[int] | None:
-        """Return the members that carry a proof that these cannot be served; None: they can."""
-        some = [members[one] for one in numbers]
-        together = joined(some, directions)
+    def refuted_by(numbers: list[int]) -> TorqueSolution | None:
+        """Return the proof that some members cannot be served; None: they can."""
+        together = joined([members[one] for one in numbers], directions)
         found = solve_problem(together, objective, limits.within(coulomb))
-        if found.status is not Status.INFEASIBLE_FORCES:
-            return None
-        shares = _shares(found, some)
-        carried = shares > _CARRIES * shares.max(initial=0.0)
-        return [one for one, counts in zip(numbers, carried, strict=True) if counts] or numbers
+        return found if found.status is Status.INFEASIBLE_FORCES else None
 
-    def narrowed(numbers: list[int]) -> list[int] | None:
-        """Return some of these that cannot be served; None: these can."""
-        fewer = carrying(numbers)
-        if fewer is None:
-            return None
-        while len(fewer) < len(numbers) and not limits.passed:
-            further = carrying(fewer)
+    def narrowed(numbers: list[int], proof: TorqueSolution) -> list[int]:
+        """Return those of some members that carry the proof of one after another."""
+        while not limits.passed:
+            shares = _shares(proof, [members[one] for one in numbers])
+            counts = shares > _CARRIES * shares.max(initial=0.0)
+            fewer = [one for one, carries in zip(numbers, counts, strict=True) if carries]
+            further = refuted_by(fewer) if 0 < len(fewer) < len(numbers) else None
             if further is None:
                 break
-            numbers, fewer = fewer, further
+            numbers, proof = fewer, further
         return numbers
 
-    kept = narrowed([*range(len(members))]) or []
+    kept = narrowed([*range(len(members))], refuted)
     for number in tuple(kept):
         if number in kept and len(kept) > 1:
-            kept = narrowed([one for one in kept if one != number]) or kept
+            fewer = [one for one in kept if one != number]
+            proof = refuted_by(fewer)
+            kept = kept if proof is None else narrowed(fewer, proof)
     return () if limits.passed else tuple(kept)
 
 

@@ -87,13 +87,13 @@ def torques_by_policy(
         )  # fmt: skip
     extremes = extreme_members(corners[:1], unknowns, free[:1])
     if not free:
-        extremes = spread([*corners, *extreme_members(corners, unknowns)], _AT_ONCE)[0]
+        extremes = _far_members(corners, unknowns, _AT_ONCE)
     together, how = joined(extremes, directions), limits.within(options)
     solution, coverage = best_of(together, objective, how, extremes, mode)
     bound = bound_of(together, objective, how, extremes, solution, mode)
     conflict: tuple[int, ...] = ()
     if solution.status is Status.INFEASIBLE_FORCES:
-        conflict = conflict_of(extremes, objective, options, limits, directions)
+        conflict = conflict_of(solution, extremes, objective, options, limits, directions)
     elif limits.passed:
         solution = ended_by_time(solution)
     elif solution.found:  # for these members alone
@@ -111,13 +111,18 @@ def _common_modes(
 ) -> list[SlidingMode | None]:
     """Return modes in which affine forces are looked for: of members far off, and of corners."""
     found: dict[bytes, SlidingMode | None] = {}
-    for members in ([*corners, *extreme_members(corners, unknowns)], corners):
-        some = spread(members, _SHARING)[0]
+    for some in (_far_members(corners, unknowns, _SHARING), spread(corners, _SHARING)[0]):
         how = limited(limits.within(options), COMMON_NODES)
         mode = common_mode(joined(some, directions), some, objective, how)
         if mode is not None:
             found[mode.selection.tobytes() + mode.signs.tobytes()] = mode
     return list(found.values())
+
+
+def _far_members(corners: Sequence[Member], unknowns: Unknowns, count: int) -> list[Member]:
+    """Return members far from each other: corners, and ends of what is unknown."""
+    some = spread(corners, count)[0]
+    return spread([*corners, *extreme_members(some, unknowns)], count)[0]
 
 
 def _bounding(policy: ForcePolicy) -> list[Member]:

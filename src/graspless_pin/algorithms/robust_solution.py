@@ -77,8 +77,7 @@ class RobustSolution(Brief):
         status = self.solution.status
         if self.policy is None:
             return status
-        value = self.policy.value(self.solution.objective)
-        closed = abs(value - self.bound) <= _CLOSED * abs(value)
+        closed = abs(self.value - self.bound) <= _CLOSED * abs(self.value)
         return status if closed and self.solution.found else Status.LIMIT_REACHED
 
     @property
@@ -99,6 +98,32 @@ class RobustSolution(Brief):
         if self.policy is not None:
             return self.policy.max_torque
         return self.solution.max_torque
+
+    @property
+    def value(self) -> float:
+        """The worst value of the objective in any member, in its unit; NaN: nothing was found."""
+        if self.policy is not None:
+            return self.policy.value(self.solution.objective)
+        return self.solution.value
+
+    @property
+    def largest_commands(self) -> FloatArray:
+        """(L,) the largest |torque| that is commanded of each joint in any member, N m (N).
+
+        Raises:
+            NoSolutionError: If nothing was found.
+        """
+        if self.policy is None:
+            return np.abs(self.commands).max(axis=0)
+        driven = range(1 if self.feedback is None else len(self.policy.corners))
+        return np.max([self.policy.most(corner) for corner in driven], axis=0)
+
+    @property
+    def joined_members(self) -> tuple[Member, ...]:
+        """The members of the joined problem that `solution` is of."""
+        first = 0 if self.policy is None else len(self.policy.corners)
+        count = self.solution.problem.contact_count // self.members[0].problem.contact_count
+        return self.members[first : first + count]
 
     @property
     def commands(self) -> FloatArray:
@@ -152,6 +177,20 @@ class RobustSolution(Brief):
         return np.divide(
             -differences, self.feedback, out=np.zeros_like(differences), where=self.feedback > 0.0
         )
+
+    @property
+    def largest_deflection(self) -> float:
+        """How far the joint that gives way most does so in any member, rad (m).
+
+        Raises:
+            NoSolutionError: If nothing was found, or there is no feedback.
+        """
+        sizes = np.abs(self.deflections)
+        if self.policy is not None and self.feedback is not None:
+            added = np.array([self.policy.added(one) for one in range(len(sizes))])
+            there = self.feedback > 0.0
+            sizes[:, there] += added[:, there] / self.feedback[there]
+        return float(sizes.max(initial=0.0))
 
     @property
     def contact_forces(self) -> FloatArray:

@@ -28,6 +28,7 @@ from graspless_pin.algorithms.member_margins import member_margins
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.policy_torques import torques_by_policy
 from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
     Weight,
     known_weight,
@@ -38,7 +39,7 @@ from graspless_pin.algorithms.uncertain_members import (
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import Controller, gain_shares
-from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.problem.joint_units import JointUnit
@@ -131,7 +132,7 @@ def solve_robust(
     bound = bound_of(together, objective, limits.within(options), chosen, solution, mode)
     conflict: tuple[int, ...] = ()
     if solution.status is Status.INFEASIBLE_FORCES:
-        conflict = conflict_of(chosen, objective, options, limits, directions)
+        conflict = conflict_of(solution, chosen, objective, options, limits, directions)
     return RobustSolution(
         solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness,
         uncertainty, weight,

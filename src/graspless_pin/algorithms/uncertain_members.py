@@ -178,10 +178,23 @@ def members_of(
         for wrench, carried, offset, corner in (loads[number] for number in kept):
             words = _words(problem, corner, corner.down - weight.down, factor, offset)
             words = _with_effort(words, effort)
-            load = {"external_wrench": read_only(wrench), "gravity_torques": read_only(carried)}
-            loaded = changed(own, *_OF_LOAD, **load)
+            loaded = under_load(own, wrench, carried)
             found.append(Member(loaded, 1.0 + factor, offset, words, corner))
     return tuple(found)
+
+
+def under_load(
+    problem: QuasistaticProblem, wrench: FloatArray, carried: FloatArray
+) -> QuasistaticProblem:
+    """Return a problem under another load, without checking it anew.
+
+    Args:
+        problem: The problem.
+        wrench: (P,) N and N m.
+        carried: (L,) what carries the links, N m (N).
+    """
+    load = {"external_wrench": read_only(wrench), "gravity_torques": read_only(carried)}
+    return changed(problem, *_OF_LOAD, **load)
 
 
 def errors_of(

@@ -13,6 +13,7 @@ from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.robust_torques import further_forces
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.robust_answer import STIFFNESS, RobustAnswer
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
@@ -46,16 +47,19 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     ]
     if robust.coverage is Coverage.CORNERS:
         told.append("Corners need different virtual slidings: between them nothing is proven.")
-    value, bound = robust.solution.value, robust.bound
+    value, bound = robust.value, robust.bound
+    if robust.policy is not None:
+        told.append("Contact forces affine in what has no corners, or too many, prove it.")
     if math.isfinite(bound) and abs(value - bound) > _AS_GOOD * abs(value):
         told.append(
-            f"No torques for all corners are better than {bound:.4g} {_unit(answer)} (proven)."
+            f"No torques for all {'corners' if robust.policy is None else 'of it'} are better than "
+            f"{bound:.4g} {_unit(answer)} (proven)."
         )
     told.append(f"Least room: {robust.members[robust.worst].words}.")
     if robust.feedback is not None and robust.feedback.any():
-        most = float(np.abs(robust.deflections).max())
         told.append(
-            f"With the stiffness of the controller joints give way by up to {most:.2g} rad (m); "
+            "With the stiffness of the controller joints give way by up to "
+            f"{robust.largest_deflection:.2g} rad (m); "
             "the largest torque is that of all members."
         )
     return told
@@ -91,7 +95,7 @@ def _why_none(answer: RobustAnswer) -> list[str]:
 def _feedback_words(found: RobustSolution) -> str:
     if not found.found:
         return "Position feedback at the joints does not serve it either."
-    most = float(np.abs(found.deflections).max())
+    most = found.largest_deflection
     return (
         f"Position feedback at the joints serves it: max |torque| {found.max_torque:.4g} "
         f"{found.solution.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
@@ -135,7 +139,8 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         ``coverage`` (``whole_set`` or ``corners``), ``margin`` (N), ``max_torque``,
         ``max_torque_unit``, ``bound``, ``torques`` by joint, ``feedback`` by joint (None:
         constant torques), ``largest_deflection`` (rad or m), ``members`` (with ``forces`` of those
-        that the joined problem does not hold; None: modes differ from corner to corner),
+        that the joined problem does not hold; None: modes differ from corner to corner), or with a
+        ``policy`` the corners of that, with ``bounding``, the members of the solution,
         ``conflict`` (numbers of members), ``served_share``, ``with_feedback``, and ``nominal``.
         Figures that do not exist are None.
     """
@@ -158,7 +163,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         if robust.feedback is None
         else dict(zip(robust.joint_names, robust.feedback.tolist(), strict=True)),
         "largest_deflection": _deflection(robust),
-        "members": _members(robust, nominal.problem.contact_count),
+        **_proving(robust),
         "conflict": list(robust.conflict),
         "served_share": answer.served_share,
         "with_feedback": None
@@ -207,15 +212,47 @@ def _summary(found: TorqueSolution | RobustSolution, names: Sequence[str]) -> di
 def _deflection(robust: RobustSolution) -> float | None:
     if robust.feedback is None or not robust.found:
         return None
-    return float(np.abs(robust.deflections).max(initial=0.0))
+    return robust.largest_deflection
 
 
-def _members(robust: RobustSolution, contacts: int) -> list[dict[str, Any]]:
-    """Return what is so of each member, those of the joined problem first, in its order."""
-    held = robust.solution.problem.contact_count // contacts
-    # Where nothing was found, there are the members alone for which there is nothing.
-    members = robust.members if robust.found else robust.members[:held]
-    told: list[dict[str, Any]] = [
+def _proving(robust: RobustSolution) -> dict[str, Any]:
+    """Return the members of the joined problem; or affine forces and who bounds their torques."""
+    policy = robust.policy
+    if policy is None:
+        return {"members": _served(robust)}
+    unknowns = policy.unknowns
+    return {
+        "members": _members(policy.corners),
+        "policy": {
+            "words": [f"{name}, {unit}" for name, unit in unknowns.words],
+            "loads": unknowns.loads,
+            "balls": unknowns.balls,
+            "joints": unknowns.joints,
+            "shares": unknowns.shares,
+            "offsets": unknowns.offsets,
+            "forces": policy.forces,
+            "slopes": policy.slopes,
+            "errors": policy.errors,
+            "directions": policy.directions,
+        },
+        "bounding": _members(robust.joined_members),
+    }
+
+
+def _served(robust: RobustSolution) -> list[dict[str, Any]]:
+    """Return all corners, those of the joined problem first; where nothing was found, these."""
+    held = robust.joined_members
+    if not robust.found:
+        return _members(held)
+    told, forces = _members(robust.members), further_forces(robust)
+    for number, one in enumerate(told[len(held) :]):
+        one["forces"] = None if forces is None else forces[number]
+    return told
+
+
+def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
+    """Return what is so of each member, in the order of the joined problem."""
+    return [
         {
             "words": one.words,
             "external_wrench": one.problem.external_wrench,
@@ -226,7 +263,3 @@ def _members(robust: RobustSolution, contacts: int) -> list[dict[str, Any]]:
         }
         for one in members
     ]
-    forces = further_forces(robust) if robust.found else None
-    for number, one in enumerate(told[held:]):
-        one["forces"] = None if forces is None else forces[number]
-    return told

@@ -232,6 +232,15 @@ class UncertaintyEntry(Entry):
         description="[N] that may push at the centre of mass along each world axis, either way",
     )
     moment: Widths = Field(default=0.0, description="[N m] about each world axis, either way")
+    center_of_mass_radius: NotNegative = Field(
+        default=0.0, description="[m] how far it may be off in any direction, beside that"
+    )
+    force_radius: NotNegative = Field(
+        default=0.0, description="[N] at the centre of mass in any direction, beside force"
+    )
+    moment_radius: NotNegative = Field(
+        default=0.0, description="[N m] about any axis, beside moment"
+    )
     friction: Figures = Field(
         default=0.0,
         description="[1] coefficients may be smaller or larger by this share: all, or by hand "

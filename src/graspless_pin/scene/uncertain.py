@@ -124,7 +124,8 @@ def check_center(scene: SceneFields, uncertainty: Uncertainty) -> None:
         ArgumentError: It may.
     """
     lowest, highest = box_around(scene.object)
-    size, off = highest - lowest, uncertainty.center_of_mass
+    size = highest - lowest
+    off = uncertainty.center_of_mass + uncertainty.center_of_mass_radius
     if (off > size).any():
         axis = int(np.argmax(off / size))
         raise ArgumentError(

@@ -89,7 +89,10 @@ _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths
     "angular_velocity": ("angular velocity",),
     "joint_accelerations": ("angular acceleration", "acceleration"),
 }
-_OF_UNCERTAINTY = {"mass": (ANY,), "torque": (ANY,)}
+_OF_UNCERTAINTY = {
+    "mass": (ANY,), "torque": (ANY,), "center_of_mass_radius": ("length",),
+    "force_radius": ("force",), "moment_radius": ("torque",),
+}  # fmt: skip
 _OF_ACCELERATIONS = {"linear": ("acceleration",), "angular": ("angular acceleration",)}
 
 

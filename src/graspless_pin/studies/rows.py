@@ -87,8 +87,8 @@ def robust_values(found: RobustSolution) -> Row:
     if not found.found:
         return row
     row["robust_margin_N"] = found.margin
-    units, commands = found.members[0].problem.joint_units, found.commands
+    units, largest = found.members[0].problem.joint_units, found.largest_commands
     columns = torque_columns(found.joint_names, units)
     for name, joints in columns.largest:
-        row[f"robust_{name}"] = float(abs(commands[:, list(joints)]).max(initial=0.0))
+        row[f"robust_{name}"] = float(largest[list(joints)].max(initial=0.0))
     return row

@@ -1,7 +1,8 @@
 """Check what a document says of torques for a whole set: the joined problem of its members.
 
 That these are the corners of the stated set is taken as given. What is checked is that the joined
-problem is made of them, and what its own document proves.
+problem is made of them, and what its own document proves. With a policy, affine forces prove the
+torques, and the joined problem of a few further members what none are better than.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.affine import policy_checks
 from graspless_pin.report.verify.forces import against_mode, residual
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Problem
@@ -56,9 +58,22 @@ def uncertainty_checks(
     if not found:
         return [*checks, _of_this(document, stated, members, problem)]
     nested = entry(stated, "proof", where)
+    constant = entry(stated, "feedback", where) is None
     if not isinstance(nested, dict) or "uncertainty" in nested:
         raise ValueError("proof of uncertainty is no document of a joined problem")
-    joined, constant = read_problem(nested), entry(stated, "feedback", where) is None
+    joined = read_problem(nested)
+    if stated.get("policy") is not None:
+        each = [_member(one, index, problem) for index, one in enumerate(members)]
+        bounding = items(entry(stated, "bounding", where), f"bounding of {where}", 1, MOST)
+        bound = number(entry(nested["certificate"], "bound", "certificate"), "bound")
+        told = number(entry(stated, "bound", where), "bound")
+        checks += policy_checks(document, stated, problem, each)
+        proven = [
+            _is_joined(joined, problem, bounding, constant=constant),
+            agrees("stated", told, bound, tolerances.SAME * abs(bound)),
+            *run(nested),
+        ]
+        return [*checks, *(replace(one, name=f"bound: {one.name}") for one in proven)]
     held = joined.count // problem.count
     checks += [
         _is_joined(joined, problem, members[:held], constant=constant),
