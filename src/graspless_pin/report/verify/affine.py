@@ -18,10 +18,6 @@ from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.values import MOST, array, entry, items, number, whole
 
 _WHERE = "policy of uncertainty"
-_IDLE = 1e-12
-"""Of the longest lever: joints on shorter ones bear no contact force."""
-_CLOSED = 1e-6
-"""Of a value: a bound that is no farther from it is reached."""
 
 
 class AffineForces:
@@ -150,10 +146,10 @@ class AffineForces:
     def _same_commands(self) -> Check:
         """Whether all members have the same commands, but for what feedback adds."""
         levers, note = np.abs(self.problem.J).max(axis=(0, 1), initial=0.0), ""
-        shared = np.eye(len(levers))[levers > _IDLE * levers.max(initial=0.0)]
+        shared = np.eye(len(levers))[levers > tolerances.IDLE * levers.max(initial=0.0)]
         if self.directions is not None:
             columns, sizes, _ = np.linalg.svd(self.directions)
-            shared = columns[:, int((sizes > 1e-9 * max([*sizes, 1e-300])).sum()) :].T
+            shared = columns[:, int((sizes > tolerances.SAME * sizes.max(initial=0.0)).sum()) :].T
             note = "; what feedback adds is given"
         off = np.abs((self.commands - self.commands[0]) @ shared.T)
         off = (off + self.most(shared @ self.added)) @ np.abs(shared)
@@ -196,7 +192,7 @@ def policy_checks(
                float(tolerances.SHARE * problem.joint_scale.max(initial=0.0))),
     ]  # fmt: skip
     status, bound = stated["status"], number(entry(stated, "bound", "uncertainty"), "bound")
-    closed = abs(affine.value - bound) <= 2.0 * _CLOSED * abs(affine.value)
+    closed = abs(affine.value - bound) <= 2.0 * tolerances.SHARE * abs(affine.value)
     known = status == "limit_reached" or (closed and status in ("optimal", "optimal_in_mode"))
     checks.append(holds("status", known, f"{status:.60}, {affine.value:.9g}, bound {bound:.9g}"))
     if not problem.coulomb:
