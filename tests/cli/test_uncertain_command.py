@@ -95,9 +95,7 @@ def test_the_document_holds_set_members_and_proof(cuboid: Path, document: dict[s
     assert stated["max_torque"] == pytest.approx(robust.max_torque, rel=1e-9)
     assert stated["bound"] == pytest.approx(robust.max_torque, rel=1e-6)
     assert stated["torques"] == pytest.approx(dict(robust.torques_by_joint), rel=1e-9)
-    assert [one["words"] for one in stated["members"]] == [
-        one.words for one in robust.members
-    ]
+    assert [one["words"] for one in stated["members"]] == [one.words for one in robust.members]
     assert stated["conflict"] == [] and stated["served_share"] == 1.0
     assert stated["nominal"]["max_torque"] < 0.9 * stated["max_torque"]
     checked = verify_document(document)

@@ -184,7 +184,8 @@ def _of_fitted_surface(
     arms = solid.vertices - point
     nearest = int(np.einsum("vi,vi->v", arms, arms).argmin())
     around = [length for _, length in solid.edges[nearest]]
-    reach = max(FITTED_RADIUS, _EDGES_AROUND * float(np.mean(around)))
+    # A vertex within a flat face has no edges.
+    reach = max(FITTED_RADIUS, _EDGES_AROUND * float(np.mean(around)) if around else 0.0)
     u, depth = arms @ tangents, -arms @ outward
     beside = np.hypot(u[:, 0], u[:, 1])
     kept = (beside <= reach) & (depth <= _SAME_SURFACE * beside + _AT_BORDER)
