@@ -351,3 +351,11 @@ def test_commands_without_torques_for_the_set_say_so(
     assert result.exit_code == 1
     assert result.stdout.startswith("there are no torques for all that the scene says is not known")
     assert f"graspless-pin solve {scene}" in result.stdout
+
+
+def test_a_limit_that_ends_the_search_leaves_it_open(cuboid: Path) -> None:
+    """No word that there are none."""
+    said = run("solve", cuboid, *ASKED, "--no-verdict", "--time-limit", "0")
+    assert said.exit_code == 3
+    assert "Whether torques serve all of it is open" in words(said.stdout)
+    assert "No torques" not in said.stdout

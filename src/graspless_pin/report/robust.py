@@ -17,9 +17,11 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.robust_answer import STIFFNESS, RobustAnswer
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
-from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, figure, torque_size
 
+_STILL = 1e-9
+"""rad (m): joints that give way by less do not."""
 _AS_GOOD = 1e-4
 """Of a value: a bound that is nearer is told as the same."""
 
@@ -56,11 +58,10 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
             f"{bound:.4g} {_unit(answer)} (proven)."
         )
     told.append(f"Least room: {robust.members[robust.worst].words}.")
-    if robust.feedback is not None and robust.feedback.any():
+    if robust.feedback is not None and robust.largest_deflection > _STILL:
         told.append(
             "With the stiffness of the controller joints give way by up to "
-            f"{robust.largest_deflection:.2g} rad (m); "
-            "the largest torque is that of all members."
+            f"{robust.largest_deflection:.2g} rad (m): the largest torque counts what that adds."
         )
     return told
 
@@ -77,7 +78,7 @@ def _why_none(answer: RobustAnswer) -> list[str]:
         together = "No torques serve this member:" if robust.conflict else ""
     told = [
         f"Not known exactly: {answer.uncertainty}.",
-        together or f"No torques for all of it: {robust.status.message}.",
+        together or _unserved(robust),
     ]
     share = answer.served_share
     if share > 0.0:
@@ -90,6 +91,15 @@ def _why_none(answer: RobustAnswer) -> list[str]:
     if not nominal.found:
         return [*told, f"Not even as it is meant to be: {nominal.status.message}."]
     return [*told, f"As it is meant to be: {_figures(nominal, answer)}."]
+
+
+def _unserved(robust: RobustSolution) -> str:
+    if robust.status is Status.NOT_FOUND_IN_LIMIT:
+        return (
+            "Whether torques serve all of it is open: the limit on nodes or time ended the search "
+            "first. Raise it, or state less as uncertain."
+        )
+    return f"No torques for all of it: {robust.status.message}."
 
 
 def _feedback_words(found: RobustSolution) -> str:
