@@ -204,7 +204,8 @@ def _positive(name: str, value: FloatArray) -> FloatArray:
 
 def _share(name: str, value: float) -> float:
     if value >= 1.0:
-        raise ArgumentError(name, f"is {value:.4g}, a share; it must be below 1")
+        meant = f"; {value:g} % is {value / 100.0:g}" if value < 100.0 else ""
+        raise ArgumentError(name, f"is {value:.4g}, a share; it must be below 1{meant}")
     return value
 
 
