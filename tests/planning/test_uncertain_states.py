@@ -57,6 +57,24 @@ def test_states_are_those_of_their_scenes(name: str, carrier: str | None, spread
         assert told.reasons == (() if holds else (StateStatus.BELOW_MARGIN,))
 
 
+def test_of_balls_what_is_proven_counts_and_not_the_bound() -> None:
+    """Affine forces serve less than no torques are better than."""
+    unknown = Uncertainty(mass=0.1, center_of_mass=0.005, force_radius=0.3)
+    evaluator = Evaluator(example(MUG), uncertainty=unknown, algorithm="margin", **COULOMB)
+    told = evaluator.scene.solve("margin", uncertainty=unknown, **COULOMB)
+    assert told.policy is not None and told.margin < 0.999 * told.bound
+    assert evaluator.scene.hand is not None
+    q = [evaluator.scene.hand.q[name] for name in evaluator.joint_names]
+    states, between = evaluator.evaluate_many([q]), 0.5 * (told.margin + told.bound)
+    assert states.margins[0] == pytest.approx(told.margin, rel=1e-6)
+    assert states.gaps[0] == pytest.approx(told.bound - told.margin, rel=1e-3)
+    assert states.residuals[0] == pytest.approx(told.policy.residual(), abs=1e-7)
+    np.testing.assert_allclose(states.torques[0], told.torques, atol=1e-6)
+    for margin, feasible in ((0.999 * told.margin, True), (between, False)):
+        assert evaluator.is_feasible(q, margin=margin) == feasible
+        assert evaluator.validity(q, margin=margin).valid == feasible
+
+
 def test_members_of_a_state_are_in_balance() -> None:
     evaluator = Evaluator(
         example(MUG), uncertainty=UNKNOWN, algorithm="torque", required_margin=0.05, **COULOMB

@@ -107,6 +107,13 @@ class RobustSolution(Brief):
         return self.solution.value
 
     @property
+    def residual(self) -> float:
+        """By how much forces miss their constraints; of a policy, balance for the worst; scaled."""
+        if self.policy is not None:
+            return self.policy.residual()
+        return self.solution.certificate.primal_residual
+
+    @property
     def largest_commands(self) -> FloatArray:
         """(L,) the largest |torque| that is commanded of each joint in any member, N m (N).
 

@@ -82,8 +82,8 @@ class StateFigures(NamedTuple):
             columns = _columns(evaluation.joint_names, torque_names)
             self.margins[number] = evaluation.margin
             self.torques[number, columns] = evaluation.torques
-            self.gaps[number] = abs(bound - robust.solution.value) if robust else certificate.gap
-            self.residuals[number] = certificate.primal_residual
+            self.gaps[number] = abs(bound - robust.value) if robust else certificate.gap
+            self.residuals[number] = robust.residual if robust else certificate.primal_residual
 
     def put_solved(self, number: int, state: WarmState, torque_names: tuple[str, ...]) -> None:
         """Enter what was found of one state whose optimum was carried over: see `put`."""

@@ -32,6 +32,7 @@ from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 
 if TYPE_CHECKING:
+    from graspless_pin.algorithms.robust_solution import RobustSolution
     from graspless_pin.algorithms.uncertainty import Uncertainty
     from graspless_pin.holding.small_motions import RestModel
 
@@ -268,20 +269,22 @@ def margin_and_status(
         enough = is_reached(optimum.value, optimum.unit, required)
         status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
         return problem.margin_of(optimum.forces), status
-    return status_of_margin(found, found.certificate.bound, required)
+    force = found.problem.scales.force
+    return status_of_margin(found, force, found.certificate.bound, required)
 
 
 def status_of_margin(
-    found: TorqueSolution, bound: float, required: float
+    found: TorqueSolution | RobustSolution, force: float, bound: float, required: float
 ) -> tuple[float, StateStatus]:
     """Return the margin that a search found, and what is said of it: see `StateSolver.margin_of`.
 
     Args:
         found: What was found.
+        force: The load's, N.
         bound: What no margin is larger than, N; NaN where there is none.
         required: The margin that is asked for, N.
     """
-    slack = CLOSED * max(found.problem.scales.force, required)
+    slack = CLOSED * max(force, required)
     if found.found and found.margin >= required - slack:
         return found.margin, StateStatus.FOUND
     if found.status in UNDECIDED and not bound < required - slack:

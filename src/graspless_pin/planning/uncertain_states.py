@@ -104,8 +104,7 @@ class UncertainStateSolver(StateSolver):
         required: float,
     ) -> tuple[float, StateStatus]:
         """Return the largest margin that one vector of torques keeps for all members."""
-        robust = self._robust(scene, Margin())
-        return status_of_margin(robust.solution, robust.bound, required)
+        return _margin_and_status(self._robust(scene, Margin()), required)
 
     def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
         """Tell whether a state is proven to reach a margin for all members."""
@@ -135,7 +134,7 @@ class UncertainStateSolver(StateSolver):
 
     @staticmethod
     def _reaches(robust: RobustSolution, margin: float) -> bool:
-        return status_of_margin(robust.solution, robust.bound, margin)[1] is StateStatus.FOUND
+        return _margin_and_status(robust, margin)[1] is StateStatus.FOUND
 
     @property
     def _is_coulomb(self) -> bool:
@@ -166,6 +165,12 @@ class UncertainStateSolver(StateSolver):
             own = SlidingMode(common.selection[:size], common.signs[:size])
             self._modes[_touching(scene)] = own
         return robust
+
+
+def _margin_and_status(robust: RobustSolution, required: float) -> tuple[float, StateStatus]:
+    # The load of one member: that of the joined problem is all of theirs.
+    force = robust.members[0].problem.scales.force
+    return status_of_margin(robust, force, robust.bound, required)
 
 
 def _touching(scene: Scene) -> tuple[Any, ...]:
