@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tabulate import tabulate
@@ -97,8 +98,8 @@ def _measured(name: str, feedback: float | None) -> list[float]:
     nominal = partial(minimize_torque, margin=MARGIN, static_friction="coulomb")
     program = formulate(problem, Torque(MARGIN)).program
 
-    def over_set(given: dict[str, object]) -> object:
-        known = Uncertainty(**given)  # type: ignore[arg-type]
+    def over_set(given: dict[str, Any]) -> object:
+        known = Uncertainty(**given)
         return nominal(as_new(problem), uncertainty=known, feedback=feedback)
 
     first, bare, *sets = medians(

@@ -359,3 +359,12 @@ def test_a_limit_that_ends_the_search_leaves_it_open(cuboid: Path) -> None:
     assert said.exit_code == 3
     assert "Whether torques serve all of it is open" in words(said.stdout)
     assert "No torques" not in said.stdout
+
+
+def test_what_affine_forces_do_not_prove_is_left_open(tmp_path: Path) -> None:
+    """Pushes that some members bear, each by itself, and affine forces not all together."""
+    file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.2, "force_radius": 9.5})
+    said = run("solve", file, *ASKED, "--no-verdict")
+    assert said.exit_code == 3
+    assert "Whether torques serve all of it is open: none were proven to" in words(said.stdout)
+    assert "% of it is served" in words(said.stdout)

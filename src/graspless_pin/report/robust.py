@@ -99,6 +99,8 @@ def _unserved(robust: RobustSolution) -> str:
             "Whether torques serve all of it is open: the limit on nodes or time ended the search "
             "first. Raise it, or state less as uncertain."
         )
+    if robust.status is Status.UNVERIFIED:
+        return "Whether torques serve all of it is open: none were proven to. State less of it."
     return f"No torques for all of it: {robust.status.message}."
 
 
