@@ -368,3 +368,15 @@ def test_what_affine_forces_do_not_prove_is_left_open(tmp_path: Path) -> None:
     assert said.exit_code == 3
     assert "Whether torques serve all of it is open: none were proven to" in words(said.stdout)
     assert "% of it is served" in words(said.stdout)
+
+
+def test_the_largest_torque_is_that_of_all_members(tmp_path: Path) -> None:
+    """With feedback each has its own commands, those that were not solved for, too."""
+    ball = CUBOID.parents[1] / "allegro_sphere_on_slope.yaml"
+    known = {"mass": 0.2, "center_of_mass": 0.005, "force": 0.05}
+    file, target = stating(tmp_path, ball, uncertainty=known), tmp_path / "solution.json"
+    asked = ("--algorithm", "margin", "--static-friction", "coulomb", "--controller", "2")
+    assert run("solve", file, *asked, "--no-verdict", "--json", target).exit_code == 0
+    document = read_document(target)
+    assert any("forces" in one for one in document["uncertainty"]["members"])
+    assert verify_document(document).proven

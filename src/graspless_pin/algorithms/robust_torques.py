@@ -200,12 +200,13 @@ def _found_limits(
     problem: QuasistaticProblem, solution: TorqueSolution, objective: Objective
 ) -> tuple[FloatArray, FloatArray]:
     """Return limits of torques, no larger than was found to be enough, for what feedback adds."""
-    most = (1.0 + AS_GOOD) * solution.value
-    low, high = problem.lower_torque, problem.upper_torque
+    most, low, high = 1.0 + AS_GOOD, problem.lower_torque, problem.upper_torque
     if isinstance(objective, TorqueShare):
-        return most * low, most * high
-    if isinstance(objective, Torque):
-        return np.maximum(low, -most), np.minimum(high, most)
+        share = most * solution.value
+        low, high = share * low, share * high
+    # The largest torque that is told is that of all members, whatever is optimised.
+    largest = most * solution.max_torque
+    low, high = np.maximum(low, -largest), np.minimum(high, largest)
     return low, high
 
 
