@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 from scene_tools import EXAMPLES, PAPER, content, loaded
 
-from graspless_pin import Scene, Uncertainty, load_scene
+from graspless_pin import (
+    Scene,
+    Uncertainty,
+    load_scene,
+    maximize_margin,
+    uncertainty_gradients,
+)
 from graspless_pin.algorithms.robust_torques import solve_robust
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.interfaces.mujoco import scene_from_mjcf, scene_to_mjcf
@@ -84,6 +90,24 @@ def test_names_stand_for_contacts_and_joints(tmp_path: Path) -> None:
     assert robust[0] < 0.5 * cuboid.solve(static_friction="coulomb").margin
 
 
+def test_kilograms_add_to_the_share(tmp_path: Path) -> None:
+    """A mass of 0.255 kg ± 10 % ± 25.5 g is one of ± 20 %."""
+    scene = scene_with(tmp_path, {"mass": 0.1, "mass_offset": 0.0255})
+    both = scene.solve("torque", uncertainty=True, **OPTIONS)
+    share = load_scene(MUG).solve("torque", uncertainty=Uncertainty(mass=0.2), **OPTIONS)
+    assert both.max_torque == pytest.approx(share.max_torque, rel=1e-9)
+    assert sorted(one.words for one in both.members) == [
+        "mass +0.051 kg (+20 %)",
+        "mass -0.051 kg (-20 %)",
+    ]
+    line = "unknown   mass ±10 %, mass ±0.0255 kg"
+    assert line in str(scene).splitlines()
+    by_figure = uncertainty_gradients(both).values
+    per_share = uncertainty_gradients(share).values["mass"]
+    assert by_figure["mass"] == pytest.approx(per_share, rel=1e-5)
+    assert by_figure["mass_offset"] == pytest.approx(per_share / 0.255, rel=1e-5)
+
+
 def test_a_stated_stiffness_is_the_feedback(tmp_path: Path) -> None:
     """A ball rolls away under constant torques: nothing serves two loads."""
     unknown = {"mass": 0.2, "center_of_mass": 0.005}
@@ -108,6 +132,7 @@ def test_a_stated_stiffness_is_the_feedback(tmp_path: Path) -> None:
     [
         {"mass": 0.2},
         {"mass": 0.0},
+        {"mass": 0.1, "mass_offset": 0.03},
         {"center_of_mass": [0.01, 0.0, 0.02], "force": 0.5, "moment": [0.0, 0.0, 0.1]},
         {"tilt": 0.1, "friction": {"hand": 0.2, "wall": 0.1}, "torque": {"index": 0.05}},
         {"torque_offset": 0.01, "effort": {"joint_1.0": 0.1, "default": 0.2}},
@@ -159,12 +184,17 @@ def test_an_mjcf_and_the_screen_say_it_too() -> None:
         ({"center_of_mass_radius": "5 mm"}, r"center_of_mass_radius: .*; write 0.005 \(m\)"),
         ({"moment_radius": -1.0}, r"uncertainty.moment_radius: found -1.0; needs a finite number"),
         ({"torque": "5 %"}, r"uncertainty.torque: .*; write 0.05, without '%'"),
-        ({"mass": 1.0}, r"yaml:\d+: .*is 1, a share; it must be below 1; 1 % is 0.01"),
+        ({"mass": 1.0}, r"yaml:\d+: .*found 1.0; needs .* >= 0, below 1; 1 % is 0.01"),
+        ({"mass": "±20"}, r"uncertainty.mass: found '±20'; .* below 1; 20 % is 0.2"),
+        ({"mass": "±20 %"}, r"uncertainty.mass: .*; write 0.2, without '%'"),
+        ({"mass": "50 g"}, r"mass: .*; in kg write mass_offset: 0.05 in its place"),
+        ({"torque": {"index": "5 mNm"}}, r"torque.index: .*; in Nm write torque_offset: 0.005 in"),
+        ({"mass_offset": "50 g"}, r"uncertainty.mass_offset: .*; write 0.05 \(kg\), without 'g'"),
         ({"tilt": 0.8}, r"yaml:\d+: uncertainty.tilt: is 0.8 rad; it must be below 45 degrees"),
         ({"friction": -0.1}, r"uncertainty.friction: found -0.1; needs a finite number >= 0"),
         ({"friction": {"hnd": 0.1}}, r"friction.hnd: is no body; did you mean 'hand'\?"),
         ({"effort": {"indx": 0.1}}, r"effort.indx: is no joint or finger; did you mean 'index'\?"),
-        ({"torque": {"joint_1.0": 2}}, r"torque\['joint_1.0'\]: is 2, a share"),
+        ({"torque": {"joint_1.0": 2}}, r"torque\['joint_1.0'\]: found 2; .* below 1; 2 % is 0.02"),
         ({"mas": 0.1}, r"yaml:\d+: uncertainty.mas: unknown key; did you mean 'mass'\?"),
         ({"feedback": 1.0}, r"uncertainty: found feedback; .* the scene's key 'controller'"),
         ({"force": [1, 2]}, r"uncertainty.force: found \[1, 2\]; needs .* or a list of 3"),
@@ -181,6 +211,12 @@ def test_mistakes_in_python() -> None:
     scene = load_scene(CUBOID)
     with pytest.raises(ArgumentError, match=r"is True, and .*cuboid_at_rest.yaml says nothing"):
         scene.solve(uncertainty=True)
+    with pytest.raises(
+        ArgumentError, match=r"mass_offset is 2 kg beside a share of 0.1, and .* has 1 kg"
+    ):
+        scene.solve(uncertainty=Uncertainty(mass=0.1, mass_offset=2.0))
+    with pytest.raises(ArgumentError, match=r"mass_offset: is in kg, and arrays tell no mass"):
+        maximize_margin(scene.problem(), uncertainty=Uncertainty(mass_offset=0.1))
     with pytest.raises(ArgumentError, match=r"found 0.2; needs an Uncertainty or None, e.g."):
         scene.with_changes(uncertainty=0.2)
     with pytest.raises(ArgumentError, match=r"friction\['wal'\]: is no body; did you mean 'wall'"):
@@ -190,5 +226,5 @@ def test_mistakes_in_python() -> None:
                      scene.asked()[1])  # fmt: skip
     with pytest.raises(ArgumentError, match=r"may be off by 5 m along x.*give metres"):
         scene.solve(uncertainty=Uncertainty(center_of_mass_radius=5.0))
-    with pytest.raises(SceneError, match=r"uncertainty: mass: is 1.5, a share"):
+    with pytest.raises(SceneError, match=r"uncertainty.mass: found 1.5; needs .* below 1"):
         scene.with_changes({"uncertainty.mass": 1.5})

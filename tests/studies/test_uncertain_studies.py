@@ -99,7 +99,12 @@ def test_figures_have_their_units_and_mistakes_their_names(tmp_path: Path) -> No
     scenes = [study.scene_at(one) for one in study.samples]
     tilts = [one.uncertainty.tilt for one in scenes if one.uncertainty is not None]
     np.testing.assert_allclose(np.rad2deg(tilts), [1.0, 2.0])
-    with pytest.raises(StudyError, match=r"unit.*'kg'"):
+    heavier = {"key": "uncertainty.mass_offset", "from": 5, "to": 20, "steps": 2, "unit": "g"}
+    study = study_of(tmp_path, {"heavier": heavier}, {"mass": 0.1})
+    scenes = [study.scene_at(one) for one in study.samples]
+    offsets = [one.uncertainty.mass_offset for one in scenes if one.uncertainty is not None]
+    np.testing.assert_allclose(offsets, [0.005, 0.02])
+    with pytest.raises(StudyError, match=r"unit.*'kg'.*; the key in kg is uncertainty.mass_offset"):
         share = {"from": 0.1, "to": 0.2, "steps": 2, "unit": "kg"}
         study_of(tmp_path, {"uncertainty.mass": share})
     with pytest.raises(StudyError, match="called 'robust_found' like another"):

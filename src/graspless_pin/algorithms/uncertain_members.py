@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,6 +45,7 @@ class Weight(Brief):
         axes: (3, 3) columns: the axes of `Uncertainty.center_of_mass` in the world's.
         other: (6, 3) times a unit vector along gravity: the wrench of what else weighs.
         links: (L, 3) times that vector: the torques that carry the links; None: not known.
+        mass: kg, the object's; NaN: not known.
     """
 
     force: FloatArray
@@ -52,6 +54,7 @@ class Weight(Brief):
     axes: FloatArray
     other: FloatArray
     links: FloatArray | None
+    mass: float = math.nan
 
     @cached_property
     def down(self) -> FloatArray:
@@ -103,6 +106,29 @@ def known_weight(
     return weight_of_arrays(problem) if uncertainty.is_of_load else _NO_WEIGHT
 
 
+def mass_share(uncertainty: Uncertainty, weight: Weight) -> float:
+    """Return by which share an object's mass may be smaller or larger.
+
+    Raises:
+        ArgumentError: If it may be by kilograms and is not known, or it may vanish.
+    """
+    if uncertainty.mass_offset == 0.0:
+        return uncertainty.mass
+    if math.isnan(weight.mass):
+        raise ArgumentError(
+            "mass_offset", "is in kg, and arrays tell no mass; ask it of a scene, or give mass"
+        )
+    share = uncertainty.mass + uncertainty.mass_offset / weight.mass
+    if share >= 1.0:
+        beside = f" beside a share of {uncertainty.mass:g}" if uncertainty.mass else ""
+        raise ArgumentError(
+            "uncertainty",
+            f"mass_offset is {uncertainty.mass_offset:g} kg{beside}, and the object has "
+            f"{weight.mass:.4g} kg; it must keep some: give less",
+        )
+    return share
+
+
 def members_of(
     problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None = None
 ) -> tuple[Member, ...]:
@@ -131,7 +157,7 @@ def members_of(
     sliding = np.flatnonzero(problem.is_sliding & (friction > 0.0))
     _check_size(problem, uncertainty)
     ends = {
-        "mass": _ends(np.array([uncertainty.mass])),
+        "mass": _ends(np.array([mass_share(uncertainty, weight)])),
         "center_of_mass": _ends(uncertainty.center_of_mass),
         "tilt": gravities(weight, uncertainty.tilt),
         "force": _ends(uncertainty.force),
@@ -176,7 +202,8 @@ def members_of(
             points = np.hstack([points, pulls])
         kept = _hull(problem, points)
         for wrench, carried, offset, corner in (loads[number] for number in kept):
-            words = _words(problem, corner, corner.down - weight.down, factor, offset)
+            kilograms = weight.mass if uncertainty.mass_offset > 0.0 else math.nan
+            words = _words(problem, corner, kilograms, corner.down - weight.down, factor, offset)
             words = _with_effort(words, effort)
             loaded = under_load(own, wrench, carried)
             found.append(Member(loaded, 1.0 + factor, offset, words, corner))
@@ -300,7 +327,8 @@ def _corner_counts(problem: QuasistaticProblem, uncertainty: Uncertainty) -> dic
     friction = each_of("friction", uncertainty.friction, problem.contact_count, "contacts")
     factors, offsets = errors_of(problem, uncertainty)
     boxes = {
-        "mass": np.array([uncertainty.mass]), "center_of_mass": uncertainty.center_of_mass,
+        "mass": np.array([uncertainty.mass + uncertainty.mass_offset]),
+        "center_of_mass": uncertainty.center_of_mass,
         "force": uncertainty.force, "moment": uncertainty.moment,
         "friction": friction[problem.is_sliding], "torque": factors, "torque_offset": offsets,
     }  # fmt: skip
@@ -331,11 +359,15 @@ def _with_effort(words: str, effort: FloatArray) -> str:
 def _words(
     problem: QuasistaticProblem,
     corner: Corner,
+    kilograms: float,
     tilted: FloatArray,
     factor: FloatArray,
     offset: FloatArray,
 ) -> str:
-    told = [f"mass {100.0 * corner.mass:+.3g} %"] if corner.mass else []
+    heavier = f"{100.0 * corner.mass:+.3g} %"
+    if not math.isnan(kilograms):
+        heavier = f"{corner.mass * kilograms:+.3g} kg ({heavier})"
+    told = [f"mass {heavier}"] if corner.mass else []
     for name, value, unit in (
         ("centre of mass", corner.center_of_mass, "m"), ("gravity", tilted, "of its size"),
         ("push", corner.force, "N"), ("moment", corner.moment, "N m"),

@@ -20,7 +20,8 @@ from graspless_pin.suggestions import names_in_words
 RADII = ("center_of_mass_radius", "force_radius", "moment_radius")
 """Of balls, which have no corners."""
 _WORDS = {
-    "mass": ("mass", 100.0, "%"), "center_of_mass": ("centre of mass", 100.0, "cm"),
+    "mass": ("mass", 100.0, "%"), "mass_offset": ("mass", 1.0, "kg"),
+    "center_of_mass": ("centre of mass", 100.0, "cm"),
     "tilt": ("gravity's direction", 180.0 / pi, "deg"), "force": ("push", 1.0, "N"),
     "moment": ("moment", 1.0, "N m"),
     "center_of_mass_radius": ("centre of mass in any direction", 100.0, "cm"),
@@ -42,6 +43,7 @@ class Uncertainty(Brief):
 
     Attributes:
         mass: The object's may be smaller or larger by this share.
+        mass_offset: kg by which it may, beside that share; in scenes, which tell the mass.
         center_of_mass: (3,) m, how far it may be off along each axis, of the object in a scene
             and of the world for arrays.
         tilt: rad, how far gravity may be off its direction, to all sides, links included.
@@ -74,6 +76,7 @@ class Uncertainty(Brief):
     """
 
     mass: float
+    mass_offset: float
     center_of_mass: FloatArray
     tilt: float
     force: FloatArray
@@ -90,6 +93,7 @@ class Uncertainty(Brief):
         self,
         *,
         mass: float = 0.0,
+        mass_offset: float = 0.0,
         center_of_mass: ArrayLike = 0.0,
         tilt: float = 0.0,
         force: ArrayLike = 0.0,
@@ -112,6 +116,7 @@ class Uncertainty(Brief):
         }
         vars(self).update(
             mass=_share("mass", real_number("mass", mass, 0.0)),
+            mass_offset=real_number("mass_offset", mass_offset, 0.0),
             tilt=real_number("tilt", tilt, 0.0),
             torque_offset=_amounts("torque_offset", torque_offset),
             **{name: _amounts(name, value, shares=True) for name, value in shares.items()},
@@ -142,7 +147,8 @@ class Uncertainty(Brief):
     def is_of_load(self) -> bool:
         """Whether anything but friction and motors is uncertain."""
         pushed = self.center_of_mass.any() or self.force.any() or self.moment.any()
-        return bool(self.mass > 0.0 or self.tilt > 0.0 or pushed or self.has_balls)
+        heavier = self.mass > 0.0 or self.mass_offset > 0.0
+        return bool(heavier or self.tilt > 0.0 or pushed or self.has_balls)
 
     @property
     def has_balls(self) -> bool:

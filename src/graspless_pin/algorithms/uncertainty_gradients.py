@@ -175,8 +175,10 @@ def _moved(
         return more
 
     match name:
-        case "mass":
-            return _loaded(member, weight, corner, replace(corner, mass=times * corner.mass))
+        case "mass" | "mass_offset":
+            own = uncertainty.mass if name == "mass" else uncertainty.mass_offset / weight.mass
+            heavier = corner.mass + (times - 1.0) * np.copysign(own, corner.mass)
+            return _loaded(member, weight, corner, replace(corner, mass=float(heavier)))
         case "center_of_mass" | "force" | "moment":
             moved = {name: scaled(getattr(corner, name))}
             return _loaded(member, weight, corner, replace(corner, **moved))

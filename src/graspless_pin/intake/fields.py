@@ -44,6 +44,8 @@ Positive = Annotated[float, Field(gt=0.0, ge=SMALLEST, le=LARGEST, allow_inf_nan
 """A mass, density or force that is not zero."""
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), _NUMBER]
 """A force or torque."""
+Share = Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False), _NUMBER]
+"""By which something may be off."""
 Signed = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False), _NUMBER]
 """A force or torque of either sign."""
 Friction = Annotated[float, Field(ge=0.0, le=LARGEST_FRICTION, allow_inf_nan=False), _NUMBER]

@@ -27,6 +27,7 @@ from graspless_pin.intake.fields import (
     NotNegative,
     Positive,
     Regularization,
+    Share,
     no_truth_value,
 )
 from graspless_pin.problem.cones import CONE_MODELS
@@ -210,6 +211,7 @@ class ControllerEntry(Entry):
 
 Widths = NotNegative | tuple[NotNegative, NotNegative, NotNegative]
 Figures = NotNegative | ByName[NotNegative]
+Shares = Share | ByName[Share]
 
 
 class UncertaintyEntry(Entry):
@@ -218,8 +220,11 @@ class UncertaintyEntry(Entry):
     The stiffness that adds to torques is that of the controller.
     """
 
-    mass: NotNegative = Field(
-        default=0.0, description="[1] the object's may be smaller or larger by this share, below 1"
+    mass: Share = Field(
+        default=0.0, description="[1] the object's may be smaller or larger by this share"
+    )
+    mass_offset: NotNegative = Field(
+        default=0.0, description="[kg] by which it may be smaller or larger, beside that share"
     )
     center_of_mass: Widths = Field(
         default=0.0, description="[m] how far it may be off along each axis of the object"
@@ -241,12 +246,12 @@ class UncertaintyEntry(Entry):
     moment_radius: NotNegative = Field(
         default=0.0, description="[N m] about any axis, beside moment"
     )
-    friction: Figures = Field(
+    friction: Shares = Field(
         default=0.0,
         description="[1] coefficients may be smaller or larger by this share: all, or by hand "
         "link, support, 'hand', 'supports', 'default'; of others nothing is off",
     )
-    torque: Figures = Field(
+    torque: Shares = Field(
         default=0.0,
         description="[1] joints may make less or more torque than commanded by this share: all, or "
         "by joint, finger or 'default'",
@@ -256,7 +261,7 @@ class UncertaintyEntry(Entry):
         description="[N m] (N where it slides) that may be added to each joint's torque, either "
         "way: all, or by joint, finger or 'default'",
     )
-    effort: Figures = Field(
+    effort: Shares = Field(
         default=0.0,
         description="[1] share of their limits that motors may lack: all, or by joint, finger or "
         "'default'",

@@ -162,4 +162,5 @@ def weight_of(scene: SceneFields, links: int) -> Weight:
         own = np.array([scene.hand.gravity_torques(size * axis) for axis in np.eye(3)]).T
         carried[: len(own)] = own
     axes = made.T_world_object[:3, :3]
-    return Weight(made.mass * scene.gravity, steady, np.zeros(3), axes, other, carried)
+    force = made.mass * scene.gravity
+    return Weight(force, steady, np.zeros(3), axes, other, carried, made.mass)

@@ -90,9 +90,11 @@ _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths
     "joint_accelerations": ("angular acceleration", "acceleration"),
 }
 _OF_UNCERTAINTY = {
-    "mass": (ANY,), "torque": (ANY,), "center_of_mass_radius": ("length",),
-    "force_radius": ("force",), "moment_radius": ("torque",),
+    "mass": (ANY,), "mass_offset": ("mass",), "torque": (ANY,),
+    "center_of_mass_radius": ("length",), "force_radius": ("force",), "moment_radius": ("torque",),
 }  # fmt: skip
+_OFFSETS = {"mass": "mass_offset", "torque": "torque_offset"}
+"""Of what may be off by a share: the key of how far it may be off in SI units."""
 _OF_ACCELERATIONS = {"linear": ("acceleration",), "angular": ("angular acceleration",)}
 
 
@@ -110,13 +112,27 @@ def kinds_of(location: Location) -> tuple[str, ...]:
     return (ANY,)
 
 
+def offset_key(location: Location, unit: Unit | None) -> str | None:
+    """Return the key of how far something may be off in a unit, where that of a share is given.
+
+    Args:
+        location: The key that is given.
+        unit: Such as kg.
+    """
+    key = _OFFSETS.get(str(location[1])) if location[0] == "uncertainty" and location[1:] else None
+    if key is None or unit is None or unit.kind not in kinds_of(("uncertainty", key)):
+        return None
+    return key
+
+
 def si_unit(kind: str) -> Unit:
     """Return the SI unit of a kind."""
     return _SI[kind]
 
 
 _FIGURE = re.compile(
-    r"\s*([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°%][^\s]*(?: [^\s]+)?)?\s*"
+    r"\s*(?:±|\+/?-)?\s*"
+    r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°%][^\s]*(?: [^\s]+)?)?\s*"
 )
 _SPELLINGS = {"°": "deg", "degrees": "deg", "degree": "deg", "meters": "m", "metres": "m"}
 _FURTHER = {
@@ -138,6 +154,12 @@ _FURTHER = {
 }
 
 
+def plain_figure(found: Any) -> float | None:
+    """Return what is a number, or a text that is one without a unit; None for all else."""
+    figure = None if isinstance(found, bool) else _FIGURE.fullmatch(str(found))
+    return None if figure is None or figure[2] else float(figure[1].replace(",", "."))
+
+
 def si_advice(found: str, location: Location) -> str:
     """Return what to write instead of a text that is a figure; empty if it is none.
 
@@ -155,6 +177,10 @@ def si_advice(found: str, location: Location) -> str:
     name = re.sub(r"(?<=[ms])(?=[23]$)", "^", name)
     name = _SPELLINGS.get(name, name)
     unit = UNITS.get(name) or _FURTHER.get(name)
+    offset = offset_key(location, unit)
+    if offset is not None and unit is not None:
+        si = si_unit(unit.kind).name
+        return f"; in {si} write {offset}: {value * unit.factor:.12g} in its place"
     kinds = kinds_of(location)
     in_degrees = any(str(part).endswith("_deg") for part in location)
     if in_degrees:

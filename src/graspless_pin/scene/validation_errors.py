@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.scene.units import si_advice
+from graspless_pin.scene.units import plain_figure, si_advice
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.suggestions import names_in_words, nearest_name
 
@@ -196,6 +196,9 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
 def _meant(found: Any, wanted: str, location: Location) -> str:
     """Return which figure, or which of the words that would do, was probably meant."""
     word = found.get("type") if isinstance(found, dict) else found
+    share = plain_figure(word) if "below 1" in wanted else None
+    if share is not None and 1.0 <= share < 100.0:
+        return f"; {share:g} % is {share / 100.0:g}"
     if isinstance(word, str) and "number" in wanted and (advice := si_advice(word, location)):
         return advice
     near = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
@@ -304,6 +307,8 @@ def _wanted(schema: Node, node: Node) -> str:
 
 def _bounds(node: Node) -> str:
     least, most = node.get("minimum"), node.get("maximum")
+    if "exclusiveMaximum" in node:
+        return f" >= {least:g}, below {node['exclusiveMaximum']:g}"
     if most is None:
         return "" if least is None else f" >= {least:g}"
     if least is None:

@@ -16,7 +16,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.keys import Tree, place_key, put
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, si_unit
+from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, offset_key, si_unit
 from graspless_pin.scene.validation_errors import is_whole_number
 from graspless_pin.scene.yaml_source import Location
 from graspless_pin.studies.study_schema import PosingEntry, VariableEntry
@@ -336,7 +336,9 @@ def make_variable(
         named = [f"{item[0]} ({' or '.join(k)})" for item, k in zip(keys, kinds, strict=True)]
         listed = ", ".join(named)
         raise fail("set", f"its keys are measured in different units: {listed}; give factors")
-    unit, is_whole = _unit(entry, shared, fail), entry.values is None
+    offsets = [offset_key(location, UNITS.get(entry.unit or "")) for location, _, _ in targets]
+    advice = next((f"; the key in {entry.unit} is uncertainty.{key}" for key in offsets if key), "")
+    unit, is_whole = _unit(entry, shared, fail, advice), entry.values is None
     is_whole = is_whole and any(_is_whole(tree, location) for location, _, _ in targets)
     if is_whole:
         _check_whole(entry, fail)
@@ -373,7 +375,10 @@ def _check_numbers(entry: VariableEntry, part: str, fail: Callable[..., Grasples
 
 
 def _unit(
-    entry: VariableEntry, kinds: tuple[str, ...], fail: Callable[..., GrasplessPinError]
+    entry: VariableEntry,
+    kinds: tuple[str, ...],
+    fail: Callable[..., GrasplessPinError],
+    advice: str = "",
 ) -> Unit:
     """Return the unit of the values: the one that is named, or the only SI unit that fits."""
     numbers = not isinstance(entry.values, dict) and not any(
@@ -390,5 +395,7 @@ def _unit(
     if kinds and unit.kind not in kinds:
         fitting = [known.name for known in UNITS.values() if known.kind in kinds]
         what = " or ".join(kind or "plain numbers" for kind in kinds)
-        raise fail("unit", f"{unit.name!r} is no unit of {what}; needs {', '.join(fitting)}")
+        raise fail(
+            "unit", f"{unit.name!r} is no unit of {what}; needs {', '.join(fitting)}{advice}"
+        )
     return unit
