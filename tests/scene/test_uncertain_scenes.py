@@ -90,6 +90,44 @@ def test_names_stand_for_contacts_and_joints(tmp_path: Path) -> None:
     assert robust[0] < 0.5 * cuboid.solve(static_friction="coulomb").margin
 
 
+def test_friction_is_uncertain_by_pair_of_materials(tmp_path: Path) -> None:
+    """What a scene says of its contacts, as figures of each contact say it."""
+    table = {"rubber": {"stoneware": 0.9, "wood": 0.6}, "stoneware": {"plaster": 0.3}}
+    data = content(MUG)
+    made = data["object"] | {"material": "stoneware"}
+    own = data["hand"] | {"material": "rubber"}
+    walls = [data["supports"][0] | {"material": "plaster"}]
+    rubbing = {"object": made, "hand": own, "supports": walls, "materials": table}
+
+    def shares(friction: Any, **others: Any) -> list[float]:
+        scene = scene_with(tmp_path, {"friction": friction}, **{**rubbing, **others})
+        (member,) = scene.solve(uncertainty=True, static_friction="coulomb").members
+        least = member.problem.friction / scene.problem().friction
+        by_body = dict(zip(scene.contacts.bodies, (1.0 - least).round(12).tolist(), strict=True))
+        assert len({by_body[one] for one in by_body if one != "wall"}) == 1
+        again = load_scene(scene.save(tmp_path / "again.yaml", overwrite=True))
+        assert again.uncertainty is not None and again.uncertainty.friction == friction
+        half = again.uncertainty.scaled(0.5)
+        assert str(half.scaled(2.0)) == str(again.uncertainty)
+        return [by_body["link_3.0_tip"], by_body["wall"]]
+
+    pair = {"rubber": {"stoneware": 0.1, "wood": 0.4}}
+    assert shares(pair) == [0.1, 0.0]
+    assert shares({"stoneware": {"rubber": 0.1}, "default": 0.2}) == [0.1, 0.2]
+    assert shares({"plaster": 0.3, "stoneware": 0.2}) == [0.2, 0.3]
+    assert shares({"hand": 0.3, "rubber": 0.2}) == [0.2, 0.0]
+    # The support's own coefficient is none of the table's.
+    bare = [walls[0] | {"friction": 0.3}]
+    assert shares({"plaster": 0.3, **pair}, supports=bare) == [0.1, 0.0]
+    with pytest.raises(SceneError, match=r"friction.rubber.stone: is no material; did you mean"):
+        shares({"rubber": {"stone": 0.1}})
+    with pytest.raises(SceneError, match=r"is 0.1, but 0.2 the other way round"):
+        shares({"rubber": {"stoneware": 0.1}, "stoneware": {"rubber": 0.2}})
+    line = "unknown   friction rubber on stoneware ±10, rubber on wood ±40 %"
+    told = scene_with(tmp_path, {"friction": pair}, **rubbing)
+    assert line in str(told).splitlines()
+
+
 def test_kilograms_add_to_the_share(tmp_path: Path) -> None:
     """A mass of 0.255 kg ± 10 % ± 25.5 g is one of ± 20 %."""
     scene = scene_with(tmp_path, {"mass": 0.1, "mass_offset": 0.0255})
@@ -193,6 +231,9 @@ def test_an_mjcf_and_the_screen_say_it_too() -> None:
         ({"tilt": 0.8}, r"yaml:\d+: uncertainty.tilt: is 0.8 rad; it must be below 45 degrees"),
         ({"friction": -0.1}, r"uncertainty.friction: found -0.1; needs a finite number >= 0"),
         ({"friction": {"hnd": 0.1}}, r"friction.hnd: is no body; did you mean 'hand'\?"),
+        ({"friction": {"mug": 0.1}}, r"friction.mug: is the object, .* 'default' stands for all"),
+        ({"friction": {"hand": {"x": 1}}}, r"friction.hand.x: found 1; needs .* below 1; 1 % is"),
+        ({"friction": {"hand": {"x": 0.1}}}, r"friction.hand: is no material; there is none"),
         ({"effort": {"indx": 0.1}}, r"effort.indx: is no joint or finger; did you mean 'index'\?"),
         ({"torque": {"joint_1.0": 2}}, r"torque\['joint_1.0'\]: found 2; .* below 1; 2 % is 0.02"),
         ({"mas": 0.1}, r"yaml:\d+: uncertainty.mas: unknown key; did you mean 'mass'\?"),

@@ -35,6 +35,8 @@ _SIGNS = {"effort": "-", **dict.fromkeys(RADII, "up to ")}
 
 Figures = FloatArray | Mapping[str, float]
 """One figure, one for each contact or joint, or some by name."""
+PairFigures = Figures | Mapping[str, float | Mapping[str, float]]
+"""Or some by pair of names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -53,7 +55,8 @@ class Uncertainty(Brief):
         force_radius: N on the centre of mass in any direction, beside `force`.
         moment_radius: N m about any axis, beside `moment`.
         friction: Shares by which coefficients may be smaller or larger: one, or (M,), or in a scene
-            by hand link, support, ``hand``, ``supports`` or ``default``; of others nothing is off.
+            by hand link, support, material, pair of materials (``{"rubber": {"steel": 0.1}}``),
+            ``hand``, ``supports`` or ``default``; of others nothing is off.
         torque: Shares by which joints may make less or more torque than commanded: one, or (L,), or
             in a scene by joint, finger or ``default``.
         torque_offset: N m (N) that may be added to each joint's torque, either way: likewise.
@@ -84,7 +87,7 @@ class Uncertainty(Brief):
     center_of_mass_radius: float
     force_radius: float
     moment_radius: float
-    friction: Figures
+    friction: PairFigures
     torque: Figures
     torque_offset: Figures
     effort: Figures
@@ -101,13 +104,13 @@ class Uncertainty(Brief):
         center_of_mass_radius: float = 0.0,
         force_radius: float = 0.0,
         moment_radius: float = 0.0,
-        friction: ArrayLike | Mapping[str, float] = 0.0,
+        friction: ArrayLike | Mapping[str, float | Mapping[str, float]] = 0.0,
         torque: ArrayLike | Mapping[str, float] = 0.0,
         torque_offset: ArrayLike | Mapping[str, float] = 0.0,
         effort: ArrayLike | Mapping[str, float] = 0.0,
     ) -> None:
         """Check the figures and copy them: see the attributes; one number stands for all axes."""
-        shares = {"friction": friction, "torque": torque, "effort": effort}
+        shares = {"torque": torque, "effort": effort}
         vectors = {"center_of_mass": center_of_mass, "force": force, "moment": moment}
         radii = {
             "center_of_mass_radius": center_of_mass_radius,
@@ -118,6 +121,7 @@ class Uncertainty(Brief):
             mass=_share("mass", real_number("mass", mass, 0.0)),
             mass_offset=real_number("mass_offset", mass_offset, 0.0),
             tilt=real_number("tilt", tilt, 0.0),
+            friction=_amounts("friction", friction, shares=True, pairs=True),
             torque_offset=_amounts("torque_offset", torque_offset),
             **{name: _amounts(name, value, shares=True) for name, value in shares.items()},
             **{name: _vector(name, value) for name, value in vectors.items()},
@@ -132,7 +136,8 @@ class Uncertainty(Brief):
         for name, (of, scale, unit) in _WORDS.items():
             value, sign = getattr(self, name), _SIGNS.get(name, "±")
             if isinstance(value, Mapping):
-                each = [f"{key} {sign}{scale * one:.3g}" for key, one in value.items() if one]
+                flat = _flat(value)
+                each = [f"{key} {sign}{scale * one:.3g}" for key, one in flat.items() if one]
             else:
                 numbers = np.unique(value) if np.ptp(value) == 0.0 else np.ravel(value)
                 each = [f"{sign}{scale * one:.3g}" for one in numbers if numbers.any()]
@@ -157,41 +162,93 @@ class Uncertainty(Brief):
 
     def scaled(self, share: float) -> Uncertainty:
         """Return the set with all its figures times a share, about the same middle."""
-        figures: dict[str, Any] = {
-            name: {key: share * one for key, one in value.items()}
-            if isinstance(value, Mapping)
-            else share * value
-            for name, value in vars(self).items()
-        }
-        return Uncertainty(**figures)
+        return Uncertainty(**_scaled(vars(self), share))
 
-    def check(self, joints: Sequence[str], fingers: Sequence[str], bodies: Sequence[str]) -> None:
-        """Refuse figures of joints, fingers and bodies that are not there.
+    def check(
+        self,
+        joints: Sequence[str],
+        fingers: Sequence[str],
+        bodies: Sequence[str],
+        materials: Sequence[str] = (),
+        made: str = "",
+    ) -> None:
+        """Refuse figures of joints, fingers, bodies and materials that are not there.
+
+        Args:
+            joints: Names of joints.
+            fingers: Names of fingers.
+            bodies: Names of links and supports.
+            materials: Names in the table of pairs.
+            made: Name of the object.
 
         Raises:
             ArgumentError: Naming the key.
         """
-        motors = "joint or finger", (*joints, *fingers, DEFAULT_GAIN)
-        surfaces = "body", ("hand", "supports", *bodies, DEFAULT_GAIN)
-        for name in ("friction", "torque", "torque_offset", "effort"):
-            what, known = surfaces if name == "friction" else motors
-            given = getattr(self, name)
-            for key in given if isinstance(given, Mapping) else ():
-                if key not in known:
-                    raise ArgumentError(
-                        f"{name}['{key}']", f"is no {what}; {names_in_words(key, known)}"
-                    )
+        motors = (*joints, *fingers, DEFAULT_GAIN)
+        for name in ("torque", "torque_offset", "effort"):
+            _check_names(name, getattr(self, name), "joint or finger", motors)
+        if not isinstance(self.friction, Mapping):
+            return
+        surfaces = ("hand", "supports", *bodies, *materials, DEFAULT_GAIN)
+        if made in self.friction and made not in surfaces:
+            raise ArgumentError(
+                f"friction['{made}']",
+                "is the object, which every contact touches; 'default' stands for all contacts",
+            )
+        what = "body or material" if materials else "body"
+        for key, figure in self.friction.items():
+            if isinstance(figure, Mapping):
+                _check_names("friction", [key], "material", materials)
+                _check_names(f"friction['{key}']", figure, "material", materials)
+                for other, one in figure.items():
+                    back = self.friction.get(other)
+                    if isinstance(back, Mapping) and back.get(key, one) != one:
+                        raise ArgumentError(
+                            f"friction['{key}']['{other}']",
+                            f"is {one:g}, but {back[key]:g} the other way round",
+                        )
+            else:
+                _check_names("friction", [key], what, surfaces)
 
 
 def _vector(name: str, value: ArrayLike) -> FloatArray:
     return _positive(name, np.broadcast_to(finite_array(name, *_shaped(value, 3)), (3,)))
 
 
-def _amounts(name: str, value: ArrayLike | Mapping[str, float], *, shares: bool = False) -> Figures:
+def _check_names(name: str, given: object, what: str, known: Sequence[str]) -> None:
+    for key in given if isinstance(given, Mapping | list) else ():
+        if key not in known:
+            advice = names_in_words(key, known) if known else "there is none"
+            raise ArgumentError(f"{name}['{key}']", f"is no {what}; {advice}")
+
+
+def _scaled(figures: Mapping[str, Any], share: float) -> dict[str, Any]:
+    return {
+        name: _scaled(value, share) if isinstance(value, Mapping) else share * value
+        for name, value in figures.items()
+    }
+
+
+def _flat(figures: Mapping[str, Any]) -> dict[str, float]:
+    """Return figures by name, or ``one on other`` of pairs."""
+    pairs = {name: one for name, one in figures.items() if isinstance(one, Mapping)}
+    alone = {name: one for name, one in figures.items() if name not in pairs}
+    of_pairs = {f"{a} on {b}": one for a, each in pairs.items() for b, one in each.items()}
+    return alone | of_pairs
+
+
+def _amounts(name: str, value: Any, *, shares: bool = False, pairs: bool = False) -> Any:
     if isinstance(value, Mapping):
-        named = {str(key): (f"{name}['{key}']", one) for key, one in value.items()}
-        found = {key: real_number(*one, 0.0) for key, one in named.items()}
-        return {key: _share(named[key][0], one) if shares else one for key, one in found.items()}
+        found: dict[str, Any] = {}
+        for key, one in value.items():
+            where = f"{name}['{key}']"
+            if pairs and isinstance(one, Mapping):
+                found[str(key)] = _amounts(where, one, shares=shares)
+                continue
+            found[str(key)] = real_number(where, one, 0.0)
+            if shares:
+                _share(where, found[str(key)])
+        return found
     amounts = _positive(name, finite_array(name, *_shaped(value, None)))
     if shares:
         _share(name, float(np.max(amounts, initial=0.0)))
@@ -215,7 +272,7 @@ def _share(name: str, value: float) -> float:
     return value
 
 
-def each_of(name: str, value: Figures, count: int, of: str) -> FloatArray:
+def each_of(name: str, value: PairFigures, count: int, of: str) -> FloatArray:
     """Return a figure for each joint or contact.
 
     Raises:

@@ -24,7 +24,7 @@ from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks
 from graspless_pin.scene.uncertain import check_center, solve_uncertain
-from graspless_pin.scene.uncertain_figures import check_names
+from graspless_pin.scene.uncertain_figures import check_names_in
 from graspless_pin.solution import UNDECIDED
 
 _MOST_KEPT = 256
@@ -186,8 +186,7 @@ def _check_figures(scene: Scene, uncertainty: Uncertainty) -> None:
         ArgumentError: Naming them.
     """
     check_center(scene, uncertainty)
-    links = () if scene.hand is None else scene.hand.link_names
-    check_names(uncertainty, scene.hand, [*links, *(one.name for one in scene.supports)])
+    check_names_in(scene, uncertainty)
     friction = uncertainty.friction
     if not isinstance(friction, Mapping) and friction.ndim:
         raise ArgumentError(

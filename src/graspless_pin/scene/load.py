@@ -315,8 +315,8 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
         ),
         "uncertainty": parts.latest.of(
             "uncertainty",
-            (entry.uncertainty, tree, *names),
-            lambda: _uncertainty(file, entry, hand, bodies),
+            (entry.uncertainty, tree, materials, entry.object.name, *names),
+            lambda: _uncertainty(file, entry, hand, names, materials),
         ),
         "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
         "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
@@ -342,13 +342,18 @@ def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Contr
 
 
 def _uncertainty(
-    file: YamlSource, entry: SceneEntry, hand: Hand | None, bodies: Sequence[str]
+    file: YamlSource,
+    entry: SceneEntry,
+    hand: Hand | None,
+    supports: Sequence[str],
+    materials: Materials,
 ) -> Uncertainty | None:
-    stated = entry.uncertainty
+    stated, made = entry.uncertainty, entry.object.name
     if stated is None:
         return None
     uncertainty = file.at(("uncertainty",), lambda: Uncertainty(**dict(stated)))
-    file.at(("uncertainty",), lambda: check_names(uncertainty, hand, bodies))
+    named = uncertainty, hand, supports, materials.names, made
+    file.at(("uncertainty",), lambda: check_names(*named))
     return uncertainty
 
 

@@ -246,10 +246,11 @@ class UncertaintyEntry(Entry):
     moment_radius: NotNegative = Field(
         default=0.0, description="[N m] about any axis, beside moment"
     )
-    friction: Shares = Field(
+    friction: Share | ByName[Share | ByName[Share]] = Field(
         default=0.0,
         description="[1] coefficients may be smaller or larger by this share: all, or by hand "
-        "link, support, 'hand', 'supports', 'default'; of others nothing is off",
+        "link, support, material, pair of materials, e.g. {rubber: {steel: 0.1}}, 'hand', "
+        "'supports', 'default'; of others nothing is off",
     )
     torque: Shares = Field(
         default=0.0,

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.uncertainty import Figures, Uncertainty
+from graspless_pin.algorithms.uncertainty import PairFigures, Uncertainty
+from graspless_pin.geometry.bodies.materials import Pair
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -17,20 +18,35 @@ from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.joints import fingers_of_motors, possible_columns
 
 
-def check_names(uncertainty: Uncertainty, hand: Hand | None, bodies: Sequence[str]) -> None:
+def check_names(
+    uncertainty: Uncertainty,
+    hand: Hand | None,
+    supports: Sequence[str],
+    materials: Sequence[str],
+    made: str,
+) -> None:
     """Refuse figures of what a scene does not have.
 
     Args:
         uncertainty: The figures.
         hand: The scene's hand.
-        bodies: Names of its links and of the supports.
+        supports: Names of the supports.
+        materials: Names in the scene's table of materials.
+        made: Name of its object.
 
     Raises:
         ArgumentError: Naming the key.
     """
     joints = () if hand is None else (*hand.actuation.names, *possible_columns(hand))
-    fingers = () if hand is None else (*hand.fingers,)
-    uncertainty.check((*dict.fromkeys(joints),), fingers, bodies)
+    fingers, links = ((), ()) if hand is None else ((*hand.fingers,), hand.link_names)
+    bodies = [*links, *supports]
+    uncertainty.check((*dict.fromkeys(joints),), fingers, bodies, materials, made)
+
+
+def check_names_in(scene: SceneFields, uncertainty: Uncertainty) -> None:
+    """Refuse figures of what a scene does not have: see `check_names`."""
+    supports, materials = [one.name for one in scene.supports], scene.materials.names
+    check_names(uncertainty, scene.hand, supports, materials, scene.object.name)
 
 
 def by_contact_and_joint(
@@ -41,25 +57,43 @@ def by_contact_and_joint(
     Raises:
         ArgumentError: If it names what is not there.
     """
-    links = () if scene.hand is None else scene.hand.link_names
-    check_names(uncertainty, scene.hand, [*links, *(one.name for one in scene.supports)])
+    check_names_in(scene, uncertainty)
     touching = contacts_of(scene).arrays
     groups = ["hand"] * touching.hand_count
     groups += ["supports"] * (len(touching.bodies) - len(groups))
     fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
-    own = {"friction": _of_each(uncertainty.friction, zip(touching.bodies, groups, strict=True))}
+    surfaces = (
+        (body, *_materials_of(scene, body), group)
+        for body, group in zip(touching.bodies, groups, strict=True)
+    )
+    own = {"friction": _of_each(uncertainty.friction, surfaces)}
     for name in ("torque", "torque_offset", "effort"):
         joints = ((joint, fingers.get(joint, "")) for joint in problem.joint_names)
         own[name] = _of_each(getattr(uncertainty, name), joints)
     return Uncertainty(**{**vars(uncertainty), **own})
 
 
-def _of_each(figures: Figures, names: Iterable[tuple[str, str]]) -> FloatArray:
-    """Return the figure of each thing by its own name, else its group's, else the default's."""
+def _materials_of(scene: SceneFields, body: str) -> tuple[Pair | str, ...]:
+    """Return the pair of materials that a contact's coefficient is of, and both materials."""
+    support = next((one for one in scene.supports if one.name == body), None)
+    own, made = scene.hand_material, scene.object.material
+    if support is not None:
+        own = support.material if support.friction is None else None
+    return () if own is None or made is None else (Pair((own, made)), own, made)
+
+
+def _of_each(figures: PairFigures, names: Iterable[Sequence[Pair | str]]) -> FloatArray:
+    """Return the figure of each thing by the first of its names that has one, or the default's."""
     if not isinstance(figures, Mapping):
         return figures
-    rest = figures.get(DEFAULT_GAIN, 0.0)
-    return np.array([figures.get(own, figures.get(group, rest)) for own, group in names])
+    known: dict[Pair | str, float] = {}
+    for name, figure in figures.items():
+        if isinstance(figure, Mapping):
+            known |= {Pair((name, other)): one for other, one in figure.items()}
+        else:
+            known[name] = figure
+    rest = known.get(DEFAULT_GAIN, 0.0)
+    return np.array([next((known[one] for one in own if one in known), rest) for own in names])
 
 
 def stated_uncertainty(uncertainty: Uncertainty) -> dict[str, Any]:
@@ -69,7 +103,7 @@ def stated_uncertainty(uncertainty: Uncertainty) -> dict[str, Any]:
     return stated | {"mass": 0.0} if nothing else stated
 
 
-def _stated(figures: float | Figures) -> Any:
+def _stated(figures: float | PairFigures) -> Any:
     if isinstance(figures, Mapping):
         return figures[DEFAULT_GAIN] if figures.keys() == {DEFAULT_GAIN} else dict(figures) or None
     values = np.unique(figures)
