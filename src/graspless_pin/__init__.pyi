@@ -22,9 +22,9 @@ from .algorithms.minimum_friction import minimum_friction as minimum_friction
 from .algorithms.options import SolveOptions as SolveOptions
 from .algorithms.robust_solution import Coverage as Coverage
 from .algorithms.robust_solution import RobustSolution as RobustSolution
-from .algorithms.robust_torques import served_share as served_share
 from .algorithms.robustness import Robustness as Robustness
 from .algorithms.robustness import robustness as robustness
+from .algorithms.served_share import served_share as served_share
 from .algorithms.tolerances import Tolerance as Tolerance
 from .algorithms.tolerances import Tolerances as Tolerances
 from .algorithms.tolerances import tolerances as tolerances

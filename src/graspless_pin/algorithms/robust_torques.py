@@ -6,11 +6,9 @@ Optimization, 2009. Contact forces and modes differ from member to member as the
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +23,7 @@ from graspless_pin.algorithms.joined_optimum import (
     spread,
 )
 from graspless_pin.algorithms.member_margins import member_margins
-from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.policy_torques import torques_by_policy
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
@@ -49,7 +47,6 @@ from graspless_pin.solution import Status, TorqueSolution
 
 _AT_ONCE, _MORE = 6, 4
 """Members of the first joined problem, and how many join it at a time."""
-_SHARE = 1e-3
 
 
 Feedback = float | ArrayLike | Controller
@@ -243,61 +240,3 @@ def further_forces(robust: RobustSolution) -> FloatArray | None:
         options = SolveOptions(rules=solution.rules)
         found.append(solve_problem(problem, Margin(), options, mode=mode).contact_forces)
     return np.array(found).reshape(-1, *first.problem.positions.shape)
-
-
-def served_share(
-    problem: QuasistaticProblem,
-    objective: Objective,
-    uncertainty: Uncertainty,
-    *,
-    feedback: Feedback | None = None,
-    **options: Unpack[SolveKeywords],
-) -> float:
-    """Return the largest share of a set's figures, about the same middle, that torques serve.
-
-    By bisection over nested sets, to a thousandth.
-
-    Args:
-        problem: The nominal one.
-        objective: What is optimised.
-        uncertainty: The set.
-        feedback: Joint stiffness that adds to the torques, N m/rad (N/m), or a controller.
-        options: See `SolveOptions.parse`.
-
-    Returns:
-        From 0 to 1; NaN where not even the nominal problem is served.
-
-    Raises:
-        ArgumentError: See `minimize_torque`.
-
-    Examples:
-        >>> from graspless_pin import Torque, Uncertainty, load_scene, served_share
-        >>> problem = load_scene("examples/paper/sphere_on_slope.yaml").problem()
-        >>> unknown = Uncertainty(mass=0.2, center_of_mass=0.01)  # m
-        >>> share = served_share(problem, Torque(0.1), unknown, static_friction="coulomb")
-        >>> print(f"{100.0 * share:.0f} %")
-        85 %
-    """
-    how = SolveOptions.parse(**options)
-    return largest_share(
-        lambda share: solve_robust(
-            problem, objective, uncertainty.scaled(share), how, feedback=feedback
-        )
-    )
-
-
-def largest_share(solved: Callable[[float], RobustSolution]) -> float:
-    """Return the largest share of a set that is served, see `served_share`.
-
-    Args:
-        solved: Returns what is found for the set with its figures times a share.
-    """
-    if solved(1.0).found:
-        return 1.0
-    if not solved(0.0).found:
-        return math.nan
-    low, high = 0.0, 1.0
-    while high - low > _SHARE:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if solved(middle).found else (low, middle)
-    return low

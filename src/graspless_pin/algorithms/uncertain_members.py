@@ -224,6 +224,36 @@ def under_load(
     return changed(problem, *_OF_LOAD, **load)
 
 
+def member_at(
+    problem: QuasistaticProblem,
+    weight: Weight,
+    corner: Corner,
+    factor: FloatArray,
+    offset: FloatArray,
+    *,
+    base: QuasistaticProblem | None = None,
+) -> Member:
+    """Return a problem with what a corner says is off of it, as a member.
+
+    Args:
+        problem: The nominal one.
+        weight: Which part of its load is weight.
+        corner: What is off of the load; of kinetic friction it only tells.
+        factor: (L,) shares by which joints make more torque than is commanded.
+        offset: (L,) what is added to it, N m (N).
+        base: The problem with the member's friction and limits; None: the nominal one's.
+    """
+    wrench, tilted = problem.external_wrench, corner.down - weight.down
+    if problem.passive_count == 6:
+        nominal = weight.wrench(0.0, np.zeros(3), weight.down)
+        own = weight.wrench(corner.mass, corner.center_of_mass, corner.down)
+        wrench = wrench + (own - nominal) + np.concatenate([corner.force, corner.moment])
+    links = np.zeros((problem.joint_count, 3)) if weight.links is None else weight.links
+    loaded = under_load(base or problem, wrench, problem.gravity_torques + links @ tilted)
+    words = _words(problem, corner, tilted, factor, offset)
+    return Member(loaded, 1.0 + factor, offset, words, corner)
+
+
 def errors_of(
     problem: QuasistaticProblem, uncertainty: Uncertainty
 ) -> tuple[FloatArray, FloatArray]:

@@ -15,13 +15,15 @@ from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.scene.robust_answer import STIFFNESS, RobustAnswer
+from graspless_pin.scene.robust_answer import SHARE_TIME, STIFFNESS, RobustAnswer
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, figure, torque_size
 
 _STILL = 1e-9
 """rad (m): joints that give way by less do not."""
+_OPEN = 2e-3
+"""Shares of a set that are served, and not served, are told as one where they are nearer."""
 _AS_GOOD = 1e-4
 """Of a value: a bound that is nearer is told as the same."""
 
@@ -81,8 +83,14 @@ def _why_none(answer: RobustAnswer) -> list[str]:
         together or _unserved(robust),
     ]
     share = answer.served_share
-    if share > 0.0:
-        part = answer.uncertainty.scaled(share)
+    part = answer.uncertainty.scaled(share) if share > 0.0 else None
+    if answer.unserved_share - share > _OPEN:
+        told.append(
+            f"At least {100.0 * share:.3g} % of it is served{'' if part is None else f': {part}'}. "
+            f"Whether more is, up to {100.0 * answer.unserved_share:.3g} %, was left open after "
+            f"{SHARE_TIME:g} s."
+        )
+    elif part is not None:
         told.append(f"Up to {100.0 * share:.3g} % of it is served: {part}.")
     elif share == 0.0:
         told.append("No part of it is served, however small.")
@@ -153,7 +161,8 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         constant torques), ``largest_deflection`` (rad or m), ``members`` (with ``forces`` of those
         that the joined problem does not hold; None: modes differ from corner to corner), or with a
         ``policy`` the corners of that, with ``bounding``, the members of the solution,
-        ``conflict`` (numbers of members), ``served_share``, ``with_feedback``, and ``nominal``.
+        ``conflict`` (numbers of members), ``served_share`` and ``unserved_share``,
+        ``with_feedback``, and ``nominal``.
         Figures that do not exist are None.
     """
     robust, nominal, found = answer.robust, answer.nominal, answer.found
@@ -178,6 +187,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         **_proving(robust),
         "conflict": list(robust.conflict),
         "served_share": answer.served_share,
+        "unserved_share": answer.unserved_share,
         "with_feedback": None
         if with_feedback is None
         else {

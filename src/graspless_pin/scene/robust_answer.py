@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.algorithms.robust_torques import largest_share
+from graspless_pin.algorithms.served_share import largest_share
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.programs.analysis_objectives import at_torques
@@ -18,6 +19,8 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.uncertain import stated_by
 from graspless_pin.solution import Status, TorqueSolution
 
+SHARE_TIME = 20.0  # s
+"""For the share of a set that is served."""
 STIFFNESS = 1.0  # N m/rad
 """Of the joints, where it is told what feedback adds: whether it serves a set is so for any."""
 
@@ -34,6 +37,8 @@ class RobustAnswer(Brief):
             where nothing was found.
         served_share: The largest share of the set that is served: 1 where torques were found, NaN
             where it is not known or there is none.
+        unserved_share: The smallest share for which no torques were found: it is farther from
+            `served_share` than a thousandth where the time for it ended; NaN where it is not known.
         with_feedback: What joint stiffness of `STIFFNESS` makes of it; None: it was not asked.
     """
 
@@ -42,6 +47,7 @@ class RobustAnswer(Brief):
     nominal: TorqueSolution
     held: TorqueSolution | None
     served_share: float
+    unserved_share: float = math.nan
     with_feedback: RobustSolution | None = None
 
     @property
@@ -58,12 +64,19 @@ class RobustAnswer(Brief):
         return self.held
 
 
-def robust_answer(scene: Scene, algorithm: str | None = None, **options: Any) -> RobustAnswer:
+def robust_answer(
+    scene: Scene,
+    algorithm: str | None = None,
+    *,
+    share_time: float = SHARE_TIME,
+    **options: Any,
+) -> RobustAnswer:
     """Return what `Scene.solve` finds for what is not known of a scene, and what stands beside it.
 
     Args:
         scene: The scene; it says what is not known.
         algorithm: See `Scene.solve`.
+        share_time: Seconds for the share that is served, where not all of the set is.
         options: See `Scene.solve`; feedback is that of the scene's controller.
 
     Raises:
@@ -72,19 +85,47 @@ def robust_answer(scene: Scene, algorithm: str | None = None, **options: Any) ->
     unknown = stated_by(scene)
 
     def solved(share: float = 1.0, **further: Any) -> RobustSolution:
-        return scene.solve(algorithm, uncertainty=unknown.scaled(share), **options, **further)
+        asked = {**options, **further}
+        return scene.solve(algorithm, uncertainty=unknown.scaled(share), **asked)
 
     robust = solved()
     nominal = scene.solve(algorithm, **options)
     if robust.found:
         _, how = scene.asked(algorithm, **options)
         return RobustAnswer(unknown, robust, nominal, _held(scene, robust, how), 1.0)
-    share, with_feedback = math.nan, None
+    share, unserved, with_feedback = math.nan, math.nan, None
     if robust.status is not Status.NOT_FOUND_IN_LIMIT:
-        share = largest_share(lambda share: robust if share == 1.0 else solved(share))
+        share, unserved = _share_of(scene, solved, robust, share_time, options.get("time_limit"))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
             with_feedback = solved(feedback=STIFFNESS)
-    return RobustAnswer(unknown, robust, nominal, None, share, with_feedback)
+    return RobustAnswer(unknown, robust, nominal, None, share, unserved, with_feedback)
+
+
+def _share_of(
+    scene: Scene,
+    solved: Callable[..., RobustSolution],
+    robust: RobustSolution,
+    seconds: float,
+    each: float | None,
+) -> tuple[float, float]:
+    """Return the shares of a set that are served and not served, as near as time allows.
+
+    Args:
+        scene: The scene.
+        solved: Returns what is found for a share of it.
+        robust: What was found for all of it: no torques.
+        seconds: For all searches.
+        each: For one; None: all of them.
+    """
+    limits = Limits.from_now(None, seconds)
+
+    def within(share: float) -> RobustSolution:
+        left = limits.left
+        most = [one for one in (left, each) if one is not None]
+        return solved(share, time_limit=min(most))
+
+    found = largest_share(scene.problem(), within, robust, limits)
+    return found.served, found.failing
 
 
 def solution_for_all(
