@@ -26,8 +26,8 @@ COMMON_NODES, NODES = 400, 12
 limit is given."""
 AS_GOOD = 1e-6
 """Of an optimum, or of the load: values that differ by less are one."""
-_CARRIES = 1e-1
-"""Of the largest multiplier: members with less are left out if the others are refuted, too."""
+_FEW = 2
+"""Members that are taken first; then twice as many, and so on."""
 
 
 def best_of(
@@ -106,12 +106,15 @@ def _reaches(solution: TorqueSolution, bound: float) -> bool:
     return abs(solution.value - bound) <= AS_GOOD * max(abs(bound), abs(solution.value))
 
 
-def spread(members: Sequence[Member], most: int) -> tuple[list[Member], list[Member]]:
+def spread(
+    members: Sequence[Member], most: int, *, held: int = 1
+) -> tuple[list[Member], list[Member]]:
     """Return members to begin with, each as far from those before it as can be, and the others.
 
     Args:
         members: K of them.
         most: How many to begin with.
+        held: The first of them are among these; the first one is where feedback is from.
     """
     if len(members) <= most:
         return list(members), []
@@ -125,10 +128,9 @@ def spread(members: Sequence[Member], most: int) -> tuple[list[Member], list[Mem
         ]
     )
     distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    chosen = [0]  # the nominal one, where feedback is from there
-    distances = np.minimum(distances, np.linalg.norm(points - points[0], axis=1))
-    for _ in range(most - 1):
-        chosen.append(int(distances.argmax()))
+    chosen: list[int] = []
+    while len(chosen) < most:
+        chosen.append(len(chosen) if len(chosen) < held else int(distances.argmax()))
         distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
         distances[chosen] = -1.0
     rest = [one for number, one in enumerate(members) if number not in set(chosen)]
@@ -150,8 +152,9 @@ def conflict_of(
 ) -> tuple[int, ...]:
     """Return members that no forces serve together, none of which can be left out.
 
-    Multipliers that prove it (Farkas) tell which members carry the proof; a deletion filter
-    (Chinneck) goes through these. Under Coulomb's law at most rank(J) + 1 are left, by Helly.
+    Multipliers that prove it (Farkas) tell in which order members are taken until some are refuted;
+    a deletion filter (Chinneck) goes through these. Under Coulomb's law at most rank(J) + 1 are
+    left, by Helly.
 
     Args:
         refuted: The answer to their joined problem: infeasible.
@@ -163,44 +166,33 @@ def conflict_of(
     """
     coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
 
-    def refuted_by(numbers: list[int]) -> TorqueSolution | None:
-        """Return the proof that some members cannot be served; None: they can."""
+    def are_refuted(numbers: list[int]) -> bool:
+        """Return whether it is proven that some members cannot be served together."""
         together = joined([members[one] for one in numbers], directions)
         found = solve_problem(together, objective, limits.within(coulomb))
-        return found if found.status is Status.INFEASIBLE_FORCES else None
+        return found.status is Status.INFEASIBLE_FORCES
 
-    def narrowed(numbers: list[int], proof: TorqueSolution) -> list[int]:
-        """Return those of some members that carry the proof of one after another."""
-        while not limits.passed:
-            shares = _shares(proof, [members[one] for one in numbers])
-            counts = shares > _CARRIES * shares.max(initial=0.0)
-            fewer = [one for one, carries in zip(numbers, counts, strict=True) if carries]
-            further = refuted_by(fewer) if 0 < len(fewer) < len(numbers) else None
-            if further is None:
-                break
-            numbers, proof = fewer, further
-        return numbers
-
-    kept = narrowed([*range(len(members))], refuted)
-    for number in tuple(kept):
-        if number in kept and len(kept) > 1:
-            fewer = [one for one in kept if one != number]
-            proof = refuted_by(fewer)
-            kept = kept if proof is None else narrowed(fewer, proof)
-    return () if limits.passed else tuple(kept)
+    order, kept = _opposed(refuted, members), _FEW
+    while kept < len(order) and not are_refuted(order[:kept]) and not limits.passed:
+        kept *= 2
+    conflict = sorted(order[:kept])
+    for number in tuple(conflict):
+        fewer = [one for one in conflict if one != number]
+        if fewer and not limits.passed and are_refuted(fewer):
+            conflict = fewer
+    return () if limits.passed else tuple(conflict)
 
 
-def _shares(refuted: TorqueSolution, members: Sequence[Member]) -> FloatArray:
-    """Return (K,) the largest multiplier of each member that proves that they have no forces.
+def _opposed(refuted: TorqueSolution, members: Sequence[Member]) -> list[int]:
+    """Return members' numbers: the one with the largest multipliers, then those most unlike it.
 
-    Ones where there are none at hand.
+    Loads along a motion that no contact resists have multipliers of opposite signs.
     """
     count, passive = len(members), members[0].problem.passive_count
     if refuted.evidence.relaxation is None:
-        return np.ones(count)
-    y = np.abs(refuted.evidence.relaxation[0])
-    shares = y[: count * passive].reshape(count, passive).max(axis=1)
-    if count > 1:  # commands that are the same as those of the first
-        coupled = y[count * passive :].reshape(count - 1, -1).max(axis=1, initial=0.0)
-        shares[1:] = np.maximum(shares[1:], coupled)
-    return shares
+        return [*range(count)]
+    y = refuted.evidence.relaxation[0][: count * passive].reshape(count, passive)
+    largest = y[np.abs(y).max(axis=1).argmax()]
+    first = (y == largest).all(axis=1)
+    distances = np.where(first, np.inf, np.linalg.norm(y - largest, axis=1))
+    return np.argsort(-distances, kind="stable").tolist()

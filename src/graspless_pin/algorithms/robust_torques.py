@@ -45,7 +45,7 @@ from graspless_pin.problem.members import Member, feedback_torques, joined, unde
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.solution import Status, TorqueSolution
 
-_AT_ONCE, _MORE = 6, 4
+_AT_ONCE, _MORE = 4, 4
 """Members of the first joined problem, and how many join it at a time."""
 
 
@@ -124,8 +124,11 @@ def solve_robust(
             break
         if not lacking:
             break
-        chosen += [others[number] for number in lacking]
-        others = [one for number, one in enumerate(others) if number not in lacking]
+        served = [one for number, one in enumerate(others) if number not in set(lacking)]
+        candidates = [*chosen, *(others[number] for number in lacking)]
+        held = len(chosen)
+        chosen, others = spread(candidates, held + _MORE, held=held)
+        others += served
     bound = bound_of(together, objective, limits.within(options), chosen, solution, mode)
     conflict: tuple[int, ...] = ()
     if solution.status is Status.INFEASIBLE_FORCES:
@@ -168,7 +171,7 @@ def _lacking(
     directions: FloatArray | None,
     limits: Limits,
 ) -> list[int]:
-    """Return which other members the torques do not serve, the worst few."""
+    """Return the worst of other members that the torques do not serve; of equal ones all."""
     needed = solution.margin if objective.maximizes else objective.required_margin
     force = chosen[0].problem.scales.force
     commanded = chosen[0].commanded(
@@ -190,7 +193,8 @@ def _lacking(
         enough=needed,
     )
     lacking = np.flatnonzero(margins < needed - 0.5 * AS_GOOD * force)
-    return lacking[np.argsort(margins[lacking])][:_MORE].tolist()
+    worst = np.sort(margins[lacking])[:_MORE].max(initial=-math.inf)
+    return lacking[margins[lacking] <= worst].tolist()
 
 
 def _found_limits(

@@ -114,7 +114,9 @@ def smaller_conflict(
         share: Of its figures, at most 1.
     """
     weight = known_weight(problem, Uncertainty(), failed.weight)
-    tilt = 0.0 if failed.uncertainty is None else failed.uncertainty.tilt
+    uncertainty = failed.uncertainty or Uncertainty()
+    tilt, in_kilograms = uncertainty.tilt, uncertainty.mass_offset > 0.0
+    kilograms = weight.mass if in_kilograms else math.nan
     found = []
     for one in (failed.members[number] for number in failed.conflict):
         if one.corner is None or share == 1.0:
@@ -140,7 +142,7 @@ def smaller_conflict(
         )
         corner = replace(corner, down=down, **figures)
         off = share * (one.factors - 1.0), share * one.offsets
-        found.append(member_at(problem, weight, corner, *off, base=base))
+        found.append(member_at(problem, weight, corner, *off, base=base, kilograms=kilograms))
     return found
 
 

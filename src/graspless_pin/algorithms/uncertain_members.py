@@ -10,12 +10,12 @@ from itertools import product
 from math import cos, pi, prod, sin
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.uncertainty import Uncertainty, each_of
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.problem.members import Corner, Member
 from graspless_pin.problem.scales import coordinate_units
 from graspless_pin.records import Brief, changed
@@ -62,20 +62,22 @@ class Weight(Brief):
         size = np.linalg.norm(self.force)
         return self.force / size if size > 0.0 else np.zeros(3)
 
-    def wrench(self, mass: float, off: FloatArray, down: FloatArray) -> FloatArray:
-        """Return the (6,) wrench of all weight under gravity along another vector.
+    def wrench(self, mass: ArrayLike, off: FloatArray, down: FloatArray) -> FloatArray:
+        """Return the (..., 6) wrench of all weight under gravity along another vector.
 
         Args:
-            mass: Share by which the object's is larger.
-            off: (3,) m, how far its centre of mass is off, in `axes`.
-            down: (3,) gravity over its nominal size, world axes.
+            mass: (...,) share by which the object's is larger.
+            off: (..., 3) m, how far its centre of mass is off, in `axes`.
+            down: (..., 3) gravity over its nominal size, world axes.
         """
-        at = self.lever + self.axes @ off
-        return wrench_map(at[None]) @ self.pull(mass, down) + self.other @ down
+        pull = self.pull(mass, down)
+        moment = np.cross(self.lever + off @ self.axes.T, pull)
+        return np.concatenate([pull, moment], axis=-1) + down @ self.other.T
 
-    def pull(self, mass: float, down: FloatArray) -> FloatArray:
-        """Return the (3,) force on the object's own centre of mass, see `wrench`."""
-        return (1.0 + mass) * (np.linalg.norm(self.force) * down + self.steady)
+    def pull(self, mass: ArrayLike, down: FloatArray) -> FloatArray:
+        """Return the (..., 3) force on the object's own centre of mass, see `wrench`."""
+        more = 1.0 + np.asarray(mass)[..., None]
+        return more * (np.linalg.norm(self.force) * down + self.steady)
 
 
 _NO_WEIGHT = Weight(np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3), np.zeros((6, 3)), None)
@@ -171,42 +173,39 @@ def members_of(
         np.where(problem.lower_torque < 0.0, 1.0 - effort, 1.0) * problem.lower_torque,
         np.where(problem.upper_torque > 0.0, 1.0 - effort, 1.0) * problem.upper_torque,
     )
-    base = problem.with_changes(friction=less, torque_limits=limits)
-    apart = problem.external_wrench
+    base = problem
+    if friction.any() or effort.any():
+        base = problem.with_changes(friction=less, torque_limits=limits)
+    figures = [ends[name] for name in ("mass", "center_of_mass", "tilt", "force", "moment")]
+    picked = np.indices([len(one) for one in (*figures, ends["torque_offset"])]).reshape(6, -1)
+    mass, off, down, force, moment, offset = (
+        one[row] for one, row in zip((*figures, ends["torque_offset"]), picked, strict=True)
+    )
+    mass = mass[:, 0]
+    wrench = np.tile(problem.external_wrench, (len(mass), 1))
     if of_load:
-        apart = apart - weight.wrench(0.0, np.zeros(3), weight.down)
-    links = np.zeros((joints, 3)) if weight.links is None else weight.links
+        wrench += weight.wrench(mass, off, down) + np.hstack([force, moment])
+        wrench -= weight.wrench(0.0, np.zeros(3), weight.down)
+    carried = problem.gravity_torques + np.zeros((len(mass), joints))
+    if weight.links is not None:
+        carried += (down - weight.down) @ weight.links.T
+    points = np.hstack([wrench, carried - offset])
+    if uncertainty.center_of_mass_radius > 0.0:  # equal loads may differ in what weighs
+        points = np.hstack([points, weight.pull(mass, down)])
+    kept = _hull(problem, points)
     found: list[Member] = []
     for kinetic, factor in product(ends["friction"], ends["torque"]):
-        own = base
+        along, own = np.zeros(count), base
         if kinetic.any():
-            coefficients = less.copy()
-            coefficients[sliding] *= 1.0 + kinetic
-            own = base.with_changes(friction=coefficients)
-        along, loads = np.zeros(count), []
-        along[sliding] = kinetic
-        for mass, off, down, force, moment, offset in product(
-            *(ends[name] for name in ("mass", "center_of_mass", "tilt", "force", "moment")),
-            ends["torque_offset"],
-        ):
-            wrench = apart
-            if of_load:
-                push = np.concatenate([force, moment])
-                wrench = apart + weight.wrench(float(mass[0]), off, down) + push
-            carried = problem.gravity_torques + links @ (down - weight.down)
-            corner = Corner(float(mass[0]), off, down, force, moment, along)
-            loads.append((wrench, carried, offset, corner))
-        points = np.array([np.concatenate([w, g - o]) for w, g, o, _ in loads])
-        if uncertainty.center_of_mass_radius > 0.0:  # equal loads may differ in what weighs
-            pulls = [weight.pull(one.mass, one.down) for *_, one in loads]
-            points = np.hstack([points, pulls])
-        kept = _hull(problem, points)
-        for wrench, carried, offset, corner in (loads[number] for number in kept):
+            along[sliding] = kinetic
+            own = base.with_changes(friction=(1.0 + along) * less)
+        for k in kept:
+            corner = Corner(float(mass[k]), off[k], down[k], force[k], moment[k], along)
             kilograms = weight.mass if uncertainty.mass_offset > 0.0 else math.nan
-            words = _words(problem, corner, kilograms, corner.down - weight.down, factor, offset)
+            words = _words(problem, corner, kilograms, corner.down - weight.down, factor, offset[k])
             words = _with_effort(words, effort)
-            loaded = under_load(own, wrench, carried)
-            found.append(Member(loaded, 1.0 + factor, offset, words, corner))
+            loaded = under_load(own, wrench[k], carried[k])
+            found.append(Member(loaded, 1.0 + factor, offset[k], words, corner))
     return tuple(found)
 
 
@@ -232,6 +231,7 @@ def member_at(
     offset: FloatArray,
     *,
     base: QuasistaticProblem | None = None,
+    kilograms: float = math.nan,
 ) -> Member:
     """Return a problem with what a corner says is off of it, as a member.
 
@@ -242,6 +242,7 @@ def member_at(
         factor: (L,) shares by which joints make more torque than is commanded.
         offset: (L,) what is added to it, N m (N).
         base: The problem with the member's friction and limits; None: the nominal one's.
+        kilograms: The nominal mass, where words tell masses in kg; NaN: in shares.
     """
     wrench, tilted = problem.external_wrench, corner.down - weight.down
     if problem.passive_count == 6:
@@ -250,7 +251,7 @@ def member_at(
         wrench = wrench + (own - nominal) + np.concatenate([corner.force, corner.moment])
     links = np.zeros((problem.joint_count, 3)) if weight.links is None else weight.links
     loaded = under_load(base or problem, wrench, problem.gravity_torques + links @ tilted)
-    words = _words(problem, corner, tilted, factor, offset)
+    words = _words(problem, corner, kilograms, tilted, factor, offset)
     return Member(loaded, 1.0 + factor, offset, words, corner)
 
 
@@ -281,14 +282,14 @@ def part_of_corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> Un
         problem: The nominal one.
         uncertainty: The set.
     """
-    figures = dict(vars(uncertainty), force_radius=0.0, moment_radius=0.0)
+    part = changed(uncertainty, force_radius=0.0, moment_radius=0.0)
+    none = np.zeros(())
     errors = sum(map(np.count_nonzero, errors_of(problem, uncertainty)))
-    many = errors > MOST_ERRORS if uncertainty.has_balls else False
-    if many or prod(_corner_counts(problem, uncertainty).values()) > MOST_MEMBERS:
-        figures.update(torque=0.0, torque_offset=0.0)
-    if prod(_corner_counts(problem, Uncertainty(**figures)).values()) > MOST_MEMBERS:
-        figures.update(force=0.0, moment=0.0)
-    return Uncertainty(**figures)
+    if (errors > MOST_ERRORS and uncertainty.has_balls) or _corners(problem, part) > MOST_MEMBERS:
+        part = changed(part, torque=none, torque_offset=none)
+        if _corners(problem, part) > MOST_MEMBERS:
+            part = changed(part, force=np.zeros(3), moment=np.zeros(3))
+    return part
 
 
 def nominal_member(problem: QuasistaticProblem) -> Member:
@@ -366,10 +367,13 @@ def _corner_counts(problem: QuasistaticProblem, uncertainty: Uncertainty) -> dic
     return counts | {"tilt": 2 * _SIDES if uncertainty.tilt > 0.0 else 1}
 
 
+def _corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> int:
+    return prod(_corner_counts(problem, uncertainty).values())
+
+
 def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
     """Refuse sets with too many corners, before any of them is made."""
-    counts = _corner_counts(problem, uncertainty)
-    corners = prod(counts.values())
+    counts, corners = _corner_counts(problem, uncertainty), _corners(problem, uncertainty)
     if corners > MOST_MEMBERS:
         told = ", ".join(f"{name} {count}" for name, count in counts.items() if count > 1)
         raise ArgumentError(

@@ -13,7 +13,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, unchecked
 
 _IDLE = 1e-12
 """Of the longest lever: joints on shorter ones bear no contact force."""
@@ -122,21 +122,19 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
         start = stop
     jacobian = np.zeros((coupling.shape[1], drives * len(names)))
     jacobian[: 3 * sum(one.contact_count for one in problems[:drives])] = _blocks(driven)
-    return QuasistaticProblem(
+    if drives > 1:
+        names = tuple(f"{name} of member {k}" for k in range(count) for name in names)
+    return _with_contacts(
+        problems,
         external_wrench=np.concatenate([*(one.external_wrench for one in problems), *loads]),
         jacobian=jacobian,
-        **_contacts(problems),
-        torque_limits=(
-            np.concatenate([one.lower_torque for one in problems[:drives]]),
-            np.concatenate([one.upper_torque for one in problems[:drives]]),
-        ),
-        joint_names=names
-        if drives == 1
-        else [f"{name} of member {k}" for k in range(count) for name in names],
+        lower_torque=np.concatenate([one.lower_torque for one in problems[:drives]]),
+        upper_torque=np.concatenate([one.upper_torque for one in problems[:drives]]),
+        joint_names=names,
         joint_units=units * drives,
         gravity_torques=np.concatenate(carried[:drives]),
         wrench_matrix=np.concatenate([_blocks([one.W for one in problems]), coupling]),
-        passive_units=[*first.passive_units * count, *coupled * (count - 1)],
+        passive_units=(*first.passive_units * count, *coupled * (count - 1)),
     )
 
 
@@ -156,19 +154,18 @@ def under_commands(
     problem = member.problem
     made = problem.jacobian / member.factors
     shared, coupled = shared_commands([member], feedback)
-    joints = {} if feedback is None else {
-        "jacobian": made,
-        "gravity_torques": member.commanded(np.zeros(problem.joint_count)),
-        "torque_limits": (problem.lower_torque, problem.upper_torque),
-        "joint_names": problem.joint_names,
-        "joint_units": problem.joint_units,
-    }  # fmt: skip
-    return QuasistaticProblem(
+    count = 0 if feedback is None else problem.joint_count
+    return _with_contacts(
+        [problem],
         external_wrench=loads_under_commands([member], commanded, feedback)[0],
-        **_contacts([problem]),
+        jacobian=made[:, :count],
+        lower_torque=problem.lower_torque[:count],
+        upper_torque=problem.upper_torque[:count],
+        joint_names=problem.joint_names[:count],
+        joint_units=problem.joint_units[:count],
+        gravity_torques=member.commanded(np.zeros(problem.joint_count))[:count],
         wrench_matrix=np.vstack([problem.W, shared @ made.T]),
-        passive_units=[*problem.passive_units, *coupled],
-        **joints,
+        passive_units=(*problem.passive_units, *coupled),
     )
 
 
@@ -215,12 +212,15 @@ def _blocks(matrices: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(block_diag(*matrices), dtype=float)
 
 
-def _contacts(problems: Sequence[QuasistaticProblem]) -> dict[str, Any]:
-    """Return the arguments of a problem that has the contacts of several."""
-    arguments: dict[str, Any] = {
-        name: np.concatenate([getattr(one, name) for one in problems]) for name in _BY_CONTACT
-    }
-    return {**arguments, "cone_edges": problems[0].cone_edges, "cone": problems[0].cone}
+def _with_contacts(problems: Sequence[QuasistaticProblem], **others: Any) -> QuasistaticProblem:
+    """Return a problem with the contacts of several, whose data were checked with theirs."""
+    contacts = {name: np.concatenate([getattr(one, name) for one in problems]) for name in _OF_EACH}
+    values = contacts | others
+    for value in values.values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    first = problems[0]
+    return unchecked(QuasistaticProblem, cone_edges=first.cone_edges, cone=first.cone, **values)
 
 
-_BY_CONTACT = ("positions", "normals", "friction", "tangents", "sliding", "max_normal_force")
+_OF_EACH = ("positions", "normals", "friction", "tangents", "sliding", "max_normal_force")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.active_set_polish import polished
 from graspless_pin.programs.program import FARTHEST, LARGEST_FIGURE, Program
+from graspless_pin.records import changed
 
 UNREACHED = 1e12
 """Stands for a limit that is out of reach."""
@@ -71,8 +72,11 @@ def without_far_limits(program: Program) -> Program:
     high[free] = np.where(program.G[free].any(axis=1), UNREACHED, 1.0)
     most, upper = program.lb.copy(), program.ub.copy()
     most[most < -FARTHEST], upper[upper > FARTHEST] = -np.inf, np.inf
-    return replace(
+    return changed(  # its rows are the same
         program,
+        "sides",
+        "is_far",
+        "reach",
         l=np.minimum(least, UNREACHED),
         lb=np.minimum(most, UNREACHED),
         u=np.maximum(high, -UNREACHED),

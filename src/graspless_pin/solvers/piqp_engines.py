@@ -21,7 +21,8 @@ _STEP_TO_BOUNDARY = 0.9999
 _UNIT = 10.0
 """What PIQP's variables count in: it starts near one, and forces are some loads."""
 _TOLERANCE = SOLVER_TOLERANCE / _UNIT
-_FIRST_ITERATIONS = 20
+_FIRST_ITERATIONS, _LARGER = 20, 10
+"""Steps after which it is asked whether there is a solution, and columns that take one more."""
 _MOST_ITERATIONS = 250
 _PER_STRUCTURE = 2
 _MOST_STRUCTURES = 32
@@ -94,7 +95,7 @@ class _Engine:
         A feasible program takes some ten iterations; on an infeasible one the multipliers grow
         until the iteration limit, long after they have become a proof.
         """
-        self._settings.max_iter = _FIRST_ITERATIONS
+        self._settings.max_iter = _FIRST_ITERATIONS + len(program.c) // _LARGER
         status, result = self._piqp.solve(), self._piqp.result
         if status == piqp.PIQP_MAX_ITER_REACHED and not (
             program.dual_bound(result.y, result.z_u - result.z_l) > program.worst
