@@ -35,6 +35,8 @@ MOST_FORCE = 1e3
 _HOPELESS = 0.03
 """Of the load: forces that leave more unbalanced let the object move."""
 _ROUNDS = 4
+_LEAST_TORQUE = 1e-6
+"""Of the largest torque that load or weight makes: joints' torques are measured in no less."""
 _EXACT = 1e-8
 """Of the load: what may stay unbalanced, or unborne, where no inertia tells what that moves."""
 
@@ -68,9 +70,21 @@ def balance(
 
 def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return G as forces see it (M, 3, P + L), and g (P + L,), for forces in loads, in loads."""
-    unit = coordinate_units(problem.scales, problem.passive_units)
-    force = problem.scales.force
+    unit, force = balance_units(problem), problem.scales.force
     return force * force_jacobian(problem) / unit, generalized_load(problem, torques) / unit
+
+
+def balance_units(problem: QuasistaticProblem) -> FloatArray:
+    """Return (P + L,) what the balance is measured in: what the load makes of each entry.
+
+    At a joint with next to no lever it is no less than a small share of the largest torque that
+    load or weight makes at any joint: what rounding leaves of torques moves nothing.
+    """
+    units = coordinate_units(problem.scales, problem.passive_units)
+    joints = units[problem.passive_count :]
+    most = np.maximum(joints, np.abs(problem.gravity_torques)).max(initial=0.0)
+    np.maximum(joints, _LEAST_TORQUE * most, out=joints)
+    return units
 
 
 def proves_unrest(problem: QuasistaticProblem, torques: FloatArray, motion: FloatArray) -> float:

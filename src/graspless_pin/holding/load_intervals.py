@@ -15,6 +15,7 @@ import numpy as np
 from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import (
     balance,
+    balance_units,
     in_loads,
     is_certificate,
     proven_loads,
@@ -33,7 +34,6 @@ from graspless_pin.holding.verdict import LastRest, LoadProof, RestProof, SpanPr
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
-from graspless_pin.problem.scales import coordinate_units
 
 
 class Unproven(StrEnum):
@@ -70,7 +70,7 @@ class LoadLine:
     @property
     def in_loads(self) -> FloatArray:
         """(P + L,) the direction in units of the load."""
-        return self.direction / coordinate_units(self.problem.scales, self.problem.passive_units)
+        return self.direction / balance_units(self.problem)
 
     def at(self, multiple: float) -> tuple[QuasistaticProblem, FloatArray]:
         """Return the problem and the torques with so much of the direction."""

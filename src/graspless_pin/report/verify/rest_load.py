@@ -115,11 +115,8 @@ class RestLoad:
         sizes = sizes + np.einsum("lik,li->k", np.abs(acting), np.abs(local))
         left = np.abs(left) + tolerances.lost(sizes)
         units = _loads(self.undisturbed)
-        # A joint that reaches no contact moves by its weight, or by nothing that the load makes.
-        weight = np.abs(self.undisturbed.gravity)
-        own = units[passive:]
-        least = np.full(len(weight), tolerances.SAME * own.max(initial=0.0))
-        units[passive:] = np.maximum.reduce([own, weight, least])
+        # A joint that reaches no contact moves by its weight.
+        units[passive:] = np.maximum(units[passive:], np.abs(self.undisturbed.gravity))
         return float((left / units)[kept].max())
 
     def misdirected(self, local: np.ndarray) -> float:
@@ -154,8 +151,14 @@ class RestLoad:
 
 
 def _loads(problem: Problem) -> np.ndarray:
-    """(P + L,) what a problem's load makes in the balance and at each joint, N and N m."""
-    return np.concatenate([problem.passive_scale, problem.joint_scale])
+    """(P + L,) what a problem's load makes in the balance and at each joint, N and N m.
+
+    Of a joint with next to no lever a small share of what load or weight make at any joint.
+    """
+    joints = problem.joint_scale
+    most = np.maximum(joints, np.abs(problem.gravity)).max(initial=0.0)
+    least = tolerances.LEAST_TORQUE * most
+    return np.concatenate([problem.passive_scale, np.maximum(joints, least)])
 
 
 def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:

@@ -36,6 +36,8 @@ STILL = 1e-8
 """Of all velocities: those that have to be zero."""
 IDLE = 1e-12
 """Of the longest lever: joints on shorter ones bear no contact force."""
+LEAST_TORQUE = 1e-6
+"""Of the largest torque that load or weight makes: joints' torques are measured in no less."""
 RANK = 1e-8
 """Of the largest way in which all velocities may change: smaller ones are none."""
 GROWTH = 0.1
