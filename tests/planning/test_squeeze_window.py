@@ -118,6 +118,32 @@ def test_joints_that_follow_keep_a_reserve_of_friction(pressed_ball) -> None:
         squeeze_window(held, torques, samples=[100.0])
 
 
+def pinched_cube() -> QuasistaticProblem:
+    """A cube on a smooth floor between two pairs of smooth linear fingers, along x and along y."""
+    half, ways = 0.05, np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=float)
+    floor = [[x, y, -half] for x in (-half, half) for y in (-half, half)]
+    jacobian = np.zeros((8, 3, 4))
+    jacobian[np.arange(4), :, np.arange(4)] = ways
+    return QuasistaticProblem(
+        [*(-half * ways), *floor],
+        [*ways, *[[0.0, 0.0, 1.0]] * 4],
+        [0.0, 0.0, -WEIGHT, 0.0, 0.0, 0.0],
+        jacobian.reshape(24, 4),
+        friction=0.0,
+        torque_limits=(-20.0, 20.0),
+        joint_units=["N"] * 4,
+        max_normal_force=100.0,
+    )
+
+
+def test_joints_that_need_not_follow_keep_their_torques() -> None:
+    """Where the first finger presses more, the one opposite does, and the other pair as before."""
+    given, amounts = np.array([10.0, 10.0, 2.0, 2.0]), [-6.0, -1.5, 3.0, 8.0]
+    window = squeeze_window(pinched_cube(), given, [1.0, 0.0, 0.0, 0.0], samples=amounts)
+    expected = given + window.amounts[:, None] * [1.0, 1.0, 0.0, 0.0]
+    np.testing.assert_allclose(window.torques, expected, atol=1e-6)
+
+
 def test_without_feedback_the_ball_has_no_window(pressed_ball) -> None:
     scene, torques = pressed_ball
     window = squeeze_window(scene, torques, samples=2)

@@ -23,14 +23,18 @@ _HALVINGS = 8
 
 @dataclass(frozen=True)
 class _LeastChange(Objective):
-    """The torques of balance that are nearest to given ones, in shares of limits."""
+    """The torques of balance that are nearest to given ones, in squares of shares of limits."""
 
     name = "least change"
     torques: tuple[float, ...]
     direction: tuple[float, ...]
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add t, above every change of a torque, and the rows of Algorithm 2."""
+        """Add the changes, whose squares are summed, and the rows of Algorithm 2.
+
+        Their sum of squares has one least point, which moves on evenly where the squeeze does; the
+        largest of them alone would leave the others open, and torques would jump.
+        """
         forces = program.forces
         scale = forces.coordinates.joint_scale
         limits = np.minimum(
@@ -39,20 +43,13 @@ class _LeastChange(Objective):
         )
         share = scale / np.where(limits > 0.0, limits, scale)
         rest = forces.gravity - np.array(self.torques) / scale
-        most = [
-            1.0 + float((share * (np.abs(forces.torque) @ box[1] + np.abs(rest))).max(initial=0.0))
-            for box in forces.boxes
-        ]
-        t = program.columns(
-            "change", low=0.0, box=(0.0, most[0]), whole_box=(0.0, most[-1]), cost=1.0
-        )
-        for name, sign in (("change_upper", 1.0), ("change_lower", -1.0)):
-            program.rows(
-                name,
-                sign * share[:, None] * forces.torque,
-                -sign * share * rest,
-                {t: np.full(len(share), -1.0)},
-            )
+        most = [share * (np.abs(forces.torque) @ box[1] + np.abs(rest)) for box in forces.boxes]
+        changes = program.columns(
+            "changes", len(share), curvature=1.0, box=(-most[0], most[0]),
+            whole_box=(-most[-1], most[-1]),
+        )  # fmt: skip
+        is_change = {changes: -np.eye(len(share))}
+        program.equal("changes", share[:, None] * forces.torque, -share * rest, is_change)
         # No change along the direction: the squeeze is as it is asked for.
         along = share**2 * np.array(self.direction) / scale
         along = along / np.linalg.norm(along)

@@ -201,8 +201,8 @@ def squeeze_window(
             internal contact forces, those of the rest's forces that balance each other, so that
             the amount -1 takes the squeeze away and 1 doubles it.
         other_joints: What joints do that have no part in the direction: ``follow`` changes their
-            torques by the least share of their limits that balance asks for, within 0.9 of the
-            friction where that is enough, ``fixed`` by nothing.
+            torques by the least that balance asks for, in squares of shares of their limits, and
+            within 0.9 of the friction where that is enough; ``fixed`` by nothing.
             All joints follow around the direction of the internal forces.
         samples: How many on either side of the given torques, or the amounts themselves.
         precision: Of the ends, as a share of the width that is looked at; 1: samples alone tell.
