@@ -218,15 +218,15 @@ class StateLoops:
         if alike is None or (self._checks.need_hand and not shapes):
             return None
         bodies, carriers, problem = alike
-        learned, pool = self._starts.for_loops(bodies, problem, objective)
-        if not pool.is_due():
+        starts = self._starts.of(bodies, problem, objective)
+        if not starts.is_due():
             return None
         figures, torques = np.empty((1, 6)), np.empty(states.weights.shape)
         optimum = state_optimum(
-            problem, objective, self._options, learned, pool.starts, states, self._plain.moves,
-            carriers, *self._plain.frame, figures, torques,
+            problem, objective, self._options, starts.new_for_loops(), starts.for_loops, states,
+            self._plain.moves, carriers, *self._plain.frame, figures, torques,
         )  # fmt: skip
-        pool.count(optimum is not None)
+        starts.count(optimum is not None)
         if optimum is None:
             return None
         rules, margin = self._options.rules, float(figures[0, 0])
@@ -284,15 +284,15 @@ class StateLoops:
         if alike is None:
             return 0
         bodies, carriers, problem = alike
-        learned, pool = self._starts.for_loops(bodies, problem, objective)
-        if not pool.is_due():
+        starts = self._starts.of(bodies, problem, objective)
+        if not starts.is_due():
             return 0
         order = order[begin:]
         count = optima_of_states(
-            problem, objective, self._options, learned, pool.starts, order, states,
-            self._plain.moves, carriers, *self._plain.frame, found.figures, found.torques,
+            problem, objective, self._options, starts.new_for_loops(), starts.for_loops, order,
+            states, self._plain.moves, carriers, *self._plain.frame, found.figures, found.torques,
         )  # fmt: skip
-        pool.count(count)
+        starts.count(count)
         found.contact_counts[order[:count]] = problem.contact_count
         return count
 
@@ -317,8 +317,8 @@ class AttachedLoops(StateLoops):
     def learn(self, scene: Scene | None = None, problem: QuasistaticProblem | None = None) -> None:  # noqa: ARG002
         """Take what served last, or was left behind by a search since."""
         for objective, sweep in list(self._sweeps.items()):
-            start = self._starts.best(self._at.touching.bodies, self._problem, objective)
-            sweep.learn(self._problem, start)
+            starts = self._starts.of(self._at.touching.bodies, self._problem, objective)
+            sweep.learn(self._problem, starts.best)
 
     def answer(self, q: FloatArray, objective: Objective) -> None:
         """Return None: a whole answer is solved by itself."""

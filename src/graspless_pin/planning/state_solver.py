@@ -166,13 +166,13 @@ class StateSolver:
         scene, problem, faults = state
         if faults or problem is None:
             return not faults
-        what = scene.contacts.bodies, self._shared(scene, problem), Margin()
-        found = self._starts.optimum(*what, self.options)
+        shared, objective, options = self._shared(scene, problem), Margin(), self.options
+        starts = self._starts.of(scene.contacts.bodies, shared, objective)
+        found = starts.optimum(shared, objective, options)
         if found is not None:
             return is_reached(found.optimum.value, found.optimum.unit, margin)
-        start = self._starts.best(*what)
-        reached, learned = reaches_margin(what[1], margin, self.options, start, self._rest(scene))
-        self._starts.learn(*what, learned)
+        reached, learned = reaches_margin(shared, margin, options, starts.best, self._rest(scene))
+        starts.learn(learned)
         self.loops.learn(scene, problem)
         return bool(reached)
 
@@ -248,11 +248,11 @@ class StateSolver:
             objective: What is optimised.
             alike: What else is alike where warm starts serve.
         """
-        what = (*scene.contacts.bodies, *alike), problem, objective, self.options
-        found = self._starts.optimum(*what)
+        starts = self._starts.of((*scene.contacts.bodies, *alike), problem, objective)
+        found = starts.optimum(problem, objective, self.options)
         if found is not None:
             return found
-        solution = self._starts.searched(*what, self._rest(scene))
+        solution = starts.searched(problem, objective, self.options, self._rest(scene))
         self.loops.learn(scene, problem)
         return solution
 

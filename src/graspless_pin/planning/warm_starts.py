@@ -12,6 +12,7 @@ from graspless_pin.algorithms.batch_optimum import (
 )
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.warm_start import COLD_START, solve_from
+from graspless_pin.caching import Bounded
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import TorqueSolution
@@ -23,9 +24,6 @@ _MOST_KEPT = 256
 _MOST_MISSES = 8
 _MOST_ALIKE = 8
 """Warm starts of one set of contacts: trying one costs a tenth of a solver's answer."""
-
-_Contacts = tuple[Any, ...]
-"""What must be alike for what was learned of one state to serve in another."""
 
 
 class WarmState(NamedTuple):
@@ -40,20 +38,92 @@ class WarmState(NamedTuple):
     optimum: WarmOptimum
 
 
-class LoopStarts:
-    """What loops have learned of the same contacts.
+class ContactStarts:
+    """Warm starts for the same contacts, tried in the order of their success.
 
     Attributes:
-        starts: As the loops take them, that which served last first.
-        last: The last that was taken from a search.
-        misses: How many states in a row they did not find, or were not asked for since.
+        for_loops: As the loops take them, that which served last first.
+        misses: How many states in a row the loops did not find, or were not asked for since.
     """
 
     def __init__(self) -> None:
         """Begin with nothing learned."""
-        self.starts: list[Any] = []
-        self.last: WarmStart | None = None
+        self.for_loops: list[Any] = []
         self.misses = 0
+        self._starts: tuple[WarmStart, ...] = ()
+        self._learned: WarmStart | None = None
+        self._last: WarmStart | None = None
+
+    @property
+    def best(self) -> WarmStart:
+        """What served last, or was learned since."""
+        return self._starts[0] if self._starts else COLD_START
+
+    def optimum(
+        self, problem: QuasistaticProblem, objective: Objective, options: SolveOptions
+    ) -> WarmState | None:
+        """Return the optimum that something learned leads to.
+
+        Args:
+            problem: The problem.
+            objective: What is optimised.
+            options: How it is solved.
+        """
+        starts = self._starts
+        found = warm_optimum(problem, objective, options, starts)
+        if found is None:
+            return None
+        optimum, place = found
+        if place:
+            self._starts = (starts[place], *starts[:place], *starts[place + 1 :])
+        return WarmState(problem, optimum)
+
+    def searched(
+        self,
+        problem: QuasistaticProblem,
+        objective: Objective,
+        options: SolveOptions,
+        rest: RestModel | None = None,
+    ) -> TorqueSolution:
+        """Solve a problem by a search that begins with what served last, and learn from it.
+
+        Args:
+            problem: See `optimum`.
+            objective: See `optimum`.
+            options: See `optimum`.
+            rest: See `solve_problem`.
+        """
+        solution, learned = solve_from(problem, objective, options, self.best, rest)
+        self.learn(learned)
+        return solution
+
+    def solved(
+        self,
+        problem: QuasistaticProblem,
+        objective: Objective,
+        options: SolveOptions,
+        rest: RestModel | None = None,
+    ) -> TorqueSolution:
+        """Return the solution: by a warm start if one leads to it, else by a search.
+
+        The arguments are those of `searched`.
+        """
+        found = self.optimum(problem, objective, options)
+        if found is None:
+            return self.searched(problem, objective, options, rest)
+        return solution_of_optimum(problem, objective, options.rules, found.optimum)
+
+    def learn(self, learned: WarmStart) -> None:
+        """Keep what a search has left behind."""
+        others = [start for start in self._starts if start.structure is not None]
+        self._learned = learned
+        self._starts = (learned, *others[: _MOST_ALIKE - 1])
+
+    def new_for_loops(self) -> WarmStart | None:
+        """Return what a search has learned since the last time; None: nothing."""
+        new = None if self._learned is self._last else self._learned
+        self._last = self._learned
+        return new
 
     def is_due(self) -> bool:
         """Return whether to ask the loops: of contacts that they often miss, now and then only."""
@@ -63,129 +133,29 @@ class LoopStarts:
         return False
 
     def count(self, found: int) -> None:
-        """Take note of how many states were found before one was not."""
+        """Take note of how many states the loops found before one was not."""
         self.misses = 0 if found else self.misses + 1
 
 
 class WarmStarts:
-    """Warm starts by contacts, tried in the order of their success. Threads may share them."""
+    """Warm starts by contacts. Threads may share them."""
 
     def __init__(self) -> None:
         """Begin with nothing learned."""
-        self._starts: dict[_Contacts, tuple[WarmStart, ...]] = {}
-        self._learned: dict[_Contacts, WarmStart] = {}
-        self._pools: dict[_Contacts, LoopStarts] = {}
+        self._known: dict[tuple[Any, ...], ContactStarts] = Bounded(_MOST_KEPT)
 
-    def for_loops(
+    def of(
         self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
-    ) -> tuple[WarmStart | None, LoopStarts]:
-        """Return what a search has learned since the last time, and what loops have.
-
-        Args:
-            bodies: See `best`.
-            problem: See `best`.
-            objective: See `best`.
-        """
-        contacts = _contacts(bodies, problem, objective)
-        pool = self._pools.setdefault(contacts, LoopStarts())
-        learned = self._learned.get(contacts)
-        new = None if learned is pool.last else learned
-        pool.last = learned
-        return new, pool
-
-    def best(
-        self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
-    ) -> WarmStart:
-        """Return what served last with the same contacts, or was learned since.
+    ) -> ContactStarts:
+        """Return what is learned of the contacts of a problem.
 
         Args:
             bodies: What the object touches.
-            problem: The problem.
+            problem: The problem; which contacts slide counts, too.
             objective: What is optimised.
         """
-        starts = self._starts.get(_contacts(bodies, problem, objective))
-        return starts[0] if starts else COLD_START
-
-    def optimum(
-        self,
-        bodies: tuple[Any, ...],
-        problem: QuasistaticProblem,
-        objective: Objective,
-        options: SolveOptions,
-    ) -> WarmState | None:
-        """Return the optimum that something learned of the same contacts leads to.
-
-        Args:
-            bodies: See `best`.
-            problem: See `best`.
-            objective: See `best`.
-            options: How it is solved.
-        """
-        contacts = _contacts(bodies, problem, objective)
-        starts = self._starts.get(contacts, ())
-        found = warm_optimum(problem, objective, options, starts)
-        if found is None:
-            return None
-        optimum, place = found
-        if place:
-            others = starts[:place] + starts[place + 1 :]
-            self._starts[contacts] = (starts[place], *others)
-        return WarmState(problem, optimum)
-
-    def searched(
-        self,
-        bodies: tuple[Any, ...],
-        problem: QuasistaticProblem,
-        objective: Objective,
-        options: SolveOptions,
-        rest: RestModel | None = None,
-    ) -> TorqueSolution:
-        """Solve a problem by a search that begins with what served last, and learn from it.
-
-        Args:
-            bodies: See `best`.
-            problem: See `best`.
-            objective: See `best`.
-            options: How it is solved.
-            rest: See `solve_problem`.
-        """
-        start = self.best(bodies, problem, objective)
-        solution, learned = solve_from(problem, objective, options, start, rest)
-        self.learn(bodies, problem, objective, learned)
-        return solution
-
-    def learn(
-        self,
-        bodies: tuple[Any, ...],
-        problem: QuasistaticProblem,
-        objective: Objective,
-        learned: WarmStart,
-    ) -> None:
-        """Keep what a search has left behind."""
-        if len(self._starts) >= _MOST_KEPT:
-            self._starts, self._learned, self._pools = {}, {}, {}
-        contacts = _contacts(bodies, problem, objective)
-        self._learned[contacts] = learned
-        before = self._starts.get(contacts, ())
-        others = [start for start in before if start.structure is not None]
-        self._starts[contacts] = (learned, *others[: _MOST_ALIKE - 1])
-
-    def solved(
-        self,
-        bodies: tuple[Any, ...],
-        problem: QuasistaticProblem,
-        objective: Objective,
-        options: SolveOptions,
-        rest: RestModel | None = None,
-    ) -> TorqueSolution:
-        """Return the solution: by a warm start if one leads to it, else by a search."""
-        found = self.optimum(bodies, problem, objective, options)
-        if found is None:
-            return self.searched(bodies, problem, objective, options, rest)
-        return solution_of_optimum(problem, objective, options.rules, found.optimum)
-
-
-def _contacts(
-    bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
-) -> _Contacts:
-    return objective.algorithm or objective, bodies, problem.is_sliding.tobytes()
+        key = objective.algorithm or objective, bodies, problem.is_sliding.tobytes()
+        known = self._known.get(key)
+        if known is None:
+            known = self._known[key] = ContactStarts()
+        return known

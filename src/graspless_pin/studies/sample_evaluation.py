@@ -182,9 +182,9 @@ class SampleBlock:
         loads, count = np.array([row for *_, row in run]), len(run)
         figures, torques = np.empty((count, 6)), np.empty((count, problem.joint_count))
         begin = 0
+        starts = self._starts.of(bodies, problem, kind.objective)
         while begin < count:
-            start = self._starts.best(bodies, problem, kind.objective)
-            optima.learn(problem, start)
+            optima.learn(problem, starts.best)
             end = optima.advance(problem, loads, begin, figures, torques)
             margins, found = figures[begin:end, 0].tolist(), torques[begin:end].tolist()
             of_run = zip(run[begin:end], margins, found, strict=True)
@@ -383,10 +383,9 @@ def _solution(study: Study, scene: Scene, starts: WarmStarts | None) -> TorqueSo
     if starts is None:
         return scene.solve(None, **limits)
     objective, how = scene.asked(**limits)
-    asked_for = how.rules, *scene.contacts.bodies
-    rest = rest_model_of(scene) if how.strong else None
-    found = starts.solved(asked_for, scene.problem(), objective, how, rest)
-    return found.of_source(scene)
+    problem, rest = scene.problem(), rest_model_of(scene) if how.strong else None
+    known = starts.of((how.rules, *scene.contacts.bodies), problem, objective)
+    return known.solved(problem, objective, how, rest).of_source(scene)
 
 
 def _limits(study: Study) -> dict[str, Any]:
