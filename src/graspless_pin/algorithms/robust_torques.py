@@ -6,6 +6,7 @@ Optimization, 2009. Contact forces and modes differ from member to member as the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
