@@ -166,6 +166,59 @@ def test_the_checker_refuses_what_is_missing(document: dict[str, Any], key: str)
         verify_document(nested)
 
 
+@pytest.fixture(scope="module")
+def sampled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The document of a set whose contacts may be elsewhere, and what is said of it."""
+    folder = tmp_path_factory.mktemp("sampled")
+    file = stating(folder, CUBOID, uncertainty={"mass": 0.2, "contact_position": 0.002})
+    target = folder / "solution.json"
+    result = run("solve", file, *ASKED, "--no-verdict", "--json", target)
+    assert result.exit_code == 0
+    said = words(result.stdout)
+    assert "Not known exactly: mass ±20 %, contact positions up to 2 mm." in said
+    assert "proven for the whole set with contacts where they are meant to be; as it is" in said
+    assert "Sampled, not proven: 200 of 200 random members with contacts moved keep" in said
+    return read_document(target)
+
+
+def test_what_is_sampled_is_told_apart_from_what_is_proven(sampled: dict[str, Any]) -> None:
+    stated = sampled["uncertainty"]
+    where = {"count": 200, "served": 200, "solved": 50, "where_meant": "whole_set"}
+    assert stated["coverage"] == "sampled" and stated["samples"] == where
+    moved = [one for one in stated["members"] if "moved" in one]
+    assert len(moved) == 50 and len(stated["members"]) == 52
+    checked = verify_document(sampled)
+    assert checked.proven
+    marks = {one.name: one.mark for one in checked.checks}
+    assert marks["contacts are moved within their tangent planes"] == "ok"
+    assert marks["members tried later"] == "taken as given"
+
+
+@pytest.mark.parametrize("number", [2, -1])
+@pytest.mark.parametrize("what", ["moved", "jacobian", "external_wrench", "solved", "stated"])
+def test_the_checker_sees_what_is_not_so_of_moved_contacts(
+    sampled: dict[str, Any], what: str, number: int
+) -> None:
+    """Of a member that was solved for, and of one that was served without."""
+    document = copy.deepcopy(sampled)
+    stated = document["uncertainty"]
+    member = [one for one in stated["members"] if "moved" in one][0 if number == 2 else -1]
+    match what:
+        case "moved":  # a finger's contact, along its plane
+            off = np.array(member["moved"])
+            off[0] *= 0.9
+            member["moved"] = off.tolist()
+        case "jacobian":
+            member["jacobian"] = (1.01 * np.array(member["jacobian"])).tolist()
+        case "external_wrench":
+            member["external_wrench"][2] *= 1.01
+        case "solved":
+            stated["samples"]["solved"] = 49
+        case _:
+            stated["stated"]["contact_position"] = 0.0019
+    assert not verify_document(document).passed
+
+
 @pytest.fixture(scope="module", params=[None, 1.0])
 def of_ball(request: pytest.FixtureRequest) -> dict[str, Any]:
     """The document of a set with a ball and errors of torques: constant torques, and feedback."""

@@ -166,6 +166,10 @@ def conflict_of(
     """
     coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
 
+    # Where contacts are moved, deflections count from the nominal member.
+    from_nominal = directions is not None and any(one.moved is not None for one in members)
+    fixed = {0} if from_nominal else set[int]()
+
     def are_refuted(numbers: list[int]) -> bool:
         """Return whether it is proven that some members cannot be served together."""
         together = joined([members[one] for one in numbers], directions)
@@ -173,12 +177,13 @@ def conflict_of(
         return found.status is Status.INFEASIBLE_FORCES
 
     order, kept = _opposed(refuted, members), _FEW
-    while kept < len(order) and not are_refuted(order[:kept]) and not limits.passed:
+    order = [*fixed, *(one for one in order if one not in fixed)]
+    while kept < len(order) and not are_refuted(sorted(order[:kept])) and not limits.passed:
         kept *= 2
     conflict = sorted(order[:kept])
     for number in tuple(conflict):
         fewer = [one for one in conflict if one != number]
-        if fewer and not limits.passed and are_refuted(fewer):
+        if fewer and number not in fixed and not limits.passed and are_refuted(fewer):
             conflict = fewer
     return () if limits.passed else tuple(conflict)
 

@@ -84,6 +84,7 @@ def _alike(members: Sequence[Member]) -> list[list[int]]:
         problem = one.problem
         key = np.concatenate(
             [one.factors, problem.friction, problem.lower_torque, problem.upper_torque]
+            + ([] if one.moved is None else [one.moved.ravel()])
         )
         groups.setdefault(key.tobytes(), []).append(number)
     return list(groups.values())

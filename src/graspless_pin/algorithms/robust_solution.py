@@ -30,6 +30,40 @@ class Coverage(StrEnum):
     """Forces of any member are means of those of the corners, or those of a policy, in one mode."""
     CORNERS = "the corners of the set"
     """Modes differ from corner to corner: between them nothing is proven."""
+    SAMPLED = "the sampled members"
+    """Contacts may be elsewhere: see `Samples` for what is proven beside."""
+
+    @property
+    def where_meant(self) -> str:
+        """The same in words, of members with contacts where they are meant to be."""
+        return f"{self} with contacts where they are meant to be"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Brief):
+    """Members of a set with contacts that are not where they are meant to be.
+
+    See the example of `Uncertainty`.
+
+    Attributes:
+        count: How many were drawn at random after the torques were found.
+        served: How many of them the torques serve: nothing is proven of others.
+        solved: How many were drawn before, with contacts as far off as they may be: all of them are
+            served, or solved for.
+        where_meant: Which members it is proven for with contacts where they are meant to be.
+    """
+
+    count: int
+    served: int
+    solved: int
+    where_meant: Coverage
+
+    def __str__(self) -> str:
+        """Return what is sampled."""
+        return (
+            f"{self.served} of {self.count} random members with contacts moved keep the margin, "
+            f"and {self.solved} with all contacts as far off as may be"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,6 +92,7 @@ class RobustSolution(Brief):
         policy: Forces that are affine in balls and in errors of many torques, which prove the
             answer for the whole set; the solution is then that of members which bound it from the
             other side. None: corners are enough.
+        samples: Of contacts that may be elsewhere; None: they stay, or nothing was found.
     """
 
     solution: TorqueSolution
@@ -70,6 +105,14 @@ class RobustSolution(Brief):
     uncertainty: Uncertainty | None = None
     weight: Weight | None = None
     policy: ForcePolicy | None = None
+    samples: Samples | None = None
+
+    @property
+    def proven_for(self) -> str:
+        """Which members it is proven for, in words."""
+        if self.samples is None:
+            return str(self.coverage)
+        return self.samples.where_meant.where_meant
 
     @property
     def status(self) -> Status:
@@ -241,9 +284,10 @@ class RobustSolution(Brief):
             policy = (
                 f" by affine forces\nno torques for the whole set are better than {self.bound:.6g}"
             )
+        sampled = "" if self.samples is None else f"sampled: {self.samples}\n"
         return (
             f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} {unit}, proven for "
-            f"{self.coverage}{policy}\n"
+            f"{self.proven_for}{policy}\n{sampled}"
             f"least room where: {self.members[self.worst].words}\n\n"
             f"{tabulate(rows, headers=headers, disable_numparse=True)}"
         )

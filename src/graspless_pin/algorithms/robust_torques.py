@@ -6,9 +6,9 @@ Optimization, 2009. Contact forces and modes differ from member to member as the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -24,9 +24,10 @@ from graspless_pin.algorithms.joined_optimum import (
     spread,
 )
 from graspless_pin.algorithms.member_margins import member_margins
+from graspless_pin.algorithms.moved_contacts import contact_radii, moved_members
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.policy_torques import torques_by_policy
-from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, Samples
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
     Weight,
@@ -48,6 +49,8 @@ from graspless_pin.solution import Status, TorqueSolution
 
 _AT_ONCE, _MORE = 4, 4
 """Members of the first joined problem, and how many join it at a time."""
+_SEED, _SOLVED, _SAMPLES = 0, 50, 200
+"""Members with contacts moved that torques are found for, and those that they are then tried on."""
 
 
 Feedback = float | ArrayLike | Controller
@@ -64,6 +67,7 @@ def solve_robust(
     feedback: Feedback | None = None,
     fingers: Mapping[str, str] = MappingProxyType({}),
     mode: SlidingMode | None = None,
+    slopes: FloatArray | None = None,
 ) -> RobustSolution:
     """Find torques that serve all members of a set.
 
@@ -71,6 +75,8 @@ def solve_robust(
     corners of a set prove all of it. Under other rules the best mode that all corners have in
     common is looked for first; where there is none, modes that differ, for the corners alone. Of
     balls, and of errors and pushes with too many corners, forces are affine in what is unknown.
+    Members with contacts moved are drawn at random; those that torques do not serve are solved for,
+    and others tell how many are served in the end.
 
     Args:
         problem: The nominal one.
@@ -83,6 +89,7 @@ def solve_robust(
             controller whose stiffness does; None: none.
         fingers: The finger of each joint that belongs to one, for a controller that names them.
         mode: The one mode for all members.
+        slopes: See `moved_members`; None: not known.
 
     Raises:
         ArgumentError: If an argument is none of its kind, or the set has too many corners.
@@ -94,6 +101,7 @@ def solve_robust(
         "leave it out, and ask `Scene.stability_of_members` of the answer",
     )
     limits = Limits.of(options)
+    radii = contact_radii(problem, uncertainty, slopes)
     weight = known_weight(problem, uncertainty, weight)
     of_corners = part_of_corners(problem, uncertainty)
     members = members_of(problem, of_corners, weight)
@@ -103,40 +111,59 @@ def solve_robust(
         directions = feedback_torques(problem, stiffness)
         members = (nominal_member(problem), *members)
     unknowns = unknowns_of(problem, uncertainty, of_corners, weight, members)
+    aims = isinstance(objective, Margin | Torque | TorqueShare)
+    if radii.any() and (unknowns.count or not aims):
+        beside = "balls and with too many corners" if unknowns.count else "objectives of one's own"
+        raise ArgumentError(
+            "contact_position",
+            f"is sampled beside corners and for margin and torque alone, and not beside {beside}",
+        )
     if unknowns.count:
         found = torques_by_policy(
             members, unknowns, objective, options, limits, directions=directions, mode=mode
         )
         return replace(found, feedback=stiffness, uncertainty=uncertainty, weight=weight)
-    at_once = _AT_ONCE
-    if not isinstance(objective, Margin | Torque | TorqueShare):
-        at_once = len(members)  # of others it is not known when further members fit
-    chosen, others = spread(members, at_once)
+    # Of other objectives it is not known when further members fit.
+    chosen, others = spread(members, _AT_ONCE if aims else len(members))
+    corners = members if feedback is None or len(members) == 1 else members[1:]
+    rng = np.random.default_rng(_SEED)
+    drawn = partial(moved_members, corners, radii, slopes, rng, stiffness=stiffness)
+    if radii.any():
+        others += drawn(_SOLVED, far=True)
     while True:
         together = joined(chosen, directions)
         solution, coverage = best_of(together, objective, limits.within(options), chosen, mode)
-        lacking = (
-            []
-            if not solution.found
-            else _lacking(solution, objective, options, chosen, others, directions, limits)
-        )
+        lacks = np.zeros(len(others))
+        if solution.found:
+            lacks = _lacks(solution, objective, options, chosen, others, directions, limits)
+        lacking = np.flatnonzero(lacks)
         if limits.passed and others and solution.found:
             solution = ended_by_time(solution)
             break
-        if not lacking:
+        if not len(lacking):
             break
-        served = [one for number, one in enumerate(others) if number not in set(lacking)]
-        candidates = [*chosen, *(others[number] for number in lacking)]
+        worst = np.sort(lacks[lacking])[-_MORE:].min()
+        joining = {number for number in lacking if lacks[number] >= worst}  # of equal ones all
+        served = [one for number, one in enumerate(others) if number not in joining]
+        candidates = [*chosen, *(others[number] for number in sorted(joining))]
         held = len(chosen)
         chosen, others = spread(candidates, held + _MORE, held=held)
         others += served
+    samples = None
+    if radii.any() and solution.found:
+        tried = drawn(_SAMPLES)
+        lacks = _lacks(solution, objective, options, chosen, tried, directions, limits)
+        samples = Samples(len(tried), int((lacks == 0.0).sum()), _SOLVED, coverage)
+        coverage = Coverage.SAMPLED
+        if limits.passed:
+            solution, samples = ended_by_time(solution), None
     bound = bound_of(together, objective, limits.within(options), chosen, solution, mode)
     conflict: tuple[int, ...] = ()
     if solution.status is Status.INFEASIBLE_FORCES:
         conflict = conflict_of(solution, chosen, objective, options, limits, directions)
     return RobustSolution(
         solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness,
-        uncertainty, weight,
+        uncertainty, weight, samples=samples,
     )  # fmt: skip
 
 
@@ -163,7 +190,7 @@ def joint_stiffness(
     return given
 
 
-def _lacking(
+def _lacks(
     solution: TorqueSolution,
     objective: Objective,
     options: SolveOptions,
@@ -171,8 +198,8 @@ def _lacking(
     others: Sequence[Member],
     directions: FloatArray | None,
     limits: Limits,
-) -> list[int]:
-    """Return the worst of other members that the torques do not serve; of equal ones all."""
+) -> FloatArray:
+    """Return (K,) what margins of other members lack of the one that is needed, N; 0: served."""
     needed = solution.margin if objective.maximizes else objective.required_margin
     force = chosen[0].problem.scales.force
     commanded = chosen[0].commanded(
@@ -193,9 +220,8 @@ def _lacking(
         mode=mode,
         enough=needed,
     )
-    lacking = np.flatnonzero(margins < needed - 0.5 * AS_GOOD * force)
-    worst = np.sort(margins[lacking])[:_MORE].max(initial=-math.inf)
-    return lacking[margins[lacking] <= worst].tolist()
+    lacks = needed - margins
+    return np.where(lacks > 0.5 * AS_GOOD * force, lacks, 0.0)
 
 
 def _found_limits(

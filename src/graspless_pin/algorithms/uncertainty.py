@@ -26,12 +26,13 @@ _WORDS = {
     "moment": ("moment", 1.0, "N m"),
     "center_of_mass_radius": ("centre of mass in any direction", 100.0, "cm"),
     "force_radius": ("push in any direction", 1.0, "N"),
-    "moment_radius": ("moment about any axis", 1.0, "N m"), "friction": ("friction", 100.0, "%"),
+    "moment_radius": ("moment about any axis", 1.0, "N m"),
+    "contact_position": ("contact positions", 1000.0, "mm"), "friction": ("friction", 100.0, "%"),
     "torque": ("torques", 100.0, "%"), "torque_offset": ("torques", 1.0, "N m"),
     "effort": ("effort limits", 100.0, "%"),
 }  # fmt: skip
 """Of each figure: what it is of, what it is multiplied by where it is printed, and the unit."""
-_SIGNS = {"effort": "-", **dict.fromkeys(RADII, "up to ")}
+_SIGNS = {"effort": "-", **dict.fromkeys((*RADII, "contact_position"), "up to ")}
 
 Figures = FloatArray | Mapping[str, float]
 """One figure, one for each contact or joint, or some by name."""
@@ -54,6 +55,9 @@ class Uncertainty(Brief):
         center_of_mass_radius: m, how far it may be off in any direction, beside that.
         force_radius: N on the centre of mass in any direction, beside `force`.
         moment_radius: N m about any axis, beside `moment`.
+        contact_position: m, how far contacts may be off within their tangent planes: one, or (M,),
+            or in a scene by hand link, support, ``hand``, ``supports`` or ``default``. Such members
+            are sampled.
         friction: Shares by which coefficients may be smaller or larger: one, or (M,), or in a scene
             by hand link, support, material, pair of materials (``{"rubber": {"steel": 0.1}}``),
             ``hand``, ``supports`` or ``default``; of others nothing is off.
@@ -87,6 +91,7 @@ class Uncertainty(Brief):
     center_of_mass_radius: float
     force_radius: float
     moment_radius: float
+    contact_position: Figures
     friction: PairFigures
     torque: Figures
     torque_offset: Figures
@@ -104,6 +109,7 @@ class Uncertainty(Brief):
         center_of_mass_radius: float = 0.0,
         force_radius: float = 0.0,
         moment_radius: float = 0.0,
+        contact_position: ArrayLike | Mapping[str, float] = 0.0,
         friction: ArrayLike | Mapping[str, float | Mapping[str, float]] = 0.0,
         torque: ArrayLike | Mapping[str, float] = 0.0,
         torque_offset: ArrayLike | Mapping[str, float] = 0.0,
@@ -123,6 +129,7 @@ class Uncertainty(Brief):
             tilt=real_number("tilt", tilt, 0.0),
             friction=_amounts("friction", friction, shares=True, pairs=True),
             torque_offset=_amounts("torque_offset", torque_offset),
+            contact_position=_amounts("contact_position", contact_position),
             **{name: _amounts(name, value, shares=True) for name, value in shares.items()},
             **{name: _vector(name, value) for name, value in vectors.items()},
             **{name: real_number(name, value, 0.0) for name, value in radii.items()},
@@ -187,6 +194,8 @@ class Uncertainty(Brief):
         motors = (*joints, *fingers, DEFAULT_GAIN)
         for name in ("torque", "torque_offset", "effort"):
             _check_names(name, getattr(self, name), "joint or finger", motors)
+        places = ("hand", "supports", *bodies, DEFAULT_GAIN)
+        _check_names("contact_position", self.contact_position, "body", places)
         if not isinstance(self.friction, Mapping):
             return
         surfaces = ("hand", "supports", *bodies, *materials, DEFAULT_GAIN)
@@ -270,6 +279,12 @@ def _share(name: str, value: float) -> float:
         meant = f"; {value:g} % is {value / 100.0:g}" if value < 100.0 else ""
         raise ArgumentError(name, f"is {value:.4g}, a share; it must be below 1{meant}")
     return value
+
+
+def figures_in(figures: Figures) -> list[float]:
+    """Return all figures, whatever they are of."""
+    named = isinstance(figures, Mapping)
+    return list(figures.values()) if named else np.ravel(figures).tolist()
 
 
 def each_of(name: str, value: PairFigures, count: int, of: str) -> FloatArray:

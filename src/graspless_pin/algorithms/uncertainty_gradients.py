@@ -43,7 +43,7 @@ class UncertaintyGradients(Brief):
 
     Attributes:
         values: By name of a field of `Uncertainty`, of its shape: per unit of each figure; NaN
-            where a figure is zero, which its corners do not tell.
+            where a figure is zero, which its corners do not tell, and of sampled positions.
         unique: (same shapes) whether all optimal forces and multipliers agree on it. Where they do
             not, it is one of several one-sided derivatives.
     """
@@ -95,7 +95,7 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     at = [forces, *(one.forces for one in found.alternatives)]
 
     def slopes(name: str, place: int | None, figure: float) -> list[float]:
-        if figure == 0.0:
+        if figure == 0.0 or name == "contact_position":
             return [np.nan] * len(points)
         ends = [
             joined(

@@ -13,7 +13,7 @@ from typing import Any
 
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.algorithms.uncertainty import Uncertainty
+from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.planning.configurations import Configurations
@@ -187,6 +187,12 @@ def _check_figures(scene: Scene, uncertainty: Uncertainty) -> None:
     """
     check_center(scene, uncertainty)
     check_names_in(scene, uncertainty)
+    if any(figures_in(uncertainty.contact_position)):
+        raise ArgumentError(
+            "contact_position",
+            "is sampled, which takes too long in many states; leave it out, and ask "
+            "`Scene.solve(..., uncertainty=...)` in those that matter",
+        )
     friction = uncertainty.friction
     if not isinstance(friction, Mapping) and friction.ndim:
         raise ArgumentError(

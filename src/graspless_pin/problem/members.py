@@ -51,6 +51,10 @@ class Member(Brief):
         offsets: (L,) what is added to it, N m (N).
         words: What is different from the nominal problem.
         corner: The corner of a set that it is; None: it is no corner.
+        moved: (M, 3) m, how far contacts are from where they are meant to be, world axes; None:
+            they are there.
+        directions: (L, d) what joint stiffness adds with contacts there, see `feedback_torques`;
+            None: the same as for the nominal problem.
     """
 
     problem: QuasistaticProblem
@@ -58,6 +62,8 @@ class Member(Brief):
     offsets: FloatArray
     words: str = ""
     corner: Corner | None = None
+    moved: FloatArray | None = None
+    directions: FloatArray | None = None
 
     def commanded(self, contact_torques: FloatArray) -> FloatArray:
         """Return (L,) the commands c with factors * c + offsets = J^T f + g."""
@@ -108,18 +114,18 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
     maps = [one.problem.jacobian / one.factors for one in members]  # J_k of commands
     carried = [one.commanded(np.zeros(first.joint_count)) for one in members]
     names, units = first.joint_names, first.joint_units
-    shared, coupled = shared_commands(members, feedback)
+    coupled = couplings(members, feedback)
     driven, drives = (maps[:1], 1) if feedback is None else (maps, count)
-    rows = len(shared)
-    coupling = np.zeros(((count - 1) * rows, 3 * sum(one.contact_count for one in problems)))
-    loads, start = [], 3 * first.contact_count
-    for number in range(1, count):
-        own = slice((number - 1) * rows, number * rows)
+    rows = sum(len(shared) for shared, _ in coupled)
+    coupling = np.zeros((rows, 3 * sum(one.contact_count for one in problems)))
+    loads, row, start = [], 0, 3 * first.contact_count
+    for number, (shared, _) in enumerate(coupled, 1):
+        own = slice(row, row + len(shared))
         stop = start + 3 * problems[number].contact_count
         coupling[own, : 3 * first.contact_count] = -shared @ maps[0].T
         coupling[own, start:stop] = shared @ maps[number].T
         loads.append(shared @ (carried[number] - carried[0]))
-        start = stop
+        row, start = own.stop, stop
     jacobian = np.zeros((coupling.shape[1], drives * len(names)))
     jacobian[: 3 * sum(one.contact_count for one in problems[:drives])] = _blocks(driven)
     if drives > 1:
@@ -134,7 +140,10 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
         joint_units=units * drives,
         gravity_torques=np.concatenate(carried[:drives]),
         wrench_matrix=np.concatenate([_blocks([one.W for one in problems]), coupling]),
-        passive_units=(*first.passive_units * count, *coupled * (count - 1)),
+        passive_units=(
+            *first.passive_units * count,
+            *(unit for _, units in coupled for unit in units),
+        ),
     )
 
 
@@ -186,6 +195,25 @@ def loads_under_commands(
     return np.hstack([wrenches, (carried - commanded) @ shared.T])
 
 
+def couplings(
+    members: Sequence[Member], feedback: FloatArray | None
+) -> list[tuple[FloatArray, list[JointUnit]]]:
+    """Return which sums of commands each member but the first has in common with it.
+
+    Args:
+        members: K of them; where one is moved and there is feedback, the first is the nominal one.
+        feedback: See `joined`.
+
+    Returns:
+        K - 1 times what `shared_commands` returns.
+    """
+    common = shared_commands(members, feedback)
+    return [
+        common if one.directions is None else shared_commands([one], feedback)
+        for one in members[1:]
+    ]
+
+
 def shared_commands(
     members: Sequence[Member], feedback: FloatArray | None
 ) -> tuple[FloatArray, list[JointUnit]]:
@@ -202,6 +230,8 @@ def shared_commands(
         # What carries the links of joints that bear no contact force is their own.
         loaded = np.flatnonzero(levers > _IDLE * levers.max(initial=0.0))
         return np.eye(len(units))[loaded], [units[joint] for joint in loaded.tolist()]
+    if members[0].directions is not None:
+        feedback = members[0].directions
     shared = null_space(feedback.T, rcond=_RANK).T if feedback.size else np.eye(len(units))
     turning = np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
     turns = (shared[:, turning] ** 2).sum(axis=1) >= 0.5

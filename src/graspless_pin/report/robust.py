@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
+from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, Samples
 from graspless_pin.algorithms.robust_torques import further_forces
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.problem.joint_units import JointUnit
@@ -46,18 +46,21 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
         return _why_none(answer)
     told = [
         f"Not known exactly: {answer.uncertainty}.",
-        f"Torques for all of it: {_figures(robust, answer)}, proven for {robust.coverage}; as it "
+        f"Torques for all of it: {_figures(robust, answer)}, proven for {robust.proven_for}; as it "
         f"is meant to be {_figures(answer.nominal, answer)}.",
     ]
-    if robust.coverage is Coverage.CORNERS:
+    samples = robust.samples
+    if Coverage.CORNERS in (robust.coverage, samples and samples.where_meant):
         told.append("Corners need different virtual slidings: between them nothing is proven.")
+    if samples is not None:
+        told.append(f"Sampled, not proven: {samples}.")
     value, bound = robust.value, robust.bound
+    of_which = "corners" if robust.policy is None and samples is None else "of it"
     if robust.policy is not None:
         told.append("Contact forces affine in what has no corners, or too many, prove it.")
     if math.isfinite(bound) and abs(value - bound) > _AS_GOOD * abs(value):
         told.append(
-            f"No torques for all {'corners' if robust.policy is None else 'of it'} are better than "
-            f"{bound:.4g} {_unit(answer)} (proven)."
+            f"No torques for all {of_which} are better than {bound:.4g} {_unit(answer)} (proven)."
         )
     told.append(f"Least room: {robust.members[robust.worst].words}.")
     if robust.feedback is not None and robust.largest_deflection > _STILL:
@@ -156,13 +159,15 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
     Returns:
         ``stated`` (the set, as scene files say it), ``status``, ``message``, ``found``,
         ``words`` (sentences that say so),
-        ``coverage`` (``whole_set`` or ``corners``), ``margin`` (N), ``max_torque``,
-        ``max_torque_unit``, ``bound``, ``torques`` by joint, ``feedback`` by joint (None:
-        constant torques), ``largest_deflection`` (rad or m), ``members`` (with ``forces`` of those
-        that the joined problem does not hold; None: modes differ from corner to corner), or with a
-        ``policy`` the corners of that, with ``bounding``, the members of the solution,
-        ``conflict`` (numbers of members), ``served_share`` and ``unserved_share``,
-        ``with_feedback``, and ``nominal``.
+        ``coverage`` (``whole_set``, ``corners`` or ``sampled``), ``samples`` (None, or ``count``,
+        ``served``, ``solved`` and ``where_meant``, which is another coverage), ``margin`` (N),
+        ``max_torque``, ``max_torque_unit``, ``bound``, ``torques`` by joint, ``feedback`` by joint
+        (None: constant torques), ``largest_deflection`` (rad or m), ``members`` (with ``moved`` and
+        ``jacobian`` of those whose contacts are elsewhere, and ``forces`` of those that
+        the joined problem does not hold; None: modes differ from corner to corner), or with a
+        ``policy`` the corners of that, with ``bounding``, the members of the solution, ``conflict``
+        (numbers of members), ``served_share`` and ``unserved_share``, ``with_feedback``, and
+        ``nominal``.
         Figures that do not exist are None.
     """
     robust, nominal, found = answer.robust, answer.nominal, answer.found
@@ -178,6 +183,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         "words": robust_sentences(answer),
         "found": found,
         "coverage": robust.coverage.name.lower(),
+        "samples": _samples(robust.samples),
         **_summary(robust, robust.joint_names),
         "bound": robust.bound,
         "feedback": None
@@ -231,6 +237,12 @@ def _summary(found: TorqueSolution | RobustSolution, names: Sequence[str]) -> di
     }
 
 
+def _samples(samples: Samples | None) -> dict[str, Any] | None:
+    if samples is None:
+        return None
+    return {**vars(samples), "where_meant": samples.where_meant.name.lower()}
+
+
 def _deflection(robust: RobustSolution) -> float | None:
     if robust.feedback is None or not robust.found:
         return None
@@ -282,6 +294,16 @@ def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
             "gravity_torques": one.problem.gravity_torques,
             "torque_factors": one.factors,
             "torque_offsets": one.offsets,
+            **_elsewhere(one),
         }
         for one in members
     ]
+
+
+def _elsewhere(member: Member) -> dict[str, Any]:
+    """Return how far contacts are moved, and the Jacobian there; empty where they stay."""
+    if member.moved is None:
+        return {}
+    problem = member.problem
+    jacobian = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
+    return {"moved": member.moved, "jacobian": jacobian}

@@ -92,6 +92,8 @@ def verdicts_of_members(
 ) -> MemberVerdicts:
     """Return a verdict on each corner of a set: see `Scene.stability_of_members`.
 
+    Members with contacts moved are left out.
+
     Args:
         scene: The scene as it is meant to be. Its controller counts, but with feedback the gains of
             the robust torques.
@@ -115,12 +117,13 @@ def verdicts_of_members(
     if robust.feedback is not None:
         scene = scene.with_changes(controller=_controller(scene, robust.feedback))
     verdicts = []
-    for member in robust.members:
+    members = tuple([one for one in robust.members if one.moved is None])
+    for member in members:
         changed, friction = scene_of_member(scene, member), member.problem.friction
         own = replace(member, problem=problem_of(changed).with_changes(friction=friction))
         torques = torques_at_rest(own, robust.torques, robust.feedback)
         verdicts.append(verdict_of(changed, torques, friction=friction, **options))
-    return MemberVerdicts(robust.members, tuple(verdicts))
+    return MemberVerdicts(members, tuple(verdicts))
 
 
 def scene_of_member(scene: _Scene, member: Member) -> _Scene:

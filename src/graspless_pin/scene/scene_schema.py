@@ -246,6 +246,11 @@ class UncertaintyEntry(Entry):
     moment_radius: NotNegative = Field(
         default=0.0, description="[N m] about any axis, beside moment"
     )
+    contact_position: Figures = Field(
+        default=0.0,
+        description="[m] how far contacts may be off within their tangent planes: all, or by hand "
+        "link, support, 'hand', 'supports', 'default'; such members are sampled",
+    )
     friction: Share | ByName[Share | ByName[Share]] = Field(
         default=0.0,
         description="[1] coefficients may be smaller or larger by this share: all, or by hand "

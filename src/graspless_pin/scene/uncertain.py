@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -13,18 +14,19 @@ from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.robust_torques import Feedback, solve_robust
 from graspless_pin.algorithms.tolerances import Tolerances, tolerances
 from graspless_pin.algorithms.uncertain_members import Weight
-from graspless_pin.algorithms.uncertainty import Uncertainty
+from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.inertial_forces import STILL
 from graspless_pin.holding.controller import Controller
 from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.entry_findings import box_around, meant_lengths
 from graspless_pin.scene.fields import SceneFields, label_of
-from graspless_pin.scene.joints import fingers_of_motors
+from graspless_pin.scene.joints import fingers_of_motors, joint_columns
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
-from graspless_pin.scene.problem_data import problem_of
+from graspless_pin.scene.problem_data import jointed_contacts, problem_of
 from graspless_pin.scene.uncertain_figures import by_contact_and_joint
 
 _OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")
@@ -66,7 +68,21 @@ def solve_uncertain(
         feedback=feedback_in(scene) if feedback is None else feedback,
         fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
         mode=mode,
+        slopes=_slopes(scene, uncertainty),
     )
+
+
+def _slopes(scene: SceneFields, uncertainty: Uncertainty) -> FloatArray | None:
+    """Return what the Jacobian gains where contacts are moved: see `moved_members`."""
+    if not isinstance(uncertainty, Uncertainty) or not any(
+        figures_in(uncertainty.contact_position)
+    ):
+        return None
+    state = jointed_contacts(scene)
+    touching, jacobian = state.contacts.arrays, state.joints.jacobian
+    # Points move as their body does: the Jacobian is linear in where they are.
+    moved = [replace(touching, positions=touching.positions + along) for along in np.eye(3)]
+    return np.array([joint_columns(scene.hand, one).jacobian - jacobian for one in moved])
 
 
 def stated_by(scene: SceneFields) -> Uncertainty:
@@ -126,6 +142,13 @@ def check_center(scene: SceneFields, uncertainty: Uncertainty) -> None:
     lowest, highest = box_around(scene.object)
     size = highest - lowest
     off = uncertainty.center_of_mass + uncertainty.center_of_mass_radius
+    farthest = max(figures_in(uncertainty.contact_position), default=0.0)
+    if farthest > size.max():
+        raise ArgumentError(
+            "uncertainty",
+            f"contact_position may be off by {farthest:g} m, and object {scene.object.name!r} is "
+            f"{size.max():.4g} m large; give metres",
+        )
     if (off > size).any():
         axis = int(np.argmax(off / size))
         raise ArgumentError(

@@ -62,11 +62,14 @@ def by_contact_and_joint(
     groups = ["hand"] * touching.hand_count
     groups += ["supports"] * (len(touching.bodies) - len(groups))
     fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
-    surfaces = (
+    surfaces = [
         (body, *_materials_of(scene, body), group)
         for body, group in zip(touching.bodies, groups, strict=True)
-    )
-    own = {"friction": _of_each(uncertainty.friction, surfaces)}
+    ]
+    own = {
+        name: _of_each(getattr(uncertainty, name), surfaces)
+        for name in ("friction", "contact_position")
+    }
     for name in ("torque", "torque_offset", "effort"):
         joints = ((joint, fingers.get(joint, "")) for joint in problem.joint_names)
         own[name] = _of_each(getattr(uncertainty, name), joints)

@@ -92,6 +92,7 @@ _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths
 _OF_UNCERTAINTY = {
     "mass": (ANY,), "mass_offset": ("mass",), "torque": (ANY,),
     "center_of_mass_radius": ("length",), "force_radius": ("force",), "moment_radius": ("torque",),
+    "contact_position": ("length",),
 }  # fmt: skip
 _OFFSETS = {"mass": "mass_offset", "torque": "torque_offset"}
 """Of what may be off by a share: the key of how far it may be off in SI units."""

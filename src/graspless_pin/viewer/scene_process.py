@@ -208,9 +208,10 @@ def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
 
 def _served_words(robust: RobustSolution) -> str:
     """Return what torques were found for, and the member of it with the least room."""
+    sampled = "" if robust.samples is None else f"; sampled: {robust.samples}"
     return (
-        f"torques for {robust.uncertainty}, proven for {robust.coverage}; the least room where: "
-        f"{robust.members[robust.worst].words}"
+        f"torques for {robust.uncertainty}, proven for {robust.proven_for}{sampled}; the least "
+        f"room where: {robust.members[robust.worst].words}"
     )
 
 

@@ -283,8 +283,11 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
         return None
     try:
         members, nominal = stated["members"], stated["nominal"]["torques"] or {}
+        covered, samples = Coverage[str(stated["coverage"]).upper()].value, stated.get("samples")
+        if samples is not None:
+            covered = Coverage[str(samples["where_meant"]).upper()].where_meant
         return {
-            "coverage": Coverage[str(stated["coverage"]).upper()].value,
+            "coverage": covered,
             "words": [str(one)[:_LONGEST] for one in stated["words"]],
             "conflict": [str(members[number]["words"])[:_LONGEST] for number in stated["conflict"]],
             "joints": [

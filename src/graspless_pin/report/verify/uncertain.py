@@ -28,10 +28,11 @@ from graspless_pin.report.verify.values import (
     short_text,
     text,
     truth,
+    whole,
     word,
 )
 
-_ARRAYS = ("p", "frames", "limit", "v", "J")
+_ARRAYS = ("frames", "limit", "v")
 
 
 def uncertainty_checks(
@@ -54,7 +55,7 @@ def uncertainty_checks(
     for index, one in enumerate(members):
         text(entry(one, "words", f"member {index}"), f"words of member {index}")
     found = truth(entry(stated, "found", where), f"found of {where}")
-    checks = [given("the members", f"{len(members)} corners of the set, as stated")]
+    checks = [given("the members", f"{len(members)} of the set, as stated")]
     if not found:
         return [*checks, _of_this(document, stated, members, problem)]
     nested = entry(stated, "proof", where)
@@ -76,6 +77,7 @@ def uncertainty_checks(
         return [*checks, *(replace(one, name=f"bound: {one.name}") for one in proven)]
     held = joined.count // problem.count
     checks += [
+        *_samples(stated, members, problem),
         _is_joined(joined, problem, members[:held], constant=constant),
         *_further(members[held:], held, problem, stated, nested, constant=constant),
         _torques(document, stated, nested, problem),
@@ -107,17 +109,18 @@ def _is_joined(joined: Problem, problem: Problem, members: list[Any], *, constan
     size, joints = len(problem.w), len(problem.units)
     each = [_member(one, index, problem) for index, one in enumerate(members)]
     same = [_near(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
-            for key in _ARRAYS[:-1]]  # fmt: skip
+            for key in _ARRAYS]  # fmt: skip
+    same += [_near(joined.p, np.concatenate([problem.p + one["moved"] for one in each]))]
     same += [_near(joined.mu, np.concatenate([one["friction"] for one in each]))]
     same += [_near(joined.w[: count * size], np.concatenate([one["wrench"] for one in each]))]
     # The balance of each member by itself.
     passive = joined.passive.reshape(count, contacts, 3, -1)
     for k in range(count):
         own = slice(k * size, (k + 1) * size)
-        same.append(_near(passive[k, :, :, own], problem.passive))
+        same.append(_near(passive[k, :, :, own], _elsewhere(problem, each[k]).passive))
         others = np.delete(passive[k, :, :, : count * size], np.r_[own], axis=2)
         same.append(not others.any())
-    maps = [problem.J / one["factors"] for one in each]
+    maps = [one["jacobian"] / one["factors"] for one in each]
     carried = [(one["gravity"] - one["offsets"]) / one["factors"] for one in each]
     driven = 1 if constant else count
     if len(joined.units) != driven * joints:
@@ -188,8 +191,8 @@ def _further(
     for index, one in enumerate(members, held):
         each = _member(one, index, problem)
         own = replace(
-            problem,
-            w=each["wrench"], mu=each["friction"], J=problem.J / each["factors"],
+            _elsewhere(problem, each),
+            w=each["wrench"], mu=each["friction"], J=each["jacobian"] / each["factors"],
             gravity=(each["gravity"] - each["offsets"]) / each["factors"],
             own=None, algorithm="margin", e0=margin,
         )  # fmt: skip
@@ -213,7 +216,43 @@ def _member(stated: Any, index: int, problem: Problem) -> dict[str, np.ndarray]:
     if (found["torque_factors"] <= 0.0).any():
         raise ValueError(f"torque_factors of {where} must be positive")
     names = ("wrench", "friction", "gravity", "factors", "offsets")
-    return dict(zip(names, found.values(), strict=True))
+    own = dict(zip(names, found.values(), strict=True))
+    if stated.get("moved") is None:
+        return own | {"moved": np.zeros_like(problem.p), "jacobian": problem.J}
+    if problem.given is not None:
+        raise ValueError(f"{where} has contacts moved, and the document a wrench_matrix")
+    moved = {"moved": problem.p.shape, "jacobian": problem.J.shape}
+    return own | {key: array(entry(stated, key, where), shape, f"{key} of {where}")
+                  for key, shape in moved.items()}  # fmt: skip
+
+
+def _elsewhere(problem: Problem, member: dict[str, np.ndarray]) -> Problem:
+    """Return a problem with the contacts where they are in a member; its Jacobian stays."""
+    return replace(problem, p=problem.p + member["moved"])
+
+
+def _samples(stated: dict[str, Any], members: list[Any], problem: Problem) -> list[Check]:
+    """Whether contacts are moved as is stated; those that were tried later are not stated."""
+    samples, where = stated.get("samples"), "samples of uncertainty"
+    if samples is None:
+        return []
+    off = entry(entry(stated, "stated", "uncertainty"), "contact_position", "stated")
+    named = [*off.values()] if isinstance(off, dict) else off if isinstance(off, list) else [off]
+    most = max(number(one, "contact_position") for one in named)
+    moved = [_member(one, index, problem)["moved"] for index, one in enumerate(members)]
+    across = max(np.abs(np.einsum("lj,lj->l", one, problem.frames[:, 0])).max() for one in moved)
+    farthest = max(np.linalg.norm(one, axis=1).max() for one in moved)
+    good = across <= tolerances.SAME * most and farthest <= (1.0 + tolerances.SAME) * most
+    solved, served, count = (
+        whole(entry(samples, key, where), f"{key} of {where}", 0, MOST)
+        for key in ("solved", "served", "count")
+    )
+    told = sum(one.any() for one in moved)
+    detail = f"{told} members with contacts moved by up to {1000.0 * farthest:.3g} mm"
+    return [
+        holds("contacts are moved within their tangent planes", good and told == solved, detail),
+        given("members tried later", f"{served} of {count} served; they are not in the document"),
+    ]
 
 
 def _torques(
@@ -250,7 +289,10 @@ def _covers(
     stated: dict[str, Any], nested: dict[str, Any], joined: Problem, contacts: int
 ) -> Check:
     """Whether the loads between corners are served: in one mode, or under plain Coulomb."""
-    coverage = word(entry(stated, "coverage", "uncertainty"), "coverage", ("whole_set", "corners"))
+    coverage = entry(stated, "coverage", "uncertainty")
+    if coverage == "sampled":  # where contacts are meant to be, more is claimed
+        coverage = entry(entry(stated, "samples", "uncertainty"), "where_meant", "samples")
+    coverage = word(coverage, "coverage", ("whole_set", "corners"))
     if coverage == "corners" or joined.coulomb:
         return holds("coverage", passed=True, detail=coverage)
     selected, signs = read_mode(nested, joined)
