@@ -224,7 +224,9 @@ def test_most_states_of_a_path_are_answered_by_loops(monkeypatch):
     q = np.clip(evaluator.configuration() + steps, *evaluator.joint_limits)
     alone: list[Any] = []
     solved = StateSolver.solved
-    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
+    monkeypatch.setattr(
+        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
+    )
     found = evaluator.evaluate_many(q, workers=1)
     assert found.found.all()
     assert len(alone) <= 20
@@ -343,7 +345,9 @@ def test_loads_bear_on_a_carried_object(name, force, monkeypatch):
     evaluator = Evaluator(scene, attached_to="panda_hand", algorithm="margin", collisions=False)
     alone: list[Any] = []
     solved = StateSolver.solved
-    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
+    monkeypatch.setattr(
+        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
+    )
     turns = np.random.default_rng(5).normal(0.0, 0.3, (4, 7))
     steps = np.concatenate([turn * np.linspace(0.0, 1.0, 5)[:, None] for turn in turns])
     q = np.clip(evaluator.configuration() + steps, *evaluator.joint_limits)

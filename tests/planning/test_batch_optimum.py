@@ -16,13 +16,14 @@ from graspless_pin import (
     load_scene,
 )
 from graspless_pin.algorithms import batch_optimum
-from graspless_pin.algorithms.batch_optimum import WarmStart, solution_of_optimum, warm_optimum
+from graspless_pin.algorithms.batch_optimum import WarmStart, warm_optimum
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.geometry.hand.configuration import independent_positions
 from graspless_pin.planning import Evaluator
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.state_solver import StateSolver, WarmState
+from graspless_pin.planning.evaluation import WarmAnswer
+from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import batch_states
@@ -50,12 +51,11 @@ def test_a_warm_optimum_is_the_optimum(name, objective):
     for _ in range(12):
         q = nearby(evaluator, rng, 2e-4)
         answer = solver.solved(q, None, None)
-        if not isinstance(answer, WarmState):
+        if not isinstance(answer._found, WarmAnswer):
             continue
         seen += 1
         full = evaluator.scene_at(q).problem()
-        _, optimum = answer
-        solution = solution_of_optimum(full, objective, SolveOptions().rules, optimum)
+        optimum, solution = answer._found.optimum, answer.solution
         cold = solve_problem(full, objective)
         assert solution.value == pytest.approx(cold.value, abs=2e-7)
         assert abs(optimum.gap) <= 1e-8 * abs(optimum.unit)

@@ -94,7 +94,9 @@ def test_states_that_are_like_none_before_are_answered_by_loops(
     q = np.array([nearby(evaluator, rng, spread) for _ in range(32)])
     alone: list[Any] = []
     solved = StateSolver.solved
-    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
+    monkeypatch.setattr(
+        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
+    )
 
     found = evaluator.evaluate_many(q, workers=1)
 

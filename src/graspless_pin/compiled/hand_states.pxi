@@ -82,8 +82,8 @@ cdef class HandStates(KinematicChains):
             its limits; (S, MOST_CONTACTS) the shape of each, (S, MOST_CONTACTS, 6) positions and
             normals into the object; (S, 6, n) spatial joint columns about the world's origin;
             (S, n) torques that carry the weight; (S,) whether the hand may be deeper in itself or
-            in what stands around than ``max_penetration``: False proves that it is not; and
-            (S, n + 1, 4, 4) poses of the joints, the base first.
+            in what stands around than ``max_penetration``: False proves that it is not, wherever
+            contacts have to be found; and (S, n + 1, 4, 4) poses of the joints, the base first.
         """
         cdef cnp.ndarray states = as_reals(q, 2)
         cdef Py_ssize_t count = states.shape[0], s
@@ -104,6 +104,7 @@ cdef class HandStates(KinematicChains):
         # The room for one state is shared, hence the lock of Python is kept.
         for s in range(count):
             found[s] = -1
+            flags_of(doubtful)[s] = self.pairs is not None
             if self._posed(data(states) + self.a * s):
                 memcpy(data(poses) + size * s, data(self._T), size * sizeof(double))
                 self.columns(data(self._T), data(J) + 6 * self.n * s)
@@ -115,7 +116,7 @@ cdef class HandStates(KinematicChains):
                 found[s] = self._contacts(
                     own + MOST_CONTACTS * s, data(rows) + 6 * MOST_CONTACTS * s
                 )
-                if self.pairs is not None and found[s] >= 0:
+                if self.pairs is not None:
                     flags_of(doubtful)[s] = self.pairs.any_deep(
                         data(self._links), self.around, data(self._around_poses),
                         self.max_penetration,

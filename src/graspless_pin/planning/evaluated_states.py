@@ -3,119 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search import CLOSED
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
-from graspless_pin.planning.state_loops import SolvedStates
+from graspless_pin.planning.state_loops import COVERAGES, StateFigures
 from graspless_pin.planning.state_solver import StateSolver
-from graspless_pin.planning.warm_starts import WarmState
 from graspless_pin.problem.checks import FloatArray, whole_number
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.scene.joints import possible_columns
 from graspless_pin.solution.tables import brief_figure
-
-_FOUND = STATUSES.index(StateStatus.FOUND)
-_COVERAGES = None, *Coverage
-
-
-class StateFigures(NamedTuple):
-    """What is kept of K states on the way to `EvaluatedStates`, whose attributes these are.
-
-    Attributes:
-        codes: (K,) numbers of the statuses among `STATUSES`.
-        margins: (K,).
-        torques: (K, L).
-        contact_counts: (K,).
-        bounds: (K,).
-        gaps: (K,).
-        residuals: (K,).
-        coverages: (K,) numbers among `_COVERAGES`.
-    """
-
-    codes: NDArray[np.uint8]
-    margins: FloatArray
-    torques: FloatArray
-    contact_counts: NDArray[np.int32]
-    bounds: FloatArray
-    gaps: FloatArray
-    residuals: FloatArray
-    coverages: NDArray[np.uint8]
-
-    @classmethod
-    def room(cls, count: int, joint_count: int) -> StateFigures:
-        """Return room for states, each without a problem."""
-        unknown = np.full((3, count), np.nan)
-        torques, counts = np.full((count, joint_count), np.nan), np.zeros(count, dtype=np.int32)
-        codes, covered = np.zeros((2, count), dtype=np.uint8)
-        margins = np.full(count, -np.inf)
-        return cls(codes, margins, torques, counts, *unknown, coverages=covered)
-
-    def put(self, number: int, evaluation: Evaluation, torque_names: tuple[str, ...]) -> None:
-        """Enter what was found of one state.
-
-        Args:
-            number: Of the state.
-            evaluation: The answer.
-            torque_names: L names of the columns of the torques.
-        """
-        self.codes[number] = STATUSES.index(evaluation.status)
-        if not evaluation.has_contacts:
-            return
-        certificate, robust = evaluation.solution.certificate, evaluation.robust
-        problem, bound = evaluation.solution.problem, certificate.bound
-        if robust is not None:
-            problem, bound = robust.members[0].problem, robust.bound
-            self.coverages[number] = _COVERAGES.index(robust.coverage)
-        self.contact_counts[number] = problem.contact_count
-        self.bounds[number] = bound
-        if evaluation.found:
-            columns = _columns(evaluation.joint_names, torque_names)
-            self.margins[number] = evaluation.margin
-            self.torques[number, columns] = evaluation.torques
-            self.gaps[number] = abs(bound - robust.value) if robust else certificate.gap
-            self.residuals[number] = robust.residual if robust else certificate.primal_residual
-
-    def put_solved(self, number: int, state: WarmState, torque_names: tuple[str, ...]) -> None:
-        """Enter what was found of one state whose optimum was carried over: see `put`."""
-        problem, optimum = state.problem, state.optimum
-        self.codes[number] = _FOUND
-        self.contact_counts[number] = len(problem.positions)
-        self.margins[number] = problem.margin_of(optimum.forces)
-        torques = problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques
-        self.torques[number, _columns(problem.joint_names, torque_names)] = torques
-        self.bounds[number] = optimum.bound * optimum.unit
-        self.gaps[number] = optimum.gap
-        self.residuals[number] = optimum.residual
-
-    def put_all(self, solved: SolvedStates, columns: Any) -> None:
-        """Enter what was found, with the torques in some columns: see `put`."""
-        found, faulty = solved.found, solved.faults != _FOUND
-        self.codes[found], self.codes[faulty] = _FOUND, solved.faults[faulty]
-        self.contact_counts[found] = solved.contact_counts[found]
-        margins, _, bounds, gaps, residuals, _ = solved.figures.T
-        for own, values in (
-            (self.margins, margins),
-            (self.bounds, bounds),
-            (self.gaps, gaps),
-            (self.residuals, residuals),
-        ):
-            own[found] = values[found]
-        self.torques[np.ix_(found, columns)] = solved.torques[found]
-
-
-def _columns(names: tuple[str, ...], torque_names: tuple[str, ...]) -> Any:
-    """Return where some torques stand among all."""
-    return ... if names == torque_names else [torque_names.index(name) for name in names]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,53 +102,35 @@ def evaluated_states(
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
     columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)
-    figures = StateFigures(*gathered(figures_of, solver, states, workers, progress))
+    found = StateFigures(*gathered(figures_of, solver, states, workers, progress))
     evaluations = {number: solver.evaluate(*states.one(number)) for number in whole}
     for number, evaluation in evaluations.items():
-        figures.put(number, evaluation, names)
-    statuses = np.array(STATUSES, dtype=object)[figures.codes]
-    coverages = np.array(_COVERAGES, dtype=object)[figures.coverages]
-    for array in (statuses, coverages, *figures):
+        found.put(number, evaluation, names)
+    margins, _, bounds, gaps, residuals, _ = found.figures.T.copy()
+    statuses = np.array(STATUSES, dtype=object)[found.codes]
+    coverages = np.array(COVERAGES, dtype=object)[found.coverages]
+    torques, counts = found.torques, found.contact_counts
+    arrays = statuses, margins, torques, counts, bounds, gaps, residuals, coverages
+    for array in arrays:
         array.setflags(write=False)
-    return EvaluatedStates(
-        names, tuple(columns.values()), statuses, *figures[1:-1], coverages, evaluations
-    )
+    return EvaluatedStates(names, tuple(columns.values()), *arrays, evaluations)
 
 
 def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
     """Solve states: by loops where they can, else one after the other."""
-    hand = solver.configurations.scene.hand
-    names = tuple(possible_columns(hand))
-    figures = StateFigures.room(states.total, len(names))
+    names = tuple(possible_columns(solver.configurations.scene.hand))
+    found = StateFigures.room(states.total, len(names))
 
-    def alone(number: int) -> None:
-        answer = solver.solved(*states.one(number))
-        if isinstance(answer, Evaluation):
-            figures.put(number, answer, names)
-        else:
-            figures.put_solved(number, answer, names)
+    def alone(number: int, clear: bool) -> None:
+        found.put(number, solver.solved(*states.one(number), clear=clear), names)
 
-    solved = solved_or_alone(solver, states, solver.objective, alone)
-    if solved is not None:
-        figures.put_all(solved, [names.index(name) for name in solved.joint_names])
-    return figures
+    solver.loops.optima_of_states(_looped(solver, states), solver.objective, found, alone)
+    return found
 
 
-def solved_or_alone(
-    solver: StateSolver,
-    states: StateArrays,
-    objective: Objective,
-    alone: Callable[[int], object],
-    enough: float | None = None,
-) -> SolvedStates | None:
-    """Solve many states by `StateLoops.optima_of_states`; where that is None, each alone."""
-    solved = None
-    if solver.uncertainty is None:
-        solved = solver.loops.optima_of_states(states.configurations, objective, alone, enough)
-    if solved is None:
-        for number in range(states.total):
-            alone(number)
-    return solved
+def _looped(solver: StateSolver, states: StateArrays) -> FloatArray | None:
+    """Return (K, a) the configurations that loops are asked for; None: each state goes alone."""
+    return states.configurations if solver.uncertainty is None else None
 
 
 def feasible_states(
@@ -264,17 +150,14 @@ def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Ar
     """Decide on states: by loops where they can, else one after the other."""
     feasible = np.zeros(states.total, dtype=bool)
 
-    def alone(number: int) -> None:
-        feasible[number] = solver.reaches(*states.one(number), margin)
+    def alone(number: int, clear: bool) -> None:
+        feasible[number] = solver.reaches(*states.one(number), margin, clear=clear)
 
-    if margin < 0.0:  # none is asked for
-        for number in range(states.total):
-            alone(number)
-        return (feasible,)
-    solved = solved_or_alone(solver, states, Margin(), alone, margin)
-    if solved is not None:
-        found = solved.found
-        _, value, _, _, _, unit = solved.figures[found].T
-        goal = margin / np.abs(unit)
-        feasible[found] = value <= CLOSED * np.maximum(1.0, goal) - goal
+    found = StateFigures.room(states.total, len(possible_columns(solver.configurations.scene.hand)))
+    q = _looped(solver, states) if margin >= 0.0 else None  # below zero none is asked for
+    solver.loops.optima_of_states(q, Margin(), found, alone, margin)
+    looped = found.contact_counts > 0
+    _, value, _, _, _, unit = found.figures[looped].T
+    goal = margin / np.abs(unit)
+    feasible[looped] = value <= CLOSED * np.maximum(1.0, goal) - goal
     return (feasible,)

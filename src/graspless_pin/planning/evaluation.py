@@ -152,6 +152,22 @@ class Evaluation(Brief):
         problem = self.scene.problem()
         return solution_of_optimum(problem, found.objective, found.rules, found.optimum)
 
+    def proof_figures(self) -> tuple[int, float, float, float]:
+        """Return number of contacts, bound, gap and residual of a state that was solved.
+
+        See `EvaluatedStates`.
+        """
+        found = self._found
+        if isinstance(found, WarmAnswer):
+            optimum = found.optimum
+            bound = optimum.bound * optimum.unit
+            return len(optimum.forces), bound, optimum.gap, optimum.residual
+        if found is None or isinstance(found, TorqueSolution):
+            problem, proof = self.solution.problem, self.solution.certificate
+            return problem.contact_count, proof.bound, proof.gap, proof.primal_residual
+        gap = abs(found.bound - found.value)
+        return found.members[0].problem.contact_count, found.bound, gap, found.residual
+
     @property
     def contacts(self) -> SceneContacts:
         """The contacts that carry force.

@@ -20,6 +20,7 @@ from graspless_pin.algorithms.batch_optimum import (
     state_optimum,
 )
 from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search import closeness
 from graspless_pin.compiled import core
 from graspless_pin.errors import StateError
@@ -30,62 +31,80 @@ from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.evaluation import STATUSES, StateStatus, WarmAnswer
+from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus, WarmAnswer
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.batch_states import PlainProblems, PlainStates, loops_of
+from graspless_pin.scene.joints import possible_columns
 from graspless_pin.scene.load_wrenches import carried_loads
 from graspless_pin.scene.problem_data import jointed_contacts, loads_of
 from graspless_pin.scene.state_findings import StateChecks, state_findings
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
+COVERAGES = None, *Coverage
 _Group = tuple[NDArray[np.intp], Callable[[int], int]]
 """Numbers of states that one loop takes, and what solves them from one of these on: it returns how
 many before one needs more."""
 
 
-class SolvedStates(NamedTuple):
-    """What warm starts found of K states; NaN and zero where nothing.
+class StateFigures(NamedTuple):
+    """What is found of K states; NaN where nothing is.
 
     Attributes:
-        figures: (K, 6) with the columns that `core.FIGURES` names.
-        torques: (K, L).
-        contact_counts: (K,).
-        faults: (K,) the number of the status of each state that has a serious finding; elsewhere
-            that of `StateStatus.FOUND`.
-        joint_names: L names of the torques.
+        codes: (K,) numbers of the statuses among `STATUSES`.
+        figures: (K, 6) with the columns that `core.FIGURES` names; margins are -inf where there are
+            no torques.
+        torques: (K, L) of all torques that any state may have.
+        contact_counts: (K,); 0 where there is no problem.
+        coverages: (K,) numbers among `COVERAGES`.
     """
 
+    codes: NDArray[np.uint8]
     figures: FloatArray
     torques: FloatArray
     contact_counts: NDArray[np.int32]
-    faults: NDArray[np.uint8]
-    joint_names: tuple[str, ...]
+    coverages: NDArray[np.uint8]
 
     @classmethod
-    def room(cls, count: int, joint_names: tuple[str, ...]) -> SolvedStates:
-        """Return room for states."""
-        figures, torques = np.full((count, 6), np.nan), np.full((count, len(joint_names)), np.nan)
-        faults = np.full(count, _FOUND, np.uint8)
-        return cls(figures, torques, np.zeros(count, np.int32), faults, joint_names)
+    def room(cls, count: int, torque_count: int) -> StateFigures:
+        """Return room for states, each without a problem."""
+        figures, torques = np.full((count, 6), np.nan), np.full((count, torque_count), np.nan)
+        figures[:, 0] = -np.inf
+        codes, counts = np.full(count, _FOUND, np.uint8), np.zeros(count, np.int32)
+        return cls(codes, figures, torques, counts, np.zeros(count, np.uint8))
+
+    def put(self, number: int, evaluation: Evaluation, torque_names: tuple[str, ...]) -> None:
+        """Enter what was found of one state.
+
+        Args:
+            number: Of the state.
+            evaluation: The answer.
+            torque_names: L names of the columns of the torques.
+        """
+        self.codes[number] = STATUSES.index(evaluation.status)
+        if not evaluation.has_contacts:
+            return
+        self.contact_counts[number], bound, gap, residual = evaluation.proof_figures()
+        if evaluation.robust is not None:
+            self.coverages[number] = COVERAGES.index(evaluation.robust.coverage)
+        self.figures[number, 2] = bound
+        if evaluation.found:
+            self.figures[number] = evaluation.margin, np.nan, bound, gap, residual, np.nan
+            columns = columns_among(torque_names, evaluation.joint_names)
+            self.torques[number, columns] = evaluation.torques
 
     def refuse(self, number: int, at: Configurations, scene: Scene, checks: StateChecks) -> None:
         """Enter the first of the `refusals` of a scene in one of the states, if there is any."""
         for status, _ in islice(refusals(at, scene, checks), 1):
-            self.faults[number] = STATUSES.index(status)
+            self.codes[number] = STATUSES.index(status)
 
-    @property
-    def sound(self) -> NDArray[np.bool_]:
-        """(K,) which states have no serious finding."""
-        return self.faults == _FOUND
 
-    @property
-    def found(self) -> NDArray[np.bool_]:
-        """(K,) where something was."""
-        return self.contact_counts > 0
+def columns_among(all_names: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.intp]:
+    """Return where some torques stand among all."""
+    return np.array([all_names.index(name) for name in names], dtype=np.intp)
 
 
 def refusals(
@@ -140,46 +159,42 @@ class StateLoops:
         self,
         q: FloatArray | None,
         objective: Objective,
-        alone: Callable[[int], object],
+        found: StateFigures,
+        alone: Callable[[int, bool], object],
         enough: float | None = None,
-    ) -> SolvedStates | None:
+    ) -> None:
         """Solve many states by warm starts in loops alone, and others one by one as they come.
 
         Args:
             q: (K, a) configurations in which nothing else differs from the scene; None: something
-                does.
+                does, and each state goes alone.
             objective: What is optimised.
+            found: Where what loops find is entered: with contacts, or with a fault.
             alone: Called with the number of each state that has to be solved by itself, so that
-                what is learned there serves those after it.
+                what is learned there serves those after it; and whether the hand is known to be
+                deep in nothing there.
             enough: Margin of which it is enough to know whether it is reached, N, where that is
                 cheaper; None: optima are looked for.
-
-        Returns:
-            What was found; None: nothing can be, and nothing was called.
         """
-        states = None if q is None else self._states(q, objective)
-        if states is None or q is None:
-            return None
-        found = SolvedStates.room(len(q), self._torque_names)
-        for order, advance in self._groups(q, states, objective, enough, found):
-            begin = 0
-            while begin < len(order):
-                begin += advance(begin)
-                if begin < len(order):
-                    alone(int(order[begin]))
-                    begin += 1
-        for number in np.flatnonzero(states.counts < 0).tolist():
-            alone(number)
-        return found
+        states = None if q is None else self.posed(q, objective)
+        clear = [False] * len(found.codes)
+        left = [*range(len(clear))]
+        if q is not None and states is not None:
+            clear = (~states.doubtful).tolist()
+            left = np.flatnonzero(states.counts < 0).tolist()
+            for order, advance in self._groups(q, states, objective, enough, found):
+                begin = 0
+                while begin < len(order):
+                    begin += advance(begin)
+                    if begin < len(order):
+                        number = int(order[begin])
+                        alone(number, clear[number])
+                        begin += 1
+        for number in left:
+            alone(number, clear[number])
 
-    @property
-    def _torque_names(self) -> tuple[str, ...]:
-        """L names of the torques of all states."""
-        hand = self._at.scene.hand
-        return () if hand is None else hand.joint_names
-
-    def _states(self, q: FloatArray, objective: Objective) -> PlainStates | None:  # noqa: ARG002
-        """Return configurations posed by loops; None: they cannot be."""
+    def posed(self, q: FloatArray, objective: Objective) -> PlainStates | None:  # noqa: ARG002
+        """Return configurations (K, a) posed by loops; None: they cannot be."""
         return None if self._at.scene.hand is None else self._plain.at(q)
 
     def _groups(
@@ -188,7 +203,7 @@ class StateLoops:
         states: PlainStates,
         objective: Objective,
         enough: float | None,  # noqa: ARG002 - here optima are as cheap
-        found: SolvedStates,
+        found: StateFigures,
     ) -> Iterator[_Group]:
         """Yield states with the same contacts, those alone that have no serious finding.
 
@@ -203,15 +218,14 @@ class StateLoops:
             order = self._sound(shapes, touching, q, states, found)
             yield order, partial(self._advance, shapes, objective, order, states, found)
 
-    def answer(self, q: FloatArray, objective: Objective) -> WarmAnswer | None:
+    def answer(self, states: PlainStates, objective: Objective) -> WarmAnswer | None:
         """Solve one state as many are; None: it has to be solved by itself.
 
         Args:
-            q: (a,) configuration.
+            states: It alone, posed by loops.
             objective: What is optimised.
         """
-        states = self._plain.at(q[None])
-        if states is None or states.counts[0] < 0 or states.doubtful[0]:
+        if states.counts[0] < 0 or states.doubtful[0]:
             return None
         shapes = tuple(states.shapes[0, : states.counts[0]].tolist())
         alike = self._plain.alike(shapes)
@@ -233,9 +247,9 @@ class StateLoops:
         names, units = problem.joint_names, problem.joint_units
         return WarmAnswer(objective, rules, optimum, margin, torques[0], names, units)
 
-    def reaches(self, q: FloatArray, margin: float) -> bool | None:
+    def reaches(self, states: PlainStates, margin: float) -> bool | None:
         """Tell whether one state is proven to reach a margin, N; None: see `answer`."""
-        answer = self.answer(q, Margin())
+        answer = self.answer(states, Margin())
         if answer is None:
             return None
         return is_reached(answer.optimum.value, answer.optimum.unit, margin)
@@ -246,7 +260,7 @@ class StateLoops:
         order: NDArray[np.intp],
         q: FloatArray,
         states: PlainStates,
-        found: SolvedStates,
+        found: StateFigures,
     ) -> NDArray[np.intp]:
         """Return those of some states that have no serious finding, and enter it for the others.
 
@@ -264,11 +278,11 @@ class StateLoops:
         if not (off or doubtful) or self._without_problem(at.scene_at(q[order[0]], None, None)):
             return order
         if off:
-            found.faults[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
+            found.codes[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
             return order[:0]
         for number in doubtful:
             found.refuse(number, at, at.scene_at(q[number], None, None), of_overlaps)
-        return order[found.sound[order]]
+        return order[found.codes[order] == _FOUND]
 
     def _advance(
         self,
@@ -276,7 +290,7 @@ class StateLoops:
         objective: Objective,
         order: NDArray[np.intp],
         states: PlainStates,
-        found: SolvedStates,
+        found: StateFigures,
         begin: int,
     ) -> int:
         """Solve states with the same contacts from one on; how many before one needs more."""
@@ -320,27 +334,22 @@ class AttachedLoops(StateLoops):
             starts = self._starts.of(self._at.touching.bodies, self._problem, objective)
             sweep.learn(self._problem, starts.best)
 
-    def answer(self, q: FloatArray, objective: Objective) -> None:
+    def answer(self, states: PlainStates, objective: Objective) -> None:
         """Return None: a whole answer is solved by itself."""
 
-    def reaches(self, q: FloatArray, margin: float) -> bool | None:
+    def reaches(self, states: PlainStates, margin: float) -> bool | None:
         """Do what `StateLoops.reaches` does, with no more than one state needs."""
-        objective = Margin()
-        states = self._states(q[None], objective)
-        if states is None or states.counts[0] < 0 or states.doubtful[0]:
+        if states.counts[0] < 0 or states.doubtful[0]:
             return None
         figures, torques = np.empty((1, 6)), np.empty((1, self._problem.joint_count))
-        loads, sweep = self._loads(states, slice(None)), self._sweep(objective)
+        loads, sweep = self._loads(states, slice(None)), self._sweep(Margin())
         if not sweep.advance(self._problem, loads, 0, figures, torques, enough=margin):
             return None
         _, value, _, _, _, unit = figures[0].tolist()
         return is_reached(value, unit, margin)
 
-    @property
-    def _torque_names(self) -> tuple[str, ...]:
-        return self._problem.joint_names
-
-    def _states(self, q: FloatArray, objective: Objective) -> PlainStates | None:
+    def posed(self, q: FloatArray, objective: Objective) -> PlainStates | None:
+        """Do what `StateLoops.posed` does; None: loops are not for this objective, too."""
         if self._loops is None or not are_for(self._problem.cone_model, objective, self._options):
             return None
         return PlainStates(*self._loops.at(q))
@@ -351,21 +360,23 @@ class AttachedLoops(StateLoops):
         states: PlainStates,
         objective: Objective,
         enough: float | None,
-        found: SolvedStates,
+        found: StateFigures,
     ) -> Iterator[_Group]:
         within, problem = states.counts >= 0, self._problem
         for number in np.flatnonzero(within & states.doubtful).tolist():
             scene = self._at.answered_at(q[number], None, None)
             found.refuse(number, self._at, scene, self._checks)
-        order = np.flatnonzero(within & found.sound)
+        order = np.flatnonzero(within & (found.codes == _FOUND))
         loads, sweep = self._loads(states, order), self._sweep(objective)
         figures, torques = np.empty((len(order), 6)), np.empty((len(order), problem.joint_count))
+        columns = columns_among((*possible_columns(self._at.hand),), problem.joint_names)
 
         def advance(begin: int) -> int:
             self.learn()
             end = sweep.advance(problem, loads, begin, figures, torques, enough=enough)
             solved = order[begin:end]
-            found.figures[solved], found.torques[solved] = figures[begin:end], torques[begin:end]
+            found.figures[solved] = figures[begin:end]
+            found.torques[solved[:, None], columns] = torques[begin:end]
             found.contact_counts[solved] = problem.contact_count
             return end - begin
 

@@ -23,9 +23,9 @@ from graspless_pin.planning.evaluation import Evaluation, StateStatus, WarmAnswe
 from graspless_pin.planning.state_loops import AttachedLoops, StateLoops, is_reached, refusals
 from graspless_pin.planning.warm_starts import WarmStarts, WarmState
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
+from graspless_pin.scene.batch_states import PlainStates
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.scene_stability import rest_model_of
 from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks
@@ -101,25 +101,25 @@ class StateSolver:
         other.configurations = self.configurations.with_scene(scene)
         return other
 
-    def solved(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation | WarmState:
+    def solved(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:
         """Solve for one state, with as few records as can be: see `Evaluator.evaluate`.
 
-        Of an object that moves with a link, vectors are in no particular axes.
+        Of an object that moves with a link, vectors are in no particular axes; ``clear`` is that of
+        `posed`.
         """
-        scene, problem, faults = self.posed(q, T_world_object, twist)
+        scene, problem, faults = self.posed(q, T_world_object, twist, clear=clear)
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
-        found = self._optimum(scene, problem, self.objective)
-        return found if isinstance(found, WarmState) else evaluation_of(scene, found)
+        return self._evaluation(scene, self._optimum(scene, problem, self.objective))
 
     def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
         """Return the whole answer for one state: see `Evaluator.evaluate`."""
-        row = self._row(q, T_world_object, twist)
-        answer = None if row is None else self.loops.answer(row, self.objective)
+        known = self._in_loops(q, T_world_object, twist, self.objective)
+        answer = None if known is None else self.loops.answer(known, self.objective)
         if answer is not None:
             scene = self.configurations.scene_at(q, None, None)
             return Evaluation(StateStatus.FOUND, "", scene, answer)
-        scene, problem, faults = self.posed(q, T_world_object, twist)
+        scene, problem, faults = self.posed(q, T_world_object, twist, clear=_is_clear(known))
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
         # Where motors carry the link, the whole is not the problem that all states share.
@@ -128,10 +128,19 @@ class StateSolver:
         there = turned_problem(problem, None if R is None else R.T)
         found = self._found(scene, there, self.objective, alike)
         if isinstance(found, WarmState):
-            optimum = WarmState(problem, turned_optimum(found.optimum, R))
-            answer = answer_of(optimum, self.objective, self.options)
+            return self._evaluation(scene, WarmState(problem, turned_optimum(found.optimum, R)))
+        return self._evaluation(scene, turned_solution(found, problem, R))
+
+    def _evaluation(self, scene: Scene, found: WarmState | TorqueSolution) -> Evaluation:
+        """Return the answer for a state that a warm start or a search has solved."""
+        if isinstance(found, WarmState):
+            answer = answer_of(found, self.objective, self.options)
             return Evaluation(StateStatus.FOUND, "", scene, answer)
-        return evaluation_of(scene, turned_solution(found, problem, R))
+        if found.found:
+            return Evaluation(StateStatus.FOUND, "", scene, found)
+        undecided = found.status in UNDECIDED
+        status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
+        return Evaluation(status, found.status.message, scene, found)
 
     def margin_of(
         self, scene: Scene, problem: QuasistaticProblem, required: float
@@ -148,13 +157,27 @@ class StateSolver:
         """
         return margin_and_status(self._optimum(scene, problem, Margin()), required)
 
-    def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
-        """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`."""
-        row = self._row(q, T_world_object, twist) if margin >= 0.0 else None
-        reached = None if row is None else self.loops.reaches(row, margin)
+    def reaches(
+        self, q: Any, T_world_object: Any, twist: Any, margin: float, *, clear: bool | None = None
+    ) -> bool:
+        """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`.
+
+        Args:
+            q: See there.
+            T_world_object: See there.
+            twist: See there.
+            margin: N; below zero: none is asked for.
+            clear: See `posed`; None: loops are asked for the state first.
+        """
+        solve = margin >= 0.0
+        known = None
+        if solve and clear is None:
+            known = self._in_loops(q, T_world_object, twist, Margin())
+        reached = None if known is None else self.loops.reaches(known, margin)
         if reached is not None:
             return reached
-        return self.holds(self.posed(q, T_world_object, twist, solve=margin >= 0.0), margin)
+        clear = clear or _is_clear(known)
+        return self.holds(self.posed(q, T_world_object, twist, solve=solve, clear=clear), margin)
 
     def holds(self, state: PosedScene, margin: float) -> bool:
         """Tell whether nothing is wrong with a state, and it is proven to reach a margin.
@@ -177,7 +200,14 @@ class StateSolver:
         return bool(reached)
 
     def posed(
-        self, q: Any, T_world_object: Any, twist: Any, *, solve: bool = True, whole: bool = False
+        self,
+        q: Any,
+        T_world_object: Any,
+        twist: Any,
+        *,
+        solve: bool = True,
+        whole: bool = False,
+        clear: bool = False,
     ) -> PosedScene:
         """Return the scene in a state, its problem, and what is wrong with it.
 
@@ -188,6 +218,7 @@ class StateSolver:
             solve: Whether torques are asked for: without contacts that can carry forces there is no
                 problem, which is a fault then.
             whole: Whether all faults are looked for; otherwise one is enough.
+            clear: Whether the hand is known to be deep in nothing: it is not looked for again.
         """
         at, checks = self.configurations, self.checks
         problem: QuasistaticProblem | None = None
@@ -211,13 +242,20 @@ class StateSolver:
             if solve or counts.get(status, False):
                 faults.append((status, str(error)))
             checks = checks._replace(need_hand=False)
+        if clear:
+            checks = checks._replace(collisions=False)
         if not faults or whole:
             faults += islice(refusals(at, scene, checks), None if whole else 1)
         return PosedScene(scene, problem, tuple(faults))
 
-    def _row(self, q: Any, T_world_object: Any, twist: Any) -> FloatArray | None:
-        """Return (a,) the configuration, if nothing else is given; None: loops do not take it."""
-        return self.configurations.row(q) if T_world_object is None and twist is None else None
+    def _in_loops(
+        self, q: Any, T_world_object: Any, twist: Any, objective: Objective
+    ) -> PlainStates | None:
+        """Return a state posed by loops; None: they do not take it."""
+        if T_world_object is not None or twist is not None:
+            return None
+        row = self.configurations.row(q)
+        return None if row is None else self.loops.posed(row[None], objective)
 
     def _optimum(
         self, scene: Scene, problem: QuasistaticProblem, objective: Objective
@@ -258,6 +296,11 @@ class StateSolver:
 
     def _rest(self, scene: Scene) -> RestModel | None:
         return rest_model_of(scene) if self.options.strong else None
+
+
+def _is_clear(known: PlainStates | None) -> bool:
+    """Return whether loops have proven that the hand is deep in nothing."""
+    return known is not None and not known.doubtful[0]
 
 
 def margin_and_status(
@@ -304,12 +347,3 @@ def answer_of(state: WarmState, objective: Objective, options: SolveOptions) -> 
         problem.joint_units,
     )
     return WarmAnswer(objective, options.rules, optimum, margin, torques, names, units)
-
-
-def evaluation_of(scene: Scene, solution: TorqueSolution) -> Evaluation:
-    """Return the answer for a state that a search has solved."""
-    if solution.found:
-        return Evaluation(StateStatus.FOUND, "", scene, solution)
-    undecided = solution.status in UNDECIDED
-    status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
-    return Evaluation(status, solution.status.message, scene, solution)

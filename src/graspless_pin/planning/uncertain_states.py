@@ -81,7 +81,7 @@ class UncertainStateSolver(StateSolver):
         given = self.configurations, objective, self.options, self.checks
         return UncertainStateSolver(*given, self._set)
 
-    def solved(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
+    def solved(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
         """Solve for one state: there are no records to do without."""
         return self.evaluate(q, T_world_object, twist)
 
@@ -106,10 +106,20 @@ class UncertainStateSolver(StateSolver):
         """Return the largest margin that one vector of torques keeps for all members."""
         return _margin_and_status(self._robust(scene, Margin()), required)
 
-    def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
+    def reaches(
+        self,
+        q: Any,
+        T_world_object: Any,
+        twist: Any,
+        margin: float,
+        *,
+        clear: bool | None = None,  # noqa: ARG002 - loops tell the nominal problem alone
+    ) -> bool:
         """Tell whether a state is proven to reach a margin for all members."""
-        row = self._row(q, T_world_object, twist) if margin >= 0.0 and self._is_coulomb else None
-        if row is not None and self.loops.reaches(row, margin) is False:
+        known = None
+        if margin >= 0.0 and self._is_coulomb:
+            known = self._in_loops(q, T_world_object, twist, Margin())
+        if known is not None and self.loops.reaches(known, margin) is False:
             return False
         return self.holds(self.posed(q, T_world_object, twist, solve=margin >= 0.0), margin)
 
