@@ -54,7 +54,7 @@ class SceneParts:
     hands: OrderedDict[str, AssembledMounts] = field(default_factory=OrderedDict)
     latest: Latest = field(default_factory=Latest)
     last: Last | None = None
-    _before: tuple[Any, SceneEntry] | None = None
+    _before: tuple[SceneEntry, Any] | None = None
 
     def validated(self, source: YamlSource) -> SceneEntry:
         """Return the content of a scene file; parts as in the scene before are the same objects.
@@ -62,12 +62,10 @@ class SceneParts:
         Raises:
             SceneError: See `validated`.
         """
-        before, entry = self._before, None
-        if before is not None:
-            entry = with_known(source.data, *before)
-        if entry is None:
-            entry = validated(source, SceneEntry)
-        self._before = source.data, entry
+        entry = validated(source, SceneEntry)
+        if self._before is not None:
+            entry = with_known(entry, source.data, *self._before)
+        self._before = entry, source.data
         return entry
 
     def stage(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:

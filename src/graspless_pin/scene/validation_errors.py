@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 import reprlib
 from collections.abc import Iterator
-from functools import cache
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.scene.units import plain_figure, si_advice
@@ -35,70 +34,28 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
         raise source.kind.error(_validation_text(source, error, model)) from None
 
 
-def with_known(data: Any, known_data: Any, known: _Entry) -> _Entry | None:
-    """Return what a content becomes if parts of it are as in another one that was sound.
-
-    Parts that are the same become the same objects, which are not checked again.
+def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
+    """Return an entry in which all parts that were said before are the same objects as then.
 
     Args:
-        data: The content.
-        known_data: The other one.
-        known: What the other one became.
-
-    Returns:
-        What it becomes; None if it is not sound.
+        entry: The entry, or a part of it.
+        data: What the file says there.
+        known: The entry before.
+        known_data: What the file said then.
     """
-    try:
-        return _renewed(data, known_data, known)
-    except ValidationError:
-        return None
-
-
-def _renewed(data: Any, known_data: Any, known: Any) -> Any:
-    """Return what a content becomes; only what is another than it was is checked.
-
-    Raises:
-        ValidationError: If it is not sound.
-    """
-    if data is known_data:
+    if is_alike(data, known_data):
         return known
-    if not isinstance(data, dict) or data.keys() != known_data.keys():
-        return type(known).model_validate(data)
-    kind, entries = type(known), vars(known)
-    changed = {
-        key: _with_entries(item, known_data[key], entries[key])
-        for key, item in data.items()
-        if item is not known_data[key] and not is_alike(item, known_data[key])
-    }
-    if not changed:
-        return known
-    if _has_checks(kind):
-        return kind.model_validate({key: changed.get(key, entries[key]) for key in data})
-    checked = {key: _field(kind, key).validate_python(item) for key, item in changed.items()}
-    return known.model_copy(update=checked)
-
-
-def _with_entries(data: Any, known_data: Any, known: Any) -> Any:
-    """Return a content with entries in it, made as in `_renewed`, where there were entries."""
-    if isinstance(known, BaseModel):
-        return data if data is None else _renewed(data, known_data, known)
-    if isinstance(known, list) and isinstance(data, list) and len(data) == len(known):
-        return [*map(_with_entries, data, known_data, known)]
-    return data
-
-
-@cache
-def _has_checks(kind: type[BaseModel]) -> bool:
-    """Whether a part of a file has rules of its own, beside those of its keys."""
-    rules = kind.__pydantic_decorators__
-    return bool(rules.model_validators or rules.field_validators)
-
-
-@cache
-def _field(kind: type[BaseModel], key: str) -> TypeAdapter[Any]:
-    """Return what checks the value of one key."""
-    field = kind.model_fields[key]
-    return TypeAdapter(Annotated[field.annotation, field])  # pyright: ignore
+    kind = type(entry)
+    if isinstance(entry, BaseModel) and kind is type(known):
+        before = vars(known)
+        parts = {
+            name: with_known(part, data.get(name), before[name], known_data.get(name))
+            for name, part in vars(entry).items()
+        }
+        return kind.model_construct(entry.model_fields_set, **parts)
+    if isinstance(entry, list) and isinstance(known, list) and len(entry) == len(known):
+        return [*map(with_known, entry, data, known, known_data)]
+    return entry
 
 
 def is_alike(one: Any, other: Any) -> bool:

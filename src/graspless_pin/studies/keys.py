@@ -22,42 +22,9 @@ from graspless_pin.scene.yaml_source import Location
 from graspless_pin.studies.study_schema import PosingEntry, VariableEntry
 from graspless_pin.suggestions import names_in_words
 
-_HOLDERS = ("object", "supports", "hand", "mounts")
-"""What holds names and places beside other things."""
 VECTORS = ("gravity", "tangent_axes", "motion", "loads", "acceleration")
 MOVABLE = ("object", "supports", "hand", *VECTORS)
-
-
-def movable_part(tree: Tree) -> Tree:
-    """Return the part of a scene that `move` and `turn` read and change: names and places."""
-    part = {name: tree[name] for name in VECTORS if name in tree}
-    part["object"] = _only(tree["object"], "name", "pose")
-    if tree.get("supports"):
-        part["supports"] = [_only(item, "name", "pose", "velocity") for item in tree["supports"]]
-    hand = tree.get("hand")
-    if hand is not None:
-        part["hand"] = _only(hand, "base_pose")
-        if hand.get("mounts"):
-            mounts = [_only(item, "prefix", "base_pose") for item in hand["mounts"]]
-            part["hand"]["mounts"] = mounts
-    return part
-
-
-def _only(entry: Tree, *names: str) -> Tree:
-    return {name: entry[name] for name in names if name in entry}
-
-
-def with_part(tree: Any, part: Any) -> Any:
-    """Return a tree with what a part of it, such as `movable_part`, holds; the rest is shared."""
-    if isinstance(part, list):
-        return [*map(with_part, tree, part)]
-    return {
-        **tree,
-        **{
-            name: with_part(tree[name], item) if name in _HOLDERS else item
-            for name, item in part.items()
-        },
-    }
+"""Parts of a scene that `move` and `turn` read and change."""
 
 
 def move(
@@ -271,7 +238,7 @@ class Variable:
         return tree
 
     def displace(self, tree: Tree, value: Any) -> None:
-        """Move or turn the variable's bodies in a part of a scene, see `movable_part`."""
+        """Move or turn the variable's bodies in a scene."""
         if self.entry.move is not None:
             entry = self.entry.move
             way = (value - entry.as_in_scene) * self.unit.factor

@@ -160,7 +160,7 @@ def _try_out(study: Study, sample: Sample, parts: SampleParts) -> None:
     if study.entry.place is None:
         study.scene_at(sample, parts).problem()
         return
-    scene, tree = study.unposed_at(sample, parts), study.tree_at(sample, parts)
+    scene, tree = study.unposed_at(sample, parts), study.tree_at(sample)
     study.source.at(("place",), lambda: try_to_place(scene, tree))
 
 

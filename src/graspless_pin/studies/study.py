@@ -21,7 +21,7 @@ from graspless_pin.scene.units import in_radians
 from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.studies.keys import Variable, make_variable
+from graspless_pin.studies.keys import MOVABLE, Variable, make_variable
 from graspless_pin.studies.sample_parts import PosedScene, Sample, SampleParts, parted, posed
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import PosingEntry, StudyEntry
@@ -97,14 +97,23 @@ class Study:
         """
         return _made(YamlSource(Path("study"), copied(dict(data)), _STUDY), Path(folder))
 
-    def placed_at(self, sample: Sample, parts: SampleParts | None = None) -> Tree:
+    def placed_at(self, sample: Sample) -> Tree:
         """Return the scene file's content with the keys of one sample set, nothing moved yet."""
-        return (parts or SampleParts()).placed(self.scene.data, self.variables, sample)
+        tree = self.scene.data
+        for variable, value in zip(self.variables, sample, strict=True):
+            tree = variable.placed(tree, value)
+        return tree
 
-    def tree_at(self, sample: Sample, parts: SampleParts | None = None) -> Tree:
-        """Return the content of the scene file at one sample; it shares parts with others."""
-        parts = parts or SampleParts()
-        return parts.moved(self.placed_at(sample, parts), self.variables, sample)
+    def tree_at(self, sample: Sample) -> Tree:
+        """Return the content of the scene file at one sample."""
+        tree = self.placed_at(sample)
+        pairs = zip(self.variables, sample, strict=True)
+        ways = [(variable, value) for variable, value in pairs if variable.displaces]
+        if ways:
+            tree = tree | {name: copied(tree[name]) for name in MOVABLE if name in tree}
+        for variable, value in ways:
+            variable.displace(tree, value)
+        return tree
 
     def scene_at(self, sample: Sample, parts: SampleParts | None = None) -> Scene:
         """Return the scene at one sample, its hand placed or closed where the study says so.
@@ -128,14 +137,14 @@ class Study:
         scene = self.unposed_at(sample, parts)
         if self.entry.place is None and self.entry.close is None:
             return PosedScene(scene, {})
-        return posed(scene, self.tree_at(sample, parts), parts)
+        return posed(scene, self.tree_at(sample), parts)
 
     def unposed_at(self, sample: Sample, parts: SampleParts) -> Scene:
         """Return the scene at one sample with the hand where the scene file has it."""
         scene = parts.known(sample)
         if scene is None:
             file = self.scene
-            tree = parted(self.tree_at(sample, parts))[0]
+            tree = parted(self.tree_at(sample))[0]
             content = YamlSource(file.path, tree, file.kind, file.lines)
             scene = build_scene(Scene, content, parts)
             parts.learn(self.variables, sample)
