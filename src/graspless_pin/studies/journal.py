@@ -15,10 +15,10 @@ import os
 import time
 import zlib
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 
 import portalocker
 
@@ -36,7 +36,6 @@ _CHECKSUM_DIGITS = 8
 _NOWHERE = -1
 """Where the line of a sample begins that has none."""
 
-_Item = TypeVar("_Item")
 _Columns = dict[str, list[Any]]
 """Rows that have the same columns: each column's cells."""
 
@@ -171,37 +170,12 @@ class Journal:
         return [*dict.fromkeys(name for kind in kinds for name in kind)]
 
     def rows(self, samples: Iterable[int]) -> Iterator[Row]:
-        """Read the rows of samples that have one.
+        """Read the rows of samples that have one, a line at a time.
 
         Raises:
             StudyError: If the file has changed since it was opened.
         """
-
-        def rows_of(columns: _Columns) -> Iterator[Row]:
-            return (
-                dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
-            )
-
-        return self._of_samples(samples, rows_of)
-
-    def cells(self, samples: Iterable[int], names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-        """Read the cells of some columns of samples that have a row; None where it has no cell.
-
-        Raises:
-            StudyError: If the file has changed since it was opened.
-        """
-
-        def cells_of(columns: _Columns) -> Iterator[tuple[Any, ...]]:
-            none = [None] * len(columns["sample"])
-            return zip(*[columns.get(name, none) for name in names], strict=True)
-
-        return self._of_samples(samples, cells_of)
-
-    def _of_samples(
-        self, samples: Iterable[int], make: Callable[[_Columns], Iterable[_Item]]
-    ) -> Iterator[_Item]:
-        """Yield what a function makes of the row of each sample, a line at a time."""
-        lines: dict[int, dict[int, _Item]] = {}
+        lines: dict[int, dict[int, Row]] = {}
         for sample in samples:
             place = self._places[sample]
             line = lines.get(place)
@@ -213,7 +187,11 @@ class Journal:
                     raise StudyError(f"{self.path}: was changed while it was in use") from None
                 if len(lines) == _LINES_KEPT:
                     lines.pop(next(iter(lines)))
-                line = lines[place] = dict(zip(columns["sample"], make(columns), strict=True))
+                rows = [
+                    dict(zip(columns, cells, strict=True))
+                    for cells in zip(*columns.values(), strict=True)
+                ]
+                line = lines[place] = {row["sample"]: row for row in rows}
             yield line[sample]
 
     def append(self, rows: Iterable[Row]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -130,8 +131,8 @@ def _made_parts(study: Study, journal: Journal) -> Iterator[pd.DataFrame]:
     names = [*_FIRST, *largest, *torques, *last]
     for begin in range(0, len(study.samples), PART_ROWS):
         numbers = range(len(study.samples))[begin : begin + PART_ROWS]
-        results = map(list, zip(*journal.cells(numbers, names), strict=True))
-        yield _part(study, numbers, dict(zip(names, results, strict=True)))
+        rows = [*journal.rows(numbers)]
+        yield _part(study, numbers, {name: [row.get(name) for row in rows] for name in names})
 
 
 def _part(study: Study, numbers: range, results: dict[str, list[Any]]) -> pd.DataFrame:
@@ -329,23 +330,19 @@ def _csv_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
 
     types: dict[str, str] = _csv_about(file)["columns"]
     chosen = names or [*types]
+    # Python reads every digit that was written; pandas' reader may round the last.
+    floats = {name: _number for name in chosen if types[name] == "float64"}
+    others = {name: types[name] for name in chosen if name not in floats}
     with pd.read_csv(
-        file, skiprows=1, dtype="str", keep_default_na=False, na_values=[""], usecols=chosen,
-        chunksize=PART_ROWS,
+        file, skiprows=1, dtype=others, converters=floats, keep_default_na=False, na_values=[""],
+        usecols=chosen, chunksize=PART_ROWS,
     ) as parts:  # fmt: skip
         for part in parts:
-            table = part.reset_index(drop=True)[chosen]
-            for name in chosen:
-                kind = types[name]
-                if kind == "bool":
-                    table[name] = table[name] == "True"
-                elif kind == "boolean":
-                    table[name] = table[name].map({"True": True, "False": False}).astype(kind)
-                elif kind != "str":
-                    # Python reads every digit that was written; pandas' reader may round the last.
-                    numbers = [None if text != text else float(text) for text in table[name]]
-                    table[name] = pd.Series(numbers, dtype="float64").astype(kind)
-            yield table
+            yield part.reset_index(drop=True)[chosen]
+
+
+def _number(text: str) -> float:
+    return float(text or "nan")
 
 
 def results_summary(table: pd.DataFrame | str | Path) -> str:
@@ -374,8 +371,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     parts: Iterable[Any] = [table]
     if isinstance(table, str | Path):
         parts = results_parts(table)
-    failures, count, found, serious, unplaced = dict.fromkeys(Failure, 0), 0, 0, 0, 0
-    asked, served = 0, 0
+    statuses, count, found, serious, asked, served = Counter[str](), 0, 0, 0, 0, 0
     largest: Any = None
     smallest: Any = None
     failure: Any = None
@@ -384,9 +380,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     for part in parts:
         count += len(part)
         found += int(part["found"].sum())
-        unplaced += int((part["status"] == NOT_PLACED).sum())
-        for why in Failure:
-            failures[why] += int((part["status"] == why.value).sum())
+        statuses.update(part["status"])
         if "robust_found" in part:
             asked += int(part["robust_found"].notna().sum())
             served += int(part["robust_found"].sum())
@@ -403,6 +397,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
         failed = part["status"].isin([*Failure])
         if failure is None and failed.any():
             failure = part.loc[failed.idxmax()]
+    unplaced, failures = statuses[NOT_PLACED], {why: statuses[why.value] for why in Failure}
     lines = [f"{count} {'samples' if count > 1 else 'sample'}: {found} found"]
     if serious:
         lines[0] += f" ({serious} of them with serious findings)"
