@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.bounds import LARGEST
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
-from graspless_pin.geometry.contact.distances import solids_of
-from graspless_pin.geometry.poses import as_pose, rigid, transformed
+from graspless_pin.geometry.poses import as_pose, rigid
 from graspless_pin.geometry.posing.overlaps import Clearance, least_clearance
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
@@ -28,6 +27,7 @@ from graspless_pin.planning.state_solver import PosedScene, StateSolver
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
+from graspless_pin.scene.entry_findings import reach_of
 
 _NO_BODIES = PlacedBodies.of(())
 
@@ -440,13 +440,4 @@ class Edge:
     @cached_property
     def _reach(self) -> float:
         """How far the object reaches from its centre of mass, m."""
-        moved = self._solver.configurations.scene.object
-        solids = solids_of(moved.placed_bodies.shapes)
-        farthest = 0.0
-        for body, middle, reach in zip(
-            moved.placed_bodies, solids.centers, solids.reaches, strict=True
-        ):
-            there = transformed(body.T_world_geometry, middle)
-            away = float(np.linalg.norm(there - moved.center_of_mass_world))
-            farthest = max(farthest, away + float(reach))
-        return farthest
+        return reach_of(self._solver.configurations.scene.object)

@@ -24,13 +24,14 @@ from graspless_pin.planning.edges import (
     required_margin,
     state_validity,
 )
-from graspless_pin.planning.evaluated_states import (
+from graspless_pin.planning.evaluation import Evaluation
+from graspless_pin.planning.many_states import (
     EvaluatedStates,
+    Progress,
+    checked_states,
     evaluated_states,
     feasible_states,
 )
-from graspless_pin.planning.evaluation import Evaluation
-from graspless_pin.planning.many_states import Progress, checked_states
 from graspless_pin.planning.pinned_contacts import PinnedState, pinned_state
 from graspless_pin.planning.pins import PinEntry
 from graspless_pin.planning.state_solver import StateSolver

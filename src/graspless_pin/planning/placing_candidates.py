@@ -34,13 +34,13 @@ from graspless_pin.planning.placing_plan import (
     HandPart,
     PlacingAim,
     PlacingPlan,
-    box_of,
     drawn,
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.scene import Scene
+from graspless_pin.scene.entry_findings import box_around
 from graspless_pin.scene.state_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
 
@@ -233,7 +233,7 @@ def _brought(
     """
     scene, posture = plan.scene, part.postures[draw.posture]
     pieces = scene.object.placed_bodies
-    low, high = box_of(scene)
+    low, high = box_around(scene.object)
     farthest = float(np.linalg.norm(posture.meeting - posture.palm) + np.linalg.norm(high - low))
     obstacles = (
         (pieces, _CLEAR_OF_OBJECT),

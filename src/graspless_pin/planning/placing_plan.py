@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import rigid, transformed, turned_about
 from graspless_pin.geometry.posing.arms import Arm, arm_above
@@ -23,6 +22,7 @@ from graspless_pin.geometry.posing.opposing import (
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Record
 from graspless_pin.scene import Scene
+from graspless_pin.scene.entry_findings import box_around
 
 _POSTURES = 24
 _OPENING = 0.3, 1.0  # share of the way to the open ends
@@ -234,7 +234,7 @@ def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) 
     opened = posture.closed + rng.uniform(*_OPENING) * (posture.opened - posture.closed)
     R = _turned(plan, posture, rng)
     direction = R @ posture.axis if plan.direction is None else plan.direction
-    low, high = box_of(plan.scene)
+    low, high = box_around(plan.scene.object)
     inside = 0.5 * (low + high) + rng.uniform(-0.5, 0.5, 3) * _INNER * (high - low)
     point = plan.point
     if point is None:
@@ -280,10 +280,3 @@ def _varied(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator)
     opened = np.clip(draw.opened + bend, *ends)
     direction = draw.direction if plan.direction is not None else turn @ draw.direction
     return Draw(draw.posture, opened, change @ draw.displacement, direction, not draw.wrap)
-
-
-def box_of(scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest corner of the box around the object along its own axes, m."""
-    solids = solids_of(scene.object.shapes)
-    low = (solids.centers - solids.half_extents).min(axis=0)
-    return low, (solids.centers + solids.half_extents).max(axis=0)

@@ -21,11 +21,12 @@ from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.contact.motion import SPEED_TOLERANCE
 from graspless_pin.geometry.hand.posed_links import joints_of
-from graspless_pin.geometry.poses import transformed, turning_velocities
+from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.contact_arrays import touching_of
+from graspless_pin.scene.entry_findings import reach_of
 from graspless_pin.scene.scene import Scene
 
 _MOST_KEPT = 256
@@ -225,13 +226,7 @@ def _slides_alike(scene: Scene) -> bool:
     leaving = (normals * velocities).sum(axis=1)
     along = np.linalg.norm(velocities - leaving[:, None] * normals, axis=1)
     linear, spin = (float(np.linalg.norm(part)) for part in np.split(motion.object_twist, 2))
-    pieces = scene.object.placed_bodies
-    solids = solids_of(pieces.shapes)
-    farthest = max(
-        float(np.linalg.norm(transformed(T, middle) - center) + reach)
-        for T, middle, reach in zip(pieces.poses, solids.centers, solids.reaches, strict=True)
-    )
-    farthest += scene.contact_tolerance
+    farthest = reach_of(scene.object) + scene.contact_tolerance
     nearest = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
     least, most = (SPEED_TOLERANCE * max(linear, spin * arm) for arm in (nearest, farthest))
     speeds = np.concatenate((along, np.abs(leaving)))

@@ -11,6 +11,7 @@ from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.distances import solids_of
+from graspless_pin.geometry.poses import transformed
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_schema import PoseEntry
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -146,6 +147,16 @@ def box_around(made: ManipulatedObject) -> tuple[FloatArray, FloatArray]:
     solids = solids_of(made.shapes)
     low = (solids.centers - solids.half_extents).min(axis=0)
     return low, (solids.centers + solids.half_extents).max(axis=0)
+
+
+def reach_of(made: ManipulatedObject) -> float:
+    """Return how far an object reaches from its centre of mass at most, m."""
+    pieces, center = made.placed_bodies, made.center_of_mass_world
+    solids = solids_of(pieces.shapes)
+    return max(
+        float(np.linalg.norm(transformed(T, middle) - center) + reach)
+        for T, middle, reach in zip(pieces.poses, solids.centers, solids.reaches, strict=True)
+    )
 
 
 def _meant(made: ManipulatedObject, density: float, size: FloatArray) -> str:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -245,6 +245,31 @@ class SceneFields(PickledByFields):
     def _kept(self) -> Latest:
         """What this scene and those changed from it, or made of the same parts, found last."""
         return Latest()
+
+
+_GROUPS = ("default", "hand", "supports")
+
+
+def friction_by_name(
+    stated: float | Mapping[str, float], bodies: Sequence[str]
+) -> Mapping[str, float]:
+    """Return what a scene file states of friction by the names that `friction_at` looks up.
+
+    Args:
+        stated: One coefficient, or several by body or group.
+        bodies: Names of the hand's links and of the supports.
+
+    Raises:
+        ArgumentError: If a name is neither a body's nor a group's.
+    """
+    if not isinstance(stated, Mapping):
+        return {"default": stated}
+    known = [*_GROUPS, *bodies]
+    for name in stated:
+        if name not in known:
+            words = names_in_words(name, known)
+            raise ArgumentError(f"friction['{name}']", f"names no body; {words}")
+    return stated
 
 
 def checked_scene(scene: object) -> SceneFields:

@@ -33,14 +33,14 @@ from graspless_pin.records import changed
 from graspless_pin.scene.body_building import build_object, build_pose, build_support, twist_of
 from graspless_pin.scene.build_cache import Last, SceneParts
 from graspless_pin.scene.entry_findings import entry_findings
-from graspless_pin.scene.fields import SceneFields, StatedFields
-from graspless_pin.scene.friction import friction_by_name
+from graspless_pin.scene.fields import SceneFields, StatedFields, friction_by_name
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.joints import gains_of_robots
 from graspless_pin.scene.loads import Acceleration, Load
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import (
+    PLAIN_FIGURES,
     AccelerationEntry,
     ControllerEntry,
     LoadEntry,
@@ -254,10 +254,6 @@ def _friction(file: YamlSource, value: Any, names: tuple[str, ...]) -> Mapping[s
     return file.at((), lambda: friction_by_name(value, names))
 
 
-_AS_IT_IS = (
-    "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
-    "points_per_patch",
-)  # fmt: skip
 _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any]]] = {
     "name": ("name", lambda file, value, _: value or file.path.stem[:LONGEST_NAME]),
     "gravity": ("gravity", lambda _file, value, _: np.array(value)),
@@ -265,7 +261,7 @@ _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any
     "loads": ("loads", lambda file, value, _: _loads(file, value)),
     "tangent_axes": ("tangent_axes", lambda _file, value, _: tuple(map(np.array, value))),
     "solve": ("solve_options", lambda _file, value, _: value.model_dump()),
-    **{name: (name, lambda _file, value, _: value) for name in _AS_IT_IS},
+    **{name: (name, lambda _file, value, _: value) for name in PLAIN_FIGURES},
 }
 """Of keys that no body depends on: the field of a scene, and what makes it of the file, what the
 key holds, and the names of supports and links."""
@@ -290,10 +286,7 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
     bodies = [*names, *links]
     _check_names(file, entry, links)
     made = build_object(file, parts, entry.object)
-    entries = entry.object, entry.hand, *entry.supports
-    materials = parts.stage(
-        "materials", (repr(entry.materials), *entries), lambda: _materials(file, parts, entry)
-    )
+    materials = _materials(file, parts, entry)
     others = {
         "hand": hand,
         "supports": parts.latest.of("supports", supports, lambda: supports),

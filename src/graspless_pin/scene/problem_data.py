@@ -13,13 +13,12 @@ import numpy as np
 
 from graspless_pin.errors import SceneError
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.scene.contact_arrays import contacts_of, touching_of
 from graspless_pin.scene.fields import SceneFields, label_of
-from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     ControlledJoints,
     inertia_of_columns,
@@ -195,7 +194,6 @@ def renewed_row(
     return row
 
 
-_TABLES = 1024
 _OF_FRICTION = frozenset({"friction", "materials", "hand_material"})
 _OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
 _OF_LOADS = frozenset({"gravity", "loads", "acceleration"})
@@ -206,16 +204,49 @@ _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated
 
 
 def _coefficients(scene: SceneFields, state: JointedContacts) -> FloatArray:
-    """Return (M,) coefficients of friction."""
+    """Return (M,) coefficients of friction, read-only."""
+    touching = state.contacts.arrays
+    bodies, count = touching.bodies, touching.hand_count
+
+    def made() -> FloatArray:
+        groups = ["hand"] * count + ["supports"] * (len(bodies) - count)
+        each = [*zip(groups, bodies, strict=True)]
+        known = {one: friction_at(scene, *one) for one in dict.fromkeys(each)}
+        return read_only(np.array([known[one] for one in each]))
+
     materials = scene.hand_material, scene.object.material, scene.materials
-    rubbing = scene.supports, scene.friction, *materials
-    # Samples of a grid come back to the same coefficients: the tables of some are kept.
-    name = "friction", (id(scene.friction) >> 5) % _TABLES
-    table = scene._kept.of(name, rubbing, lambda: FrictionTable(*rubbing))
-    try:
-        return table.coefficients(state.contacts.arrays)
-    except SceneError as error:
-        raise error.at(label_of(scene)) from error
+    sources = touching, scene.supports, scene.friction, *materials
+    return scene._kept.of("friction", sources, made)
+
+
+def friction_at(scene: SceneFields, group: str, body: str) -> float:
+    """Return the coefficient of a body: a support's own, else the materials', else by name.
+
+    Args:
+        scene: The scene.
+        group: ``hand`` or ``supports``.
+        body: The hand link or support.
+
+    Raises:
+        SceneError: If it has none.
+    """
+    material = scene.hand_material
+    for support in scene.supports:
+        if support.name == body:
+            if support.friction is not None:
+                return support.friction
+            material = support.material
+            break
+    own = scene.object.material
+    if material is not None and own is not None:
+        return scene.materials.friction(material, own)
+    for key in (body, group, "default"):
+        if key in scene.friction:
+            return scene.friction[key]
+    raise SceneError(
+        f"{label_of(scene)}: friction: has no coefficient for {body!r}; add it, {group!r} or "
+        "'default'"
+    )
 
 
 def _limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, FloatArray]:

@@ -348,6 +348,13 @@ class SceneEntry(Entry):
     solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
 
 
+PLAIN_FIGURES = (
+    "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
+    "points_per_patch",
+)  # fmt: skip
+"""Keys whose values are those of a scene's fields as they are."""
+
+
 def scene_json_schema() -> dict[str, Any]:
     """Return the JSON schema of a scene file.
 

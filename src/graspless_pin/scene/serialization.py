@@ -24,15 +24,11 @@ from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.motion_and_contacts import Motion
-from graspless_pin.scene.scene_schema import SolveEntry
+from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.scene.units import degrees_of
 
 _SAME_ROTATION = 1e-12
-_AS_THEY_ARE = (
-    "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
-    "points_per_patch",
-)  # fmt: skip
 ROBOT = (
     "robot", "urdf", "srdf", "package_dirs", "root_link", "visuals_collide", "fingers", "convex",
     "concavity", "decompose_time_limit", "max_pieces",
@@ -63,7 +59,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         "motion": None if motion is None else _motion(motion),
         "loads": [vars(load) for load in scene.loads],
         "acceleration": None if scene.acceleration is None else vars(scene.acceleration),
-        **{name: getattr(scene, name) for name in _AS_THEY_ARE},
+        **{name: getattr(scene, name) for name in PLAIN_FIGURES},
         "tangent_axes": list(scene.tangent_axes),
         "controller": _controller(scene.controller),
         "uncertainty": None,

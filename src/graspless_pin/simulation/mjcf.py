@@ -21,7 +21,7 @@ from graspless_pin.geometry.poses import rigid
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
-from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.scene.problem_data import friction_at
 
 
 @dataclass(frozen=True)
@@ -167,10 +167,7 @@ class FrictionOf:
 
     def __init__(self, scene: Scene, factor: float = 1.0) -> None:
         """Take what a scene says of friction."""
-        materials = scene.hand_material, scene.object.material, scene.materials
-        self._table = FrictionTable(scene.supports, scene.friction, *materials)
-        self._where = label_of(scene)
-        self._factor = factor
+        self._scene, self._factor = scene, factor
 
     def __call__(self, group: str, body: str) -> float:
         """Return the coefficient of a body of the group ``hand`` or ``supports``.
@@ -178,10 +175,7 @@ class FrictionOf:
         Raises:
             SceneError: If it has none.
         """
-        try:
-            return self._factor * self._table.coefficient(group, body)
-        except SceneError as error:
-            raise error.at(self._where) from error
+        return self._factor * friction_at(self._scene, group, body)
 
 
 def hand_surface(friction: FrictionOf, link: str) -> Surface:

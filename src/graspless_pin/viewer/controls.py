@@ -16,7 +16,7 @@ from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.geometry.poses import turned_about
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
-from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.scene.problem_data import friction_at
 from graspless_pin.suggestions import names_in_words
 
 _FRICTION = "friction/"
@@ -259,10 +259,8 @@ def _with_friction(scene: Scene, group: str, change: Callable[[float], float]) -
 
 def _support_friction(scene: Scene, name: str) -> float | None:
     """Return the coefficient between object and a support, None where the scene has none."""
-    materials = scene.hand_material, scene.object.material, scene.materials
-    table = FrictionTable(scene.supports, scene.friction, *materials)
     try:
-        return table.coefficient("supports", name)
+        return friction_at(scene, "supports", name)
     except SceneError:
         return None
 
