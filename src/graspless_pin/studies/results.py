@@ -332,7 +332,7 @@ def _csv_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
     chosen = names or [*types]
     # Python reads every digit that was written; pandas' reader may round the last.
     floats = {name: _number for name in chosen if types[name] == "float64"}
-    others = {name: types[name] for name in chosen if name not in floats}
+    others: Any = {name: types[name] for name in chosen if name not in floats}
     with pd.read_csv(
         file, skiprows=1, dtype=others, converters=floats, keep_default_na=False, na_values=[""],
         usecols=chosen, chunksize=PART_ROWS,
