@@ -78,3 +78,14 @@ def test_a_command_says_how_it_is_called(name):
         assert example.startswith(f"graspless-pin {name}")
         used = {word for word in example.split() if word.startswith("-")}
         assert used <= options
+
+
+def test_the_package_is_the_command_line():
+    result = subprocess.run(
+        [sys.executable, "-m", "graspless_pin", "--version"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == run("--version").stdout

@@ -150,7 +150,7 @@ def place_pair(packages: Path, robot: str, more: str, folder: Path) -> Outcome:
         command = commands.pop(0)
         before = _cpu_seconds()
         done = subprocess.run(  # noqa: S603 - our own command line
-            [sys.executable, "-m", "graspless_pin.cli", *command],
+            [sys.executable, "-m", "graspless_pin", *command],
             cwd=folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
         cpu[command[0]] = _cpu_seconds() - before

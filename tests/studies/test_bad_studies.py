@@ -28,6 +28,10 @@ LOADING = {
     "sampling:": {"samping:": ":6: samping: unknown key; did you mean 'sampling'? known: close,"},
     "steps: 3": {
         "step: 3": ":3: vary['friction.default'].step: unknown key; did you mean 'steps'?",
+        "count: 3": (
+            ":3: vary['friction.default']: found count; how many values a range has is its key "
+            "'steps'"
+        ),
         "steps: 1": ":3: vary['friction.default']: one step has",
         "steps: 10000000, scale: linear}\n  max_normal_force: {from: 10, to: 20, steps: 2": (
             ": makes 20000000 samples; at most 10000000 are possible"

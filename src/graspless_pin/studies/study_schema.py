@@ -94,6 +94,7 @@ class PosingEntry(Entry):
         return self
 
 
+_COUNTS = ("count", "number", "num", "n", "points", "samples")
 _AS_SOLVE = "as in the scene's solve"
 Scalar = bool | int | float | str
 What = Annotated[
@@ -168,6 +169,14 @@ class VariableEntry(Entry):
     )
     turn: TurnEntry | None = Field(default=None, description="bodies that turn by the value")
     move: MoveEntry | None = Field(default=None, description="bodies that move by the value")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_count(cls, data: Any) -> Any:
+        found = next((name for name in _COUNTS if isinstance(data, dict) and name in data), None)
+        if found is not None:
+            raise ValueError(f"found {found}; how many values a range has is its key 'steps'")
+        return data
 
     @model_validator(mode="after")
     def _consistent(self) -> VariableEntry:

@@ -58,9 +58,28 @@ class Verification:
         """Whether all that the document claims is proven in it."""
         return all(check.passed is True for check in self.checks)
 
+    @property
+    def conclusion(self) -> str:
+        """What follows from the checks, in a sentence."""
+        made = [check for check in self.checks if not check.given]
+        if not self.passed:
+            failed = [check.name for check in made if check.passed is False]
+            return f"Not so: {len(failed)} of {len(made)} checks failed, first {failed[0]!r}."
+        if not self.proven:
+            left = [check.name for check in made if check.passed is None]
+            return (
+                f"Nothing is wrong in {len(made)} checks, but the document proves not all that it "
+                f"claims: {left[0]!r}{f' and {len(left) - 1} more' if left[1:] else ''}."
+            )
+        return (
+            f"Verified: all figures and proofs of the document, in {len(made)} checks, for the "
+            "problem that is taken as given."
+        )
+
     def __str__(self) -> str:
-        """Return a line a check."""
-        return "\n".join(f"{check.mark:>15}  {check.name}: {check.detail}" for check in self.checks)
+        """Return a line a check, and the conclusion."""
+        lines = [f"{check.mark:>15}  {check.name}: {check.detail}" for check in self.checks]
+        return "\n".join([*lines, "", self.conclusion])
 
 
 def given(name: str, detail: str) -> Check:

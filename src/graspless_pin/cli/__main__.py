@@ -1,5 +1,0 @@
-"""``python -m graspless_pin.cli``."""
-
-from graspless_pin.cli import main
-
-main()
