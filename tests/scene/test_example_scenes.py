@@ -54,6 +54,7 @@ SCENES = {
     "allegro_push_up_slope": Expected(THREE, "slope", 4, slides=True),
     "allegro_sphere_on_slope": Expected(tips(3, 11), "slope", 1),
     "allegro_mug_against_wall": Expected(THREE, "wall", 4),
+    "allegro_mug_of_unknown_filling": Expected(THREE, "wall", 4),
     "allegro_tumble_box": Expected(THREE, "table", 4, lifted=2),
     "trihand_push_box": Expected(TRIHAND, "table", 4, slides=True),
     "trihand_pivot_box": Expected(TRIHAND, "table", 2),
@@ -74,7 +75,7 @@ def example(name):
 
 @functools.cache
 def solved(name, algorithm):
-    return example(name).solve(algorithm)
+    return example(name).solve(algorithm, static_friction="virtual_sliding")
 
 
 @pytest.fixture(scope="module", params=SCENES)
@@ -119,7 +120,8 @@ def test_answers(case, algorithm):
     scene, expected = case
     solution = solved(scene.path.stem, algorithm)
     assert solution.found
-    assert solution.margin > 0.1 - 1e-6
+    asked = scene.solve_options.get("margin", 0.1)
+    assert solution.margin > (min(asked, 0.1) if algorithm == "torque" else 0.1) - 1e-6
     rules = solution.rules
     assert (str(rules.sign), str(rules.sliding)) == ("strict", "exempt")
     assert str(rules.static_friction) == "virtual_sliding"
