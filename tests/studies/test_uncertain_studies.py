@@ -75,6 +75,22 @@ def test_rows_of_balls_have_the_largest_torques_of_all_members(tmp_path: Path) -
     assert table["robust_found"].all()
 
 
+def test_rows_of_sampled_positions_have_the_share_that_is_served(tmp_path: Path) -> None:
+    off = {"key": "uncertainty.contact_position", "from": 0, "to": 3, "steps": 2, "unit": "mm"}
+    output = tmp_path / "results.csv"
+    run_study(
+        study_of(tmp_path, {"off": off}, {"mass": 0.1}), output, executor=Here(), progress=False
+    )
+    table: Any = read_results(output)
+    assert table["robust_coverage"].tolist() == ["whole_set", "sampled"]
+    scene = load_scene(tmp_path / "scene.yaml").with_changes({"uncertainty.contact_position": 3e-3})
+    found = scene.solve("torque", uncertainty=True, margin=0.1, static_friction="coulomb")
+    assert found.samples is not None and found.samples.served >= 190
+    share = found.samples.served / found.samples.count
+    assert np.isnan(table["robust_sampled_share"][0])
+    assert table["robust_sampled_share"][1] == pytest.approx(share)
+
+
 def test_where_a_set_ceases_to_be_served(tmp_path: Path) -> None:
     """A grid that is refined where `robust_found` changes."""
     vary = {"off": {"key": "uncertainty.center_of_mass", "from": 0.0, "to": 0.2, "steps": 3}}

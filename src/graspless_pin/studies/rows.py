@@ -24,7 +24,7 @@ OBJECTIVE_VALUE = "objective_value"
 """Name of the column of the optimum of an objective that is none of Algorithms 1 and 2."""
 ROBUST_COLUMNS = (
     "robust_status", "robust_found", "robust_coverage", "robust_margin_N",
-    f"robust_{LARGEST_TORQUE}Nm", f"robust_{LARGEST_TORQUE}N",
+    f"robust_{LARGEST_TORQUE}Nm", f"robust_{LARGEST_TORQUE}N", "robust_sampled_share",
 )  # fmt: skip
 """Names of the columns of torques for all that is not known of a scene."""
 FINDINGS = "findings"
@@ -87,6 +87,8 @@ def robust_values(found: RobustSolution) -> Row:
     if not found.found:
         return row
     row["robust_margin_N"] = found.margin
+    if found.samples is not None:
+        row["robust_sampled_share"] = found.samples.served / found.samples.count
     units, largest = found.members[0].problem.joint_units, found.largest_commands
     columns = torque_columns(found.joint_names, units)
     for name, joints in columns.largest:
