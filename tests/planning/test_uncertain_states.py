@@ -13,6 +13,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.planning import StateStatus, configuration_gradient
 
 MUG, BAR, BOX = "allegro_mug_against_wall", "panda_carry_bar", "trihand_push_box"
+BALL = "allegro_sphere_on_slope"
 FIGURES = {"mass": 0.2, "center_of_mass": 0.005, "friction": 0.1}
 UNKNOWN = Uncertainty(**FIGURES)
 COULOMB: dict[str, Any] = {"static_friction": "coulomb"}
@@ -98,6 +99,42 @@ def test_modes_of_earlier_states_change_no_answer() -> None:
     again = pickle.loads(pickle.dumps(evaluator))  # noqa: S301 - our own
     assert again.are_feasible(q, margin=middle).tolist() == expected
     assert again.uncertainty.mass == UNKNOWN.mass
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "spread"),
+    [
+        (MUG, COULOMB, 0.001),
+        (BAR, {"attached_to": "panda_hand"}, 0.2),
+        (BALL, COULOMB, 0.001),
+    ],
+)
+def test_earlier_torques_prove_margins_and_no_more(
+    name: str, given: dict[str, Any], spread: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With what one state has taught, others are known to reach a margin without a search."""
+    scene = example(name)
+    if name == BALL:
+        scene = scene.with_changes({"controller": {"stiffness": 1.0}})
+    given = {"uncertainty": Uncertainty(mass=0.1, center_of_mass=0.002), **given}
+    evaluator, other = Evaluator(scene, **given), Evaluator(scene, algorithm="margin", **given)
+    q = states_of(evaluator, 4, spread)
+    margins = other.evaluate_many(q).margins
+    assert evaluator.is_feasible(q[0], margin=margins[0])
+
+    def searched(*_: Any, **__: Any) -> None:
+        raise AssertionError
+
+    with monkeypatch.context() as patched:
+        patched.setattr("graspless_pin.planning.uncertain_states.solve_uncertain", searched)
+        for number in range(1, 4):
+            assert evaluator.is_feasible(q[number], margin=0.7 * margins[number])
+            with pytest.raises(AssertionError):
+                evaluator.is_feasible(q[number], margin=1.001 * margins[number])
+    for number in range(1, 4):
+        for share, feasible in ((0.999, True), (1.001, False)):
+            asked = share * margins[number]
+            assert evaluator.is_feasible(q[number], margin=asked) == feasible
 
 
 def test_a_known_scene_is_the_set_of_itself() -> None:

@@ -44,17 +44,23 @@ def common_mode(
     """
     whole, own = formulate(together, objective), formulate(members[0].problem, objective)
     size, count = own.coordinates.layout.size, len(members)
-    # All members move at once behind a mode of the joined problem: their velocities add up.
-    threshold = _CLEAR * THRESHOLD * math.sqrt(count)
     layered = replace(
         own,
-        kinematics=VirtualKinematics(own.problem, threshold),
+        kinematics=common_motions(own.problem, count),
         program=whole.program,
         unit=whole.unit,
         layers=tuple(size * number for number in range(count)),
     )
     state = SearchState(layered, options.rules, options.solver)
     return search_modes(state, options, Limits.of(options)).state.mode
+
+
+def common_motions(problem: QuasistaticProblem, count: int) -> VirtualKinematics:
+    """Return the virtual motions that a mode of so many members may have in common.
+
+    All of them move at once behind a mode of their joined problem: their velocities add up.
+    """
+    return VirtualKinematics(problem, _CLEAR * THRESHOLD * math.sqrt(count))
 
 
 def tiled(mode: SlidingMode, count: int) -> SlidingMode:

@@ -104,12 +104,8 @@ def solve_robust(
     radii = contact_radii(problem, uncertainty, slopes)
     weight = known_weight(problem, uncertainty, weight)
     of_corners = part_of_corners(problem, uncertainty)
-    members = members_of(problem, of_corners, weight)
-    directions = stiffness = None
-    if feedback is not None:
-        stiffness = joint_stiffness(problem, feedback, fingers)
-        directions = feedback_torques(problem, stiffness)
-        members = (nominal_member(problem), *members)
+    stiffness = None if feedback is None else joint_stiffness(problem, feedback, fingers)
+    members, directions = corners_of(problem, of_corners, weight, stiffness)
     unknowns = unknowns_of(problem, uncertainty, of_corners, weight, members)
     aims = isinstance(objective, Margin | Torque | TorqueShare)
     if radii.any() and (unknowns.count or not aims):
@@ -165,6 +161,26 @@ def solve_robust(
         solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness,
         uncertainty, weight, samples=samples,
     )  # fmt: skip
+
+
+def corners_of(
+    problem: QuasistaticProblem,
+    uncertainty: Uncertainty,
+    weight: Weight,
+    stiffness: FloatArray | None,
+) -> tuple[tuple[Member, ...], FloatArray | None]:
+    """Return the corners of a set, and what feedback may add to their commands.
+
+    Args:
+        problem: The nominal one, which is the first of them if there is feedback.
+        uncertainty: The set.
+        weight: Which part of its load is weight.
+        stiffness: (L,) of joints, N m/rad (N/m); None: no feedback.
+    """
+    members = members_of(problem, uncertainty, weight)
+    if stiffness is None:
+        return members, None
+    return (nominal_member(problem), *members), feedback_torques(problem, stiffness)
 
 
 def joint_stiffness(

@@ -1,8 +1,9 @@
 """States of a scene of which not all is known exactly: one vector of torques serves the whole set.
 
 The joined problems of all members are none that compiled loops take: each state is solved by
-itself. Whether a margin is reached is known sooner where the nominal problem, or the joined one
-under plain Coulomb friction, rules it out, or the mode of an earlier state proves it.
+itself. Whether a margin is reached is known sooner where forces like those of an earlier state, or
+its mode, prove it, or the nominal problem, or the joined one under plain Coulomb friction, rules it
+out.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from graspless_pin.algorithms.nearby_torques import EarlierForces, are_served, earlier_forces
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
+from graspless_pin.caching import Bounded
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.planning.configurations import Configurations
@@ -23,12 +26,12 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks
-from graspless_pin.scene.uncertain import check_center, solve_uncertain
+from graspless_pin.scene.uncertain import check_center, corners_in, solve_uncertain
 from graspless_pin.scene.uncertain_figures import check_names_in
 from graspless_pin.solution import UNDECIDED
 
 _MOST_KEPT = 256
-"""Sets of contacts of which a mode is kept."""
+"""Sets of contacts of which forces are kept."""
 
 
 class UncertainStateSolver(StateSolver):
@@ -69,7 +72,7 @@ class UncertainStateSolver(StateSolver):
         _check_figures(configurations.scene, uncertainty)
         super().__init__(configurations, objective, options, checks)
         self.uncertainty = self._set = uncertainty
-        self._modes: dict[tuple[Any, ...], SlidingMode] = {}
+        self._earlier: dict[tuple[Any, ...], EarlierForces] = Bounded(_MOST_KEPT)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what was given."""
@@ -128,13 +131,16 @@ class UncertainStateSolver(StateSolver):
         scene, problem, faults = state
         if faults or problem is None:
             return not faults
+        earlier = self._earlier.get(_touching(scene))
+        if earlier is not None and self._serve(earlier, scene, margin):
+            return True
         if self._is_coulomb:
             # Of convex loads the nominal one is among the means of the corners: it is no worse.
             if not super().holds(state, margin):
                 return False
         elif not self.options.rules.by_direction:
-            mode, coulomb = self._modes.get(_touching(scene)), self.options.rules
-            coulomb = replace(coulomb, static_friction=StaticFriction.COULOMB)
+            coulomb = replace(self.options.rules, static_friction=StaticFriction.COULOMB)
+            mode = None if earlier is None else earlier.mode
             if mode is not None and self._reaches(self._robust(scene, Margin(), mode), margin):
                 return True
             relaxed = replace(self.options, rules=coulomb)
@@ -157,7 +163,7 @@ class UncertainStateSolver(StateSolver):
         mode: SlidingMode | None = None,
         options: SolveOptions | None = None,
     ) -> RobustSolution:
-        """Solve the scene of a state, and keep the mode that all members have in common.
+        """Solve the scene of a state, and keep the forces of all members.
 
         Args:
             scene: The scene in the state.
@@ -167,14 +173,15 @@ class UncertainStateSolver(StateSolver):
         """
         how = options or self.options
         robust = solve_uncertain(scene, objective, how, self._set, mode=mode)
-        common = robust.solution.given_mode
-        if robust.found and common is not None:
-            if len(self._modes) >= _MOST_KEPT:
-                self._modes = {}
-            size = robust.members[0].problem.contact_count
-            own = SlidingMode(common.selection[:size], common.signs[:size])
-            self._modes[_touching(scene)] = own
+        whole = robust.found and robust.coverage is Coverage.WHOLE_SET
+        if how is self.options and whole and robust.policy is None:
+            self._earlier[_touching(scene)] = earlier_forces(robust)
         return robust
+
+    def _serve(self, earlier: EarlierForces, scene: Scene, margin: float) -> bool:
+        """Tell whether forces near those of an earlier state are proven to serve all members."""
+        members, directions = corners_in(scene, self._set)
+        return are_served(members, earlier, margin, self.options, directions=directions)
 
 
 def _margin_and_status(robust: RobustSolution, required: float) -> tuple[float, StateStatus]:

@@ -11,7 +11,12 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.algorithms.robust_torques import Feedback, solve_robust
+from graspless_pin.algorithms.robust_torques import (
+    Feedback,
+    corners_of,
+    joint_stiffness,
+    solve_robust,
+)
 from graspless_pin.algorithms.tolerances import Tolerances, tolerances
 from graspless_pin.algorithms.uncertain_members import Weight
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
@@ -21,6 +26,7 @@ from graspless_pin.holding.controller import Controller
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.matrices import wrench_map
+from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.entry_findings import box_around, meant_lengths
 from graspless_pin.scene.fields import SceneFields, label_of
@@ -83,6 +89,24 @@ def _slopes(scene: SceneFields, uncertainty: Uncertainty) -> FloatArray | None:
     # Points move as their body does: the Jacobian is linear in where they are.
     moved = [replace(touching, positions=touching.positions + along) for along in np.eye(3)]
     return np.array([joint_columns(scene.hand, one).jacobian - jacobian for one in moved])
+
+
+def corners_in(
+    scene: SceneFields, uncertainty: Uncertainty
+) -> tuple[tuple[Member, ...], FloatArray | None]:
+    """Return the corners of a set without balls, and what a scene's controller adds to commands.
+
+    Args:
+        scene: The scene as it is meant to be.
+        uncertainty: The set.
+    """
+    problem, stiffness = problem_of(scene), None
+    feedback, weight = feedback_in(scene), weight_of(scene, problem.joint_count)
+    if feedback is not None:
+        fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
+        stiffness = joint_stiffness(problem, feedback, fingers)
+    figures = by_contact_and_joint(scene, problem, uncertainty)
+    return corners_of(problem, figures, weight, stiffness)
 
 
 def stated_by(scene: SceneFields) -> Uncertainty:
