@@ -1,3 +1,4 @@
+from .algorithms.attainable_tolerances import AttainableTolerance as AttainableTolerance
 from .algorithms.comparison import RuleComparison as RuleComparison
 from .algorithms.comparison import compare_rules as compare_rules
 from .algorithms.comparison import solve_each_mode as solve_each_mode

@@ -119,13 +119,60 @@ def solve_robust(
             members, unknowns, objective, options, limits, directions=directions, mode=mode
         )
         return replace(found, feedback=stiffness, uncertainty=uncertainty, weight=weight)
-    # Of other objectives it is not known when further members fit.
-    chosen, others = spread(members, _AT_ONCE if aims else len(members))
     corners = members if feedback is None or len(members) == 1 else members[1:]
     rng = np.random.default_rng(_SEED)
     drawn = partial(moved_members, corners, radii, slopes, rng, stiffness=stiffness)
-    if radii.any():
-        others += drawn(_SOLVED, far=True)
+    found = torques_for_members(
+        members,
+        objective,
+        options,
+        limits,
+        directions=directions,
+        mode=mode,
+        further=drawn(_SOLVED, far=True) if radii.any() else (),
+    )
+    found = replace(found, feedback=stiffness, uncertainty=uncertainty, weight=weight)
+    if not radii.any() or not found.found:
+        return found
+    tried, covered = drawn(_SAMPLES), found.coverage
+    found = replace(found, coverage=Coverage.SAMPLED)
+    lacks = _lacks(found.solution, objective, options, found.members, tried, directions, limits)
+    if limits.passed:
+        return replace(found, solution=ended_by_time(found.solution))
+    return replace(found, samples=Samples(len(tried), int((lacks == 0.0).sum()), _SOLVED, covered))
+
+
+def torques_for_members(
+    members: Sequence[Member],
+    objective: Objective,
+    options: SolveOptions,
+    limits: Limits,
+    *,
+    directions: FloatArray | None = None,
+    mode: SlidingMode | None = None,
+    begin: Sequence[int] = (),
+    further: Sequence[Member] = (),
+) -> RobustSolution:
+    """Find torques that serve some members.
+
+    Args:
+        members: K of them; with feedback the nominal one first.
+        objective: What is optimised, over the torques and forces of all of them together.
+        options: How.
+        limits: When to stop.
+        directions: (L, d) what feedback may add to commands, see `feedback_torques`.
+        mode: The one mode for all of them.
+        begin: Numbers of members to begin with; empty: some that are far from each other.
+        further: Members that are looked at only where torques for the others do not serve them.
+    """
+    at_once = _AT_ONCE
+    if not isinstance(objective, Margin | Torque | TorqueShare):
+        at_once = len(members)  # of others it is not known when further members fit
+    chosen, others = spread(members, at_once)
+    if begin and others:
+        chosen = [members[number] for number in begin]
+        others = [one for number, one in enumerate(members) if number not in set(begin)]
+    others += further
     while True:
         together = joined(chosen, directions)
         solution, coverage = best_of(together, objective, limits.within(options), chosen, mode)
@@ -145,22 +192,12 @@ def solve_robust(
         held = len(chosen)
         chosen, others = spread(candidates, held + _MORE, held=held)
         others += served
-    samples = None
-    if radii.any() and solution.found:
-        tried = drawn(_SAMPLES)
-        lacks = _lacks(solution, objective, options, chosen, tried, directions, limits)
-        samples = Samples(len(tried), int((lacks == 0.0).sum()), _SOLVED, coverage)
-        coverage = Coverage.SAMPLED
-        if limits.passed:
-            solution, samples = ended_by_time(solution), None
     bound = bound_of(together, objective, limits.within(options), chosen, solution, mode)
     conflict: tuple[int, ...] = ()
     if solution.status is Status.INFEASIBLE_FORCES:
         conflict = conflict_of(solution, chosen, objective, options, limits, directions)
-    return RobustSolution(
-        solution, coverage, bound, (*chosen, *others), problem.joint_names, conflict, stiffness,
-        uncertainty, weight, samples=samples,
-    )  # fmt: skip
+    names = members[0].problem.joint_names
+    return RobustSolution(solution, coverage, bound, (*chosen, *others), names, conflict)
 
 
 def corners_of(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from types import MappingProxyType
 from typing import Unpack
 
@@ -13,9 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 from tabulate import tabulate
 
+from graspless_pin.algorithms.attainable_tolerances import (
+    AttainableSearch,
+    AttainableTolerance,
+)
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.member_margins import member_margins
 from graspless_pin.algorithms.options import NO_LIMITS, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.quantities import MOST_TILT, Quantity
 from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
@@ -40,43 +44,6 @@ _ROUNDS = 12
 _CORNER_ROUNDS = 3
 _CERTAIN = 1e-6
 """Of the load: a margin that is not below minus this is none that failed."""
-_MOST_TILT = 0.6  # rad
-
-
-class Quantity(StrEnum):
-    """What may be off. See the example of `tolerances`."""
-
-    MASS_MORE = "more mass"
-    MASS_LESS = "less mass"
-    CENTER = "centre of mass"
-    TILT = "gravity's direction"
-    FRICTION = "friction"
-    """Of each contact by itself: less at those that stick, either at those that slide."""
-    PUSH = "push"
-    MOMENT = "moment"
-    TORQUE_MORE = "all torques larger"
-    TORQUE_LESS = "all torques smaller"
-    JOINT = "one joint's torque"
-
-    @property
-    def unit(self) -> str:
-        """The unit that people think in; that of `Tolerance` is SI, or a share."""
-        return _UNITS[self][1]
-
-    @property
-    def scale(self) -> float:
-        """How many of that unit one of `Tolerance` is."""
-        return _UNITS[self][0]
-
-
-_UNITS = {
-    Quantity.MASS_MORE: (100.0, "%"), Quantity.MASS_LESS: (100.0, "%"),
-    Quantity.CENTER: (100.0, "cm"), Quantity.TILT: (180.0 / np.pi, "deg"),
-    Quantity.FRICTION: (100.0, "%"), Quantity.PUSH: (1.0, "N"), Quantity.MOMENT: (1.0, "N m"),
-    Quantity.TORQUE_MORE: (100.0, "%"), Quantity.TORQUE_LESS: (100.0, "%"),
-    Quantity.JOINT: (1.0, "N m"),
-}  # fmt: skip
-"""What a figure is multiplied by where it is shown, and the unit then."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,6 +117,8 @@ class Tolerances(Brief):
         weight: (3,) the part of the load that counts as weight, N, world axes.
         feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
             constant.
+        attainable: How far the same quantities may be off if torques are chosen for each; empty:
+            that was not asked.
     """
 
     problem: QuasistaticProblem
@@ -157,6 +126,7 @@ class Tolerances(Brief):
     each: tuple[Tolerance, ...]
     weight: FloatArray
     feedback: FloatArray | None
+    attainable: tuple[AttainableTolerance, ...] = ()
 
     def of(self, quantity: Quantity | str) -> Tolerance:
         """Return the tolerance of a quantity.
@@ -167,25 +137,35 @@ class Tolerances(Brief):
         return {one.quantity: one for one in self.each}[Quantity(quantity)]
 
     def __str__(self) -> str:
-        """Return a table: how much is borne, which way it fails first, and where."""
+        """Return a table: how much is borne, which way it fails first, and where.
+
+        With attainable tolerances these stand beside, in the place of way and contacts.
+        """
         headers, rows = self.table()
-        return tabulate(rows, headers=headers)
+        kept = [
+            place
+            for place, name in enumerate(headers)
+            if not self.attainable or name not in ("direction", "at contact")
+        ]
+        told = [[row[place] for place in kept] for row in rows]
+        return tabulate(told, headers=[headers[place] for place in kept])
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Return headers and rows of that table, with figures in %, cm, degrees, N and N m."""
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for one in self.each:
-            scale, unit = one.quantity.scale, one.quantity.unit
-            fails = (
-                f"{scale * one.failing:.3g} {unit}" if np.isfinite(one.failing) else "none found"
-            )
             contacts = ", ".join(map(str, one.contacts))
             far = f"{one.deflection:.2g}" if one.deflection > _CERTAIN else ""
-            borne = f"{scale * one.borne:.3g} {unit}"
-            rows.append((one.quantity, borne, fails, self._way(one), contacts, far))
+            figures = _figures(one)
+            rows.append((one.quantity, *figures, self._way(one), contacts, far))
         headers = ("off", "borne", "fails at", "direction", "at contact", "joints give way")
         given = len(headers) - (not any(row[-1] for row in rows))
-        return headers[:given], [row[:given] for row in rows]
+        headers, rows = headers[:given], [row[:given] for row in rows]
+        if not self.attainable:
+            return headers, rows
+        chosen = [(*_figures(one), one.why) for one in self.attainable]
+        rows = [(*row, *more) for row, more in zip(rows, chosen, strict=True)]
+        return (*headers, "attainable", "none from", "conflict"), rows
 
     def _way(self, one: Tolerance) -> str:
         if one.direction is None:
@@ -197,6 +177,13 @@ class Tolerances(Brief):
         return f"[{', '.join(f'{x:+.2f}' for x in one.direction.tolist())}]"
 
 
+def _figures(one: Tolerance | AttainableTolerance) -> tuple[str, str]:
+    """Return how much is borne, and what is not, in the unit that people think in."""
+    scale, unit = one.quantity.scale, one.quantity.unit
+    fails = f"{scale * one.failing:.3g} {unit}" if np.isfinite(one.failing) else "none found"
+    return f"{scale * one.borne:.3g} {unit}", fails
+
+
 def tolerances(
     problem: QuasistaticProblem,
     torques: ArrayLike,
@@ -205,6 +192,7 @@ def tolerances(
     weight: Weight | None = None,
     fingers: Mapping[str, str] = MappingProxyType({}),
     quantities: Collection[Quantity | str] = tuple(Quantity),
+    attainable: bool = False,
     **options: Unpack[SolveKeywords],
 ) -> Tolerances:
     """Tell how far mass, centre of mass, pushes, friction and torques may be off, each by itself.
@@ -221,6 +209,7 @@ def tolerances(
         weight: Which part of the load is weight; None: all of the external wrench.
         fingers: The finger of each joint that belongs to one, for a controller that names them.
         quantities: Which to tell of; others take no time.
+        attainable: Whether to tell, too, how far each may be off if torques are chosen for it.
         options: See `SolveOptions.parse`.
 
     Raises:
@@ -234,6 +223,12 @@ def tolerances(
         >>> off = tolerances(problem, torques, static_friction="coulomb")
         >>> print(f"{100 * off.of('more mass').borne:.0f} % more mass")
         93 % more mass
+        >>> off = tolerances(
+        ...     problem, torques, static_friction="coulomb", quantities=["push"], attainable=True
+        ... )
+        >>> given, attainable = off.of("push"), off.attainable[0]
+        >>> print(f"a push of {given.borne:.1f} N; with torques for it {attainable.borne:.0f} N")
+        a push of 3.2 N; with torques for it 8 N
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)
@@ -247,7 +242,12 @@ def tolerances(
         raise NoSolutionError("No contact forces balance the load under these torques.")
     wanted = [choice(Quantity, "quantities", one) for one in quantities]
     nominal = read_only(weight.wrench(0.0, np.zeros(3), weight.down)[:3].copy())
-    return Tolerances(problem, given, tuple(search.all(weight, wanted)), nominal, stiffness)
+    each = tuple(search.all(weight, wanted))
+    found: list[AttainableTolerance] = []
+    if attainable:
+        chosen = AttainableSearch(problem, weight, stiffness, how)
+        found = [chosen.of(one.quantity, one.borne, given) for one in each]
+    return Tolerances(problem, given, each, nominal, stiffness, tuple(found))
 
 
 class _Search:
@@ -300,7 +300,7 @@ class _Search:
                 Quantity.FRICTION, "friction", weight, 1.0
             )
         if nominal[:3].any() and weight.links is not None:
-            ways[Quantity.TILT] = lambda: self._bisected(Quantity.TILT, "tilt", weight, _MOST_TILT)
+            ways[Quantity.TILT] = lambda: self._bisected(Quantity.TILT, "tilt", weight, MOST_TILT)
         if self.torques.any():
             ways |= {
                 Quantity.TORQUE_MORE: lambda: self._ray(Quantity.TORQUE_MORE, larger),

@@ -90,8 +90,9 @@ def report(
         bool,
         typer.Option(
             "--tolerances",
-            help="Tell how far mass, pushes, friction and torques may be off; of a scene that says "
-            "what is not known exactly that is told anyway.",
+            help="Tell how far mass, pushes, friction and torques may be off, under these torques "
+            "and if torques are chosen for each. Of a scene that says what is not known exactly "
+            "the former is told anyway.",
         ),
     ] = False,
 ) -> None:
@@ -119,7 +120,7 @@ def report(
         with waiting_for("trying how hard the hand may squeeze"):
             window = _window(case) if squeeze else None
         if tolerances or (_is_unknown(case) and case.solution.found):
-            case = _with_tolerances(case)
+            case = _with_tolerances(case, attainable=tolerances)
         with waiting_for("drawing"):
             page = report_html(case, bounds, lapse, rest_bounds, window)
         write_text(page, output, kind="report")
@@ -209,9 +210,10 @@ def _is_unknown(case: Case) -> bool:
     return case.scene is not None and case.scene.uncertainty is not None
 
 
-def _with_tolerances(case: Case) -> Case:
+def _with_tolerances(case: Case, *, attainable: bool) -> Case:
     if _has_no_torques(case, "--tolerances"):
         return case
     if case.scene is None:
         raise ArgumentError("--tolerances", f"needs the scene. {case.missing}")
-    return case_with_tolerances(case, tolerances_under(case.scene, case.solution))
+    found = tolerances_under(case.scene, case.solution, attainable=attainable)
+    return case_with_tolerances(case, found)

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.named_objectives import AIMS
-from graspless_pin.algorithms.tolerances import Quantity, Tolerances
+from graspless_pin.algorithms.quantities import Quantity
+from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.cli.solve import solved_scene
@@ -17,6 +18,8 @@ from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
+
+ATTAINABLE_TIME = 60.0  # s
 
 
 @asking_by_name
@@ -30,6 +33,14 @@ def tolerances_of_scene(
             help="Joint stiffness that adds to the torques, N m/rad; default: the controller's.",
         ),
     ] = None,
+    attainable: Annotated[
+        bool,
+        typer.Option(
+            "--attainable",
+            help="Tell, too, how far each may be off if torques are chosen for it, as far as found "
+            f"in {ATTAINABLE_TIME:g} s.",
+        ),
+    ] = False,
     json_file: Annotated[
         str | None,
         typer.Option("--json", metavar="FILE|-", help="Write the torques and figures as JSON, SI."),
@@ -38,17 +49,19 @@ def tolerances_of_scene(
     """Report how far mass, pushes, friction and torques may be off, each by itself.
 
     The torques are those that solve finds: for all that the scene says is not known, if it does.
-    They stay as they are; contact forces are the best under plain Coulomb friction.
+    They stay as they are; contact forces are the best under plain Coulomb friction. With
+    --attainable stands beside how far each may be off if torques are chosen for it alone.
 
     Exit code 0: each figure is told; 1: there are no torques; 2: bad input.
 
     Examples:
         graspless-pin tolerances scene.yaml
         graspless-pin tolerances scene.yaml --algorithm torque --feedback 1
+        graspless-pin tolerances scene.yaml --attainable
     """
     with plain_errors():
         loaded, solution = solved_scene(scene, algorithm)
-        off = tolerances_under(loaded, solution, feedback)
+        off = tolerances_under(loaded, solution, feedback, attainable=attainable)
         if json_file is not None:
             from graspless_pin.report import write_document
             from graspless_pin.report.robust import tolerances_data
@@ -71,6 +84,8 @@ def tolerances_under(
     solution: TorqueSolution,
     feedback: float | None = None,
     quantities: Collection[Quantity] = tuple(Quantity),
+    *,
+    attainable: bool = False,
 ) -> Tolerances:
     """Return the tolerances of a solution's torques under plain Coulomb friction.
 
@@ -79,11 +94,14 @@ def tolerances_under(
         solution: Its solution.
         feedback: Joint stiffness, N m/rad; None: what the scene's controller adds.
         quantities: Which to tell of.
+        attainable: Whether to tell, too, how far each may be off if torques are chosen for it.
     """
     with waiting_for("looking how far each may be off"):
         return scene.tolerances(
             solution.torques,
             feedback=feedback,
             quantities=quantities,
+            attainable=attainable,
             static_friction=StaticFriction.COULOMB,
+            time_limit=ATTAINABLE_TIME if attainable else None,
         )

@@ -82,14 +82,22 @@ def feedback_torques(problem: QuasistaticProblem, stiffness: FloatArray) -> Floa
         problem: Contacts and joints.
         stiffness: (L,) N m/rad (N/m) of each joint.
     """
+    return stiffness[:, None] * motions_without_force(problem)[problem.passive_count :]
+
+
+def motions_without_force(problem: QuasistaticProblem) -> FloatArray:
+    """Return (P + L, d) motions in which no contact parts, and none with friction slips.
+
+    Args:
+        problem: Contacts and joints.
+    """
     along = np.ones((problem.contact_count, 3), dtype=bool)
     along[~problem.has_cone, 1:] = False
     rows = contact_map(problem)[along]
     length = problem.scales.length
     sizes = np.ones(rows.shape[1])
     sizes[: problem.passive_count] = np.where(problem.passive_turns, 1.0, length)
-    motions = sizes[:, None] * null_space(rows * sizes, rcond=_RANK)
-    return stiffness[:, None] * motions[problem.passive_count :]
+    return sizes[:, None] * null_space(rows * sizes, rcond=_RANK)
 
 
 def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> QuasistaticProblem:

@@ -212,7 +212,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
 
 def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
     """Return how far each quantity may be off, as plain data in SI units; None: there is no end."""
-    return [
+    told: list[dict[str, Any]] = [
         {
             "quantity": str(one.quantity),
             "borne": one.borne,
@@ -223,6 +223,17 @@ def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
         }
         for one in off.each
     ]
+    names = off.problem.joint_names
+    for entry, one in zip(told, off.attainable, strict=False):
+        entry["attainable"] = {
+            "borne": one.borne,
+            "failing": one.failing if math.isfinite(one.failing) else None,
+            "torques": dict(zip(names, one.torques.tolist(), strict=True)),
+            "conflict": [member.words for member in one.conflict],
+            "free_motion": None if one.free_motion is None else one.free_motion.tolist(),
+            "in_time": one.in_time,
+        }
+    return told
 
 
 def _summary(found: TorqueSolution | RobustSolution, names: Sequence[str]) -> dict[str, Any]:
