@@ -142,10 +142,12 @@ def assert_true(name: str, **options: Any) -> Stability:
     verdict = said_of(name, **options)
     assert verdict.status in (CASES[name].status, Stability.UNDECIDED)
     made = written(name)
-    bodies = read_load(made, read_problem(made))
+    problem = read_problem(made)
+    bodies = read_load(made, problem)
+    stated = problem.part(plain(verdict_data(verdict)), "stability", "stability")
     broken = [
         f"{line.name}: {line.detail}"
-        for line in verdict_checks(plain(verdict_data(verdict)), bodies)
+        for line in verdict_checks(stated, bodies)
         if line.passed is False
     ]
     assert not broken

@@ -107,7 +107,7 @@ WRONG = (
     ("required_margin is list; it must be a number", ["required_margin"], [0.1]),
     ("max_torque_unit is 'lbf'; it must be one of N m, N", ["max_torque_unit"], "lbf"),
     ("contacts is of 0 entries; it must be a list of 1 to 4096", ["contacts"], []),
-    ("joint's upper is a huge whole number", ["joints", 0, "upper"], 10**80),
+    ("upper of joint 0 is a huge whole number", ["joints", 0, "upper"], 10**80),
     *((message, ["proof", "nodes"], [{"kind": "kinematic", "combination": entries}])
       for message, entries in (
           ("0 to 2", [[0, 3, 1.0]]),

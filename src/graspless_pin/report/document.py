@@ -27,7 +27,7 @@ from graspless_pin.report.proof_data import cone_data, multipliers_data, objecti
 from graspless_pin.report.provenance import provenance
 from graspless_pin.report.robust import robust_data
 from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
-from graspless_pin.report.verify.reading import KNOWN_CONES
+from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES
 from graspless_pin.report.verify.tree import proven_violation
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from graspless_pin.planning import PathProfile
     from graspless_pin.scene.robust_answer import RobustAnswer
 
-DOCUMENT_FORMAT = 2
-"""Version of the documents."""
 _ROW = re.compile(r"\[[-+.\deE,\s]*\]")
 
 
@@ -91,7 +89,7 @@ def solution_document(
     solution.rules.need_signs("a document")
     found, coordinates = solution.found, solution.program.coordinates
     document: dict[str, Any] = {
-        "format": DOCUMENT_FORMAT,
+        "format": FORMAT,
         "status": solution.status.name.lower(),
         "message": solution.status.message,
         "found": found,

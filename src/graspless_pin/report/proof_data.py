@@ -22,7 +22,7 @@ from graspless_pin.programs.builder import ProgramBuilder, scaled_weights
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Block, Columns, Program
-from graspless_pin.report.verify.reading import KNOWN_CONES
+from graspless_pin.report.verify.fields import KNOWN_CONES
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.certificate import (
     BoundLeaf,

@@ -33,7 +33,6 @@ from graspless_pin.problem.checks import FloatArray, finite_array, read_only, re
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
-from graspless_pin.report.document import DOCUMENT_FORMAT
 from graspless_pin.report.proof_data import (
     StatedObjective,
     as_number,
@@ -41,6 +40,7 @@ from graspless_pin.report.proof_data import (
     cone_data,
     read_multipliers,
 )
+from graspless_pin.report.verify.fields import FORMAT
 from graspless_pin.solution import FOUND, Certificate, Evidence, Guarantee, Status, TorqueSolution
 
 _SAME = 1e-9
@@ -221,10 +221,10 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
 def _check_format(document: dict[str, Any]) -> None:
     if "format" not in document:
         raise ArgumentError("document", "lacks the key 'format'; it must be one written by solve")
-    if document["format"] != DOCUMENT_FORMAT:
+    if document["format"] != FORMAT:
         found = document["format"]
         raise ArgumentError(
-            "document", f"has the format {found!r:.20}; {DOCUMENT_FORMAT} can be read: solve again"
+            "document", f"has the format {found!r:.20}; {FORMAT} can be read: solve again"
         )
 
 

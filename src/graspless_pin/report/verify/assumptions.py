@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from graspless_pin.report.verify.bounds import own_box
+from graspless_pin.report.verify.fields import Part
 from graspless_pin.report.verify.outcome import Check, given
 from graspless_pin.report.verify.problem import Problem
-from graspless_pin.report.verify.values import array, entry, number, short_text
+from graspless_pin.report.verify.reading import stated_mass
 
 
-def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
+def taken_as_given(problem: Problem, stated: Part) -> list[Check]:
     """Return a line for each part of a document that all checks start from."""
     return [
         given(
@@ -21,11 +20,11 @@ def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
             "limits, options and rules; poses, masses, gravity and names",
         ),
         *_of_coordinates(problem),
-        given("units", _units(problem, document)),
-        given("load", _load(problem, document)),
+        given("units", _units(problem, stated)),
+        given("load", _load(problem, stated)),
         given("limits", _limits(problem)),
-        *_of_cones(problem, document),
-        *_of_objective(problem, document),
+        *_of_cones(problem, stated),
+        *_of_objective(problem, stated),
         given(
             "how it was found",
             "counters of the search, solver, versions, hashes, findings, words, and the optima "
@@ -46,19 +45,19 @@ def _of_coordinates(problem: Problem) -> list[Check]:
     return [given("passive coordinates", detail)]
 
 
-def _of_cones(problem: Problem, document: dict[str, Any]) -> list[Check]:
+def _of_cones(problem: Problem, stated: Part) -> list[Check]:
     """Return what is taken as it stands of friction cones that are not known by name."""
     if problem.corners is None:
         return []
     detail = f"their {problem.edges} corners, kinetic friction where contacts slide"
     if problem.coulombs_law:
         detail += ", and that they stand for Coulomb's law"
-    return [given(f"cones {short_text(document['cone'], 'cone')[:60]!r}", detail)]
+    return [given(f"cones {stated['cone'][:60]!r}", detail)]
 
 
-def _units(problem: Problem, document: dict[str, Any]) -> str:
+def _units(problem: Problem, stated: Part) -> str:
     """Return the units of all figures, and which joints turn and which push."""
-    names = [str(joint["name"]) for joint in document["joints"]]
+    names = [joint["name"] for joint in stated["joints"]]
     shown = ["SI, world axes"]
     for unit in ("N m", "N"):
         own = [name for name, one in zip(names, problem.units, strict=True) if one == unit]
@@ -66,16 +65,13 @@ def _units(problem: Problem, document: dict[str, Any]) -> str:
     return "; ".join(shown)
 
 
-def _load(problem: Problem, document: dict[str, Any]) -> str:
+def _load(problem: Problem, stated: Part) -> str:
     """Return the external load, beside what the object weighs where the document tells that."""
     parts = problem.w[~problem.turns], problem.w[problem.turns]
     force, moment = (float(np.linalg.norm(one)) for one in parts)
-    shown, stated = f"force {force:.6g} N, moment {moment:.6g} N m", document.get("object")
-    mass = stated.get("mass") if isinstance(stated, dict) else None
-    if mass is not None and document.get("gravity") is not None:
-        down = array(document["gravity"], (3,), "gravity")
-        weight = number(mass, "mass") * float(np.linalg.norm(down))
-        shown += f"; the object weighs {weight:.6g} N"
+    shown, mass = f"force {force:.6g} N, moment {moment:.6g} N m", stated_mass(stated)
+    if mass is not None and stated.get("gravity") is not None:
+        shown += f"; the object weighs {mass * float(np.linalg.norm(stated['gravity'])):.6g} N"
     return shown
 
 
@@ -99,14 +95,14 @@ def _span(least: float, most: float) -> str:
     return f"{most:.6g}" if least == most else f"{least:.6g} to {most:.6g}"
 
 
-def _of_objective(problem: Problem, document: dict[str, Any]) -> list[Check]:
+def _of_objective(problem: Problem, stated: Part) -> list[Check]:
     """Return what is taken as it stands of an objective that is none of the paper's."""
     own = problem.own
     if own is None:
         return []
-    stated = document["objective"]
-    where = f"of {stated['name'][:60]!r}"
-    names = [short_text(entry(one, "name", "a column"), "a name") for one in stated["columns"]]
+    objective = stated["objective"]
+    where = f"of {objective['name'][:60]!r}"
+    names = [one["name"] for one in objective["columns"]]
     lines = [
         given(f"costs {where}", f"what is minimised, in units of {own.unit:.3g}"),
         given(f"columns {where}", f"{_listed(names)}, with their bounds{_sizes(own.column_unit)}"),

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.fields import Part, stacked
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Forces, Problem
-from graspless_pin.report.verify.values import array, entry, number, word
 
 
 def frames_check(problem: Problem) -> Check:
@@ -80,23 +78,16 @@ def residual(problem: Problem, forces: Forces) -> float:
     return max(force / F, moment / (F * L), short, over, beyond, kinetic, 0.0)
 
 
-def figure_checks(problem: Problem, forces: Forces, document: dict[str, Any]) -> list[Check]:
-    """Check the figures that are stated of the forces: torques, margin, the largest torque."""
-    joints = document["joints"]
-    rows = {
-        key: array([entry(j, key, "a joint") for j in joints], (len(joints),), key)
-        for key in ("torque_contact", "torque")
-    }
+def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]:
+    """Check the figures that a document states of the forces: torques, margin, largest torque."""
     # Torques may be small beside what gravity and contacts take from each other.
     room = tolerances.torque_figure(problem)
-    off = np.abs(rows["torque_contact"] - forces.made)
-    off = np.maximum(off, np.abs(rows["torque"] - forces.torques)) / room
-    margin = number(entry(document, "margin", "the document"), "margin")
-    largest = number(entry(document, "max_torque", "the document"), "max_torque")
-    unit = word(entry(document, "max_torque_unit", "the document"), "max_torque_unit", ("N m", "N"))
+    off = np.abs(stacked(stated["joints"], "torque_contact") - forces.made)
+    off = np.maximum(off, np.abs(stacked(stated["joints"], "torque") - forces.torques)) / room
+    margin, largest, unit = (stated[key] for key in ("margin", "max_torque", "max_torque_unit"))
     torques = np.abs(forces.torques)
     found = float(torques.max(initial=0.0))
-    tolerance = float(tolerances.torque_figure(problem).max(initial=0.0))
+    tolerance = float(room.max(initial=0.0))
     having = {
         name for name, one in zip(problem.units, torques, strict=True) if one >= found - tolerance
     } or {"N m"}  # fmt: skip

@@ -8,15 +8,15 @@ e^(r t): Lyapunov's theorem. K_geo is taken as given, as J is: it hangs on the s
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.fields import Part
 from graspless_pin.report.verify.outcome import Check, given, holds
 from graspless_pin.report.verify.rest_bounds import contact_motion
 from graspless_pin.report.verify.rest_load import RestLoad
-from graspless_pin.report.verify.values import array, entry, items, number, text, whole, word
+from graspless_pin.report.verify.values import entry, items
 
 _OF_INSTANT = {
     "holds": ("strong",),
@@ -30,14 +30,14 @@ _OF_INSTANT = {
 _CONSTANT = "constant torques"
 _PER_LEVER = 100.0
 """1/m^2."""
-_MOST_MOTIONS = 200
+_MOST_ROWS, _MOST_MOTIONS = 10_000, 200
 _MOST_GAINS = 3
 _QUOTED = r"(?:'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\")"
 _NAMES = re.compile(rf" at {_QUOTED}(?:, {_QUOTED})*(?:, \.\.\.)?")
 """Of joints and fingers, which are taken as given."""
 
 
-def holding_checks(stated: object, instant: str, bodies: RestLoad) -> list[Check]:
+def holding_checks(stated: Part | None, instant: str, bodies: RestLoad) -> list[Check]:
     """Return the checks of what is said of the object under the controller; none: nothing is.
 
     Args:
@@ -50,58 +50,44 @@ def holding_checks(stated: object, instant: str, bodies: RestLoad) -> list[Check
     """
     if stated is None:
         return []
-    status = word(entry(stated, "status", "holding"), "status", (*_OF_INSTANT,))
-    own = entry(entry(stated, "acceleration", "holding"), "status", "acceleration")
-    growth = entry(stated, "growth_rate", "holding")
-    at_best = entry(stated, "least_growth_rate", "holding")
+    status, own = stated["status"], stated["acceleration"]["status"]
+    growth, at_best, needed = (
+        stated.maybe(key) for key in ("growth_rate", "least_growth_rate", "stiffness_needed")
+    )
     agree = own == instant and instant in _OF_INSTANT[status]
-    needed = entry(stated, "stiffness_needed", "holding")
     if growth is not None and instant == "strong":
         lost = "fails" if needed is None else "needs_feedback"
-        if at_best is not None and number(at_best, "least_growth_rate") == 0.0:
-            lost = "may_fail"
-        expected = lost if number(growth, "growth_rate") > 0.0 else "holds"
+        expected = ("may_fail" if at_best == 0.0 else lost) if growth > 0.0 else "holds"
         agree = agree and status == expected
-    least = "none that is known" if needed is None else f"{number(needed, 'stiffness'):.3g}"
-    controller = text(entry(stated, "controller", "holding"), "controller")[:60]
-    told = f"{controller}; stiffness needed: {least}{_assumed_words(stated, bodies)}"
+    least = "none that is known" if needed is None else f"{needed:.3g}"
+    told = f"{stated['controller'][:60]}; stiffness needed: {least}"
+    assumed = set(stated["assumed_contacts"])
+    if assumed:
+        told += f"; points that stay on both bodies are assumed at {len(assumed)}"
     checks = [
         holds("holding and stability agree", agree, f"{status}: {instant} at the first instant"),
         given("what small motions do under the controller", told),
     ]
     if status == "holds" and not bodies.problem.slides.any():
-        checks += _proof_checks(entry(stated, "proofs", "holding"), bodies, stated)
+        checks += _proof_checks(stated, bodies)
     return checks
 
 
-def _assumed_words(stated: object, bodies: RestLoad) -> str:
-    """Return at how many contacts the geometric stiffness is that of points; empty: at none."""
-    count = bodies.problem.count
-    listed = items(entry(stated, "assumed_contacts", "holding"), "assumed_contacts", 0, count)
-    assumed = {whole(one, "an assumed contact", 0, count - 1) for one in listed}
-    return f"; points that stay on both bodies are assumed at {len(assumed)}" if assumed else ""
-
-
-def _proof_checks(stated: Any, bodies: RestLoad, holding: Any) -> list[Check]:
-    """Return the checks of the proofs that no small motion grows, of each model of the surfaces.
-
-    Args:
-        stated: The proofs.
-        bodies: Contacts, joints and inertias.
-        holding: What is said of the controller, in words, and of the stiffness that is needed.
-    """
+def _proof_checks(holding: Part, bodies: RestLoad) -> list[Check]:
+    """Return the checks of the proofs that no small motion grows, of each model of the surfaces."""
+    stated = holding["proofs"]
     if not isinstance(stated, dict) or not stated:
         return [holds("no small motion grows", passed=False, detail="no proof in the document")]
     checks = []
     for name, one in stated.items():
         what = "no small motion grows" if name == "any" else f"no small motion grows ({name[:20]})"
-        proof = _Proof(one, bodies)
+        proof = _Proof(bodies.problem.part(one, "a proof", "growth proof"), bodies)
         gains, unit = _gains(proof)
         said = _gain_words(gains, unit) or _CONSTANT
         if bodies.joints_held:
             said = "joints held in their positions"
         if name != "any":
-            agrees = _NAMES.sub(" at joints", text(holding["controller"], "controller")) == said
+            agrees = _NAMES.sub(" at joints", holding["controller"]) == said
             several = len(gains) > 1 or bodies.joints_held
             agrees = agrees and (several or _is_stable(max(gains, default=0.0), holding))
             about = f"the controller is that of the proof ({name[:20]})"
@@ -146,39 +132,34 @@ def _gain_words(gains: list[float], unit: str) -> str:
     return f"joint feedback of {', '.join(parts)}"
 
 
-def _is_stable(gain: float, holding: Any) -> bool:
+def _is_stable(gain: float, holding: Part) -> bool:
     """Return whether a gain of all joints is among those that are said to be stable."""
-    for one in items(entry(holding, "stable_stiffness", "holding"), "stable_stiffness", 0, 1000):
-        least, most = items(one, "stable_stiffness", 2, 2)
-        above = gain >= number(least, "stable_stiffness") * (1.0 - tolerances.GAIN)
-        if above and (most is None or gain <= number(most, "a gain") * (1.0 + tolerances.GAIN)):
-            return True
-    return False
+    return any(
+        gain >= least * (1.0 - tolerances.GAIN)
+        and (np.isnan(most) or gain <= most * (1.0 + tolerances.GAIN))
+        for least, most in holding["stable_stiffness"]
+    )
 
 
 class _Proof:
     """One proof as arrays."""
 
-    def __init__(self, stated: Any, bodies: RestLoad) -> None:
-        self.bodies = bodies
-        passive, joints = len(bodies.problem.w), len(bodies.problem.units)
-        rows = items(entry(stated, "velocities", "a proof"), "velocities", 0, 10**4)
-        count = len(items(rows[0], "velocities", 0, _MOST_MOTIONS)) if rows else 0
-        self.N = array(rows, (passive + joints, count), "velocities of a proof")
-        square = (count, count)
-        listed = items(entry(stated, "joints", "a proof"), "joints of a proof", 0, joints)
-        self.joints = [whole(one, "a joint of a proof", 0, joints - 1) for one in listed]
-        self.K, self.gains, self.damping, self.rotors, self.P = (
-            array(entry(stated, key, "a proof"), shape, f"{key} of a proof")
-            for key, shape in (
-                ("geometric_stiffness", square),
-                *((key, (len(listed),)) for key in ("gains", "damping", "rotors")),
-                ("lyapunov", (2 * count, 2 * count)),
-            )
+    def __init__(self, stated: Part, bodies: RestLoad) -> None:
+        self.bodies, self.passive = bodies, len(bodies.problem.w)
+        rows = entry(stated.stated, "velocities", stated.where)
+        first = items(rows, "velocities", 0, _MOST_ROWS)[:1]
+        self.joints = stated["joints"]
+        stated = stated.sized(
+            c=len(self.joints),
+            d=sum(len(items(row, "velocities", 0, _MOST_MOTIONS)) for row in first),
         )
-        self.forces = bodies.forces("forces", stated, "a proof")
-        self.rate = number(entry(stated, "rate", "a proof"), "rate")
-        self.passive = passive
+        self.N, self.K, self.P = (
+            stated[key] for key in ("velocities", "geometric_stiffness", "lyapunov")
+        )
+        self.gains, self.damping, self.rotors = (
+            stated[key] for key in ("gains", "damping", "rotors")
+        )
+        self.forces, self.rate = bodies.local(stated["forces"]), stated["rate"]
 
     def failure(self) -> str:
         """Return why this proves nothing; empty: it is a proof."""

@@ -9,25 +9,13 @@ rows.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from graspless_pin.report.verify.values import (
-    MOST,
-    array,
-    entry,
-    items,
-    number,
-    short_text,
-    truth,
-    whole,
-    word,
-)
+from graspless_pin.report.verify.fields import KEPT, Part
+from graspless_pin.report.verify.values import MOST, entry, items
 
 _MOST_COEFFICIENTS = 4_000_000
-_KEPT = ("balance", "faces", "normal_upper", "normal_lower", "torque")
-_SIGNS = ("any", "upper", "either")
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,123 +127,76 @@ class OwnObjective:
         return float(np.concatenate(parts).max(initial=0.0))
 
 
-def read_own_objective(given: object, counts: tuple[int, int], *, found: bool) -> OwnObjective:
+def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
     """Return the objective that a document states.
 
     Args:
-        given: What stands under ``objective``.
-        counts: M and P.
+        stated: What stands under ``objective``.
         found: Whether there is an answer.
 
     Raises:
         ValueError: If it is none.
     """
-    where, (count, passive) = "objective", counts
-    short_text(entry(given, "name", where), "the objective's name")
-    groups = items(entry(given, "columns", where), "columns of the objective", 0, MOST)
-    sizes = [len(items(entry(one, "unit", "a column"), "unit", 0, MOST)) for one in groups]
-    k = sum(sizes)
+    groups = [
+        group.sized(k=len(items(entry(group.stated, "unit", group.where), "unit", 0, MOST)))
+        for group in stated["columns"]
+    ]
+    stated = stated.sized(k=sum(group.sizes["k"] for group in groups))
 
-    def columns(key: str, rows: int = 0, *, bounds: bool = False) -> np.ndarray:
-        parts = [np.zeros((rows or 1, 0))]
-        for one, size in zip(groups, sizes, strict=True):
-            listed = entry(one, key, "a column")
-            listed = listed if rows else [listed]
-            parts.append(
-                _ends(listed, size, key) if bounds else array(listed, (rows or 1, size), key)
-            )
-        joined = np.concatenate(parts, axis=1)
-        return joined if rows else joined[0]
+    def columns(key: str, *rows: int) -> np.ndarray:
+        return np.concatenate([np.zeros((*rows, 0)), *(group[key] for group in groups)], axis=-1)
 
-    keeps = items(entry(given, "keeps", where), "keeps of the objective", 2, len(_KEPT))
-    kept = frozenset(word(one, "what the objective keeps", _KEPT) for one in keeps)
+    kept, terms = frozenset(stated["keeps"]), stated["terms"]
     if not {"balance", "faces"} <= kept:
         raise ValueError("the objective does not keep the balance and the cones")
-    terms = entry(given, "terms", where)
-
-    def of(name: str, size: int) -> np.ndarray:
-        listed = entry(terms, name, "terms") if name in kept else []
-        return _matrix(listed, (size, k), f"terms of {name}")
-
-    unit = number(entry(given, "unit", where), "unit of the objective")
-    column_unit = columns("unit")
-    if not unit > 0.0 or not (column_unit > 0.0).all():
-        raise ValueError("a unit of the objective is not positive")
-    curvature = columns("curvature")
-    bent = array(entry(given, "force_curvature", where), (count, 3), "force_curvature")
-    if (curvature < 0.0).any() or (bent < 0.0).any():
-        raise ValueError("the objective is not convex")
-    ranges = items(entry(given, "normal_range", where), "normal_range", count, count)
-    return OwnObjective(
-        maximizes=truth(entry(given, "maximizes", where), "maximizes"),
-        unit=unit,
-        value=number(entry(given, "value", where), "value") if found else 0.0,
+    of = {key: terms[key] if key in kept else np.zeros((stated.sizes["M"], stated.sizes["k"]))
+          for key in KEPT[:4]}  # fmt: skip
+    own = OwnObjective(
+        maximizes=stated["maximizes"],
+        unit=stated["unit"],
+        value=stated["value"] if found else 0.0,
         keeps=kept,
-        column_unit=column_unit,
+        column_unit=columns("unit"),
         cost=columns("cost"),
-        curvature=curvature,
-        bounds=columns("bounds", 2, bounds=True),
+        curvature=columns("curvature"),
+        bounds=_ends(columns("bounds", 2)),
         boxes=np.array([columns("box", 2), columns("whole_box", 2)]),
         values=columns("values") if found else None,
-        balance=of("balance", passive),
-        faces=of("faces", count),
-        normal_upper=of("normal_upper", count),
-        normal_lower=of("normal_lower", count),
-        margins=array(entry(given, "face_margins", where), (count,), "face_margins"),
-        normal_range=np.array([_ends(np.transpose([one]).tolist(), 1, "normal_range")[:, 0]
-                               for one in ranges]).T,
-        force_curvature=bent,
-        rows=_read_rows(entry(given, "rows", where), count, k),
-    )  # fmt: skip
+        **of,
+        margins=stated["face_margins"],
+        normal_range=_ends(stated["normal_range"].T),
+        force_curvature=stated["force_curvature"],
+        rows=_read_rows(stated),
+    )
+    if not own.unit > 0.0 or not (own.column_unit > 0.0).all():
+        raise ValueError("a unit of the objective is not positive")
+    if (own.curvature < 0.0).any() or (own.force_curvature < 0.0).any():
+        raise ValueError("the objective is not convex")
+    return own
 
 
-def _read_rows(given: object, count: int, k: int) -> OwnRows:
-    blocks, parts = [], [(np.zeros((0,)),) * 3 + (np.zeros((0, count, 3)), np.zeros((0, k)))]
-    for block in items(given, "rows of the objective", 0, MOST):
-        name = short_text(entry(block, "name", "a block"), "the name of a block")
-        sign = word(entry(block, "sign", name), f"sign of {name}", _SIGNS)
-        lengths = items(entry(block, "shape", name), f"shape of {name}", 1, 3)
-        shape = tuple(whole(one, f"shape of {name}", 0, MOST) for one in lengths)
+def _read_rows(stated: Part) -> OwnRows:
+    blocks, (M, k) = [], (stated.sizes[letter] for letter in "Mk")
+    parts = [(np.zeros((0,)),) * 3 + (np.zeros((0, M, 3)), np.zeros((0, k)))]
+    for block in stated["rows"]:
+        name, sign, shape = block["name"], block["sign"], tuple(block["shape"])
         size = int(np.prod(shape))
-        if size * max(3 * count, k) > _MOST_COEFFICIENTS:
+        if size * max(3 * M, k) > _MOST_COEFFICIENTS:
             raise ValueError(f"{name} has too many rows")
-        low, high = _ends([entry(block, key, name) for key in ("low", "high")], size, name)
-        unit = np.abs(
-            np.nan_to_num(_ends([entry(block, "unit", name)] * 2, size, name)[0], neginf=1.0)
-        )
+        block = block.sized(q=size)
+        low, high = _ends(np.array([block["low"], block["high"]]))
+        unit = np.abs(np.nan_to_num(block["unit"], nan=1.0))
         if not (unit > 0.0).all():
             raise ValueError(f"{name} has a unit that is not positive")
         if sign == "any" and (low != high).any():
             raise ValueError(f"{name} is no block of equalities")
         if sign == "upper":
             low = np.full(size, -np.inf)
-        forces = np.zeros((size, count, 3))
-        most = forces.size
-        for one in items(entry(block, "forces", name), f"forces of {name}", 0, most):
-            row, contact, axis, value = items(one, f"a coefficient of {name}", 4, 4)
-            place = (whole(row, name, 0, size - 1), whole(contact, name, 0, count - 1),
-                     whole(axis, name, 0, 2))  # fmt: skip
-            forces[place] = number(value, f"a coefficient of {name}")
-        matrix = _matrix(entry(block, "columns", name), (size, k), f"columns of {name}")
         blocks.append((name, sign, shape))
-        parts.append((unit, low, high, forces, matrix))
+        parts.append((unit, low, high, block["forces"], block["columns"]))
     return OwnRows(tuple(blocks), *(np.concatenate(one) for one in zip(*parts, strict=True)))
 
 
-def _ends(given: Any, size: int, where: str) -> np.ndarray:
-    """(2, size) lower and upper ends; null: there is none."""
-    ends = np.empty((2, size))
-    for row, absent in enumerate((-np.inf, np.inf)):
-        listed = items(items(given, where, 2, 2)[row], where, size, size)
-        ends[row] = [absent if one is None else number(one, where) for one in listed]
-    return ends
-
-
-def _matrix(given: object, shape: tuple[int, int], where: str) -> np.ndarray:
-    """Return a matrix of [row, column, value] entries."""
-    matrix = np.zeros(shape)
-    for triple in items(given, where, 0, matrix.size):
-        row, column, value = items(triple, where, 3, 3)
-        place = whole(row, where, 0, shape[0] - 1), whole(column, where, 0, shape[1] - 1)
-        matrix[place] = number(value, where)
-    return matrix
+def _ends(pair: np.ndarray) -> np.ndarray:
+    """Return (2, n) lower and upper ends, infinite where there is none."""
+    return np.where(np.isnan(pair), [[-np.inf], [np.inf]], pair)

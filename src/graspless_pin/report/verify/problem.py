@@ -7,13 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from graspless_pin.report.verify.fields import WHOLE, Part
 from graspless_pin.report.verify.own_objective import OwnObjective
 
-FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached", "strong")
-INFEASIBLE = ("infeasible_forces", "infeasible_modes", "infeasible_in_mode", "infeasible_mode")
-OPEN = ("not_found_in_limit", "unverified", "load_too_large")
-UNGUARANTEED = ("strong_not_found", "infeasible_strong")
-IN_MODE = ("optimal_in_mode", "infeasible_in_mode", "infeasible_mode")
 MESSAGES = {
     "optimal": "optimal over all feasible virtual-sliding modes",
     "optimal_in_mode": "optimal in the given virtual-sliding mode",
@@ -105,6 +101,17 @@ class Problem:
     def count(self) -> int:
         """M."""
         return len(self.p)
+
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """What the letters of shapes stand for, see `fields`."""
+        M, L, P = self.count, len(self.units), len(self.w)
+        k = 0 if self.own is None else len(self.own.cost)
+        return {"M": M, "L": L, "P": P, "r": self.edges, "k": k}
+
+    def part(self, stated: object, where: str = WHOLE, kind: str = "document") -> Part:
+        """Return a part of this problem's document, whose fields may be read."""
+        return Part(kind, stated, where, self.sizes)
 
     @cached_property
     def passive(self) -> np.ndarray:

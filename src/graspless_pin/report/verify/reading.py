@@ -6,105 +6,67 @@ Multipliers that may prove nothing count as zero.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.fields import KNOWN_CONES, SIZED, WHOLE, Part, stacked
 from graspless_pin.report.verify.own_objective import read_own_objective
 from graspless_pin.report.verify.problem import Forces, Problem, faces_between
-from graspless_pin.report.verify.values import (
-    MOST,
-    array,
-    entry,
-    items,
-    number,
-    short_text,
-    truth,
-    whole,
-    word,
-)
-
-CHECKED_FORMAT = 2
-KNOWN_CONES = ("edges", "round")
-"""Models of friction cones that are known by name; of others a document states the corners."""
+from graspless_pin.report.verify.values import MOST, array, entry, items
 
 
-def read_problem(document: dict[str, Any]) -> Problem:
+def read_problem(document: object) -> Problem:
     """Return the problem of a document.
 
     Raises:
         ValueError: Naming the key that is missing or wrong.
     """
-    where = "the document"
-    contacts = items(entry(document, "contacts", where), "contacts", 1, MOST)
-    joints = items(entry(document, "joints", where), "joints", 0, MOST)
-    edges = whole(entry(document, "cone_edges", where), "cone_edges", 3, MOST)
-    cone, corners, kinetic = short_text(document.get("cone", "edges"), "cone"), None, None
-    law = True
-    if cone == "round":
-        edges = 0
-    elif cone not in KNOWN_CONES:
-        law = truth(entry(document, "coulombs_law", where), "coulombs_law")
-        corners, kinetic = _read_cones(contacts, cone)
+    sizes: dict[str, int] = {}
+    stated = Part("document", document, WHOLE, sizes)
+    contacts, joints, rules = stated["contacts"], stated["joints"], stated["rules"]
+    sizes |= {"M": len(contacts), "L": len(joints)}
+    given_map, turns = _read_coordinates(stated, sizes)
+    cone = stated["cone"] if "cone" in stated.stated else "edges"
+    edges, corners, kinetic = stated["cone_edges"], None, None
+    if cone not in KNOWN_CONES:
+        corners, kinetic = _read_cones(contacts, cone, sizes)
         edges = corners.shape[1]
-    rules = entry(document, "rules", where)
-    given_map, turns = _read_coordinates(document, len(contacts))
-    algorithm, own = entry(document, "algorithm", where), None
-    if algorithm is None:
-        if edges == 0:
-            raise ValueError("an objective of one's own stands in no document with round cones")
-        found = entry(document, "found", where) is True
-        given = entry(document, "objective", where)
-        sizes = len(contacts), len(turns)
-        algorithm, own = "own", read_own_objective(given, sizes, found=found)
+    sizes["r"] = edges = 0 if cone == "round" else edges
+    own, algorithm = None, "own"
+    if entry(document, "algorithm", WHOLE) is not None:
+        algorithm = stated["algorithm"]
+    elif edges == 0:
+        raise ValueError("an objective of one's own stands in no document with round cones")
     else:
-        algorithm = word(algorithm, "algorithm", ("margin", "torque"))
-
-    def column(key: str, shape: tuple[int, ...]) -> np.ndarray:
-        rows = [array(entry(c, key, f"contact {i}"), shape, f"{key} of contact {i}")
-                for i, c in enumerate(contacts)]  # fmt: skip
-        return np.array(rows).reshape(len(contacts), *shape)
-
-    def limits(key: str, absent: float) -> np.ndarray:
-        found = [entry(j, key, f"joint {i}") for i, j in enumerate(joints)]
-        return np.array([absent if x is None else number(x, f"joint's {key}") for x in found])
-
-    sign_rules, sliding_rules = ("strict", "exact", "nonzero"), ("exempt", "constrained")
-    friction_rules = ("virtual_sliding", "coulomb")
-    options = {"sign_rule": sign_rules, "sliding_rule": sliding_rules,
-               "static_friction": friction_rules}  # fmt: skip
-    words = {key: word(entry(rules, key, "rules"), key, known) for key, known in options.items()}
-    scale = word(entry(document, "scale", where), "scale", ("absolute", "limits"))
-    frames = np.concatenate([column("normal", (3,))[:, None], column("tangents", (2, 3))], axis=1)
+        own = read_own_objective(stated["objective"], found=stated["found"])
+    lower, upper = stacked(joints, "lower"), stacked(joints, "upper")
     problem = Problem(
-        p=column("position", (3,)) - read_origin(document),
-        frames=frames,
-        mu=column("friction", ()),
-        limit=column("max_normal_force", ()),
-        v=column("sliding", (3,)),
-        J=column("jacobian", (3, len(joints))),
-        w=array(entry(document, "external_wrench", where), (len(turns),), "external_wrench"),
+        p=stacked(contacts, "position") - read_origin(stated),
+        frames=np.hstack([stacked(contacts, "normal")[:, None], stacked(contacts, "tangents")]),
+        mu=stacked(contacts, "friction"),
+        limit=stacked(contacts, "max_normal_force"),
+        v=stacked(contacts, "sliding"),
+        J=stacked(contacts, "jacobian"),
+        w=stated["external_wrench"],
         edges=edges,
-        lower=limits("lower", -np.inf),
-        upper=limits("upper", np.inf),
-        gravity=limits("torque_gravity", np.nan),
-        units=tuple(
-            word(entry(j, "unit", f"joint {i}"), "unit", ("N m", "N")) for i, j in enumerate(joints)
-        ),
+        lower=np.where(np.isnan(lower), -np.inf, lower),
+        upper=np.where(np.isnan(upper), np.inf, upper),
+        gravity=stacked(joints, "torque_gravity"),
+        units=tuple(joint["unit"] for joint in joints),
         turns=turns,
         given=given_map,
         algorithm=algorithm,
-        e0=number(entry(document, "required_margin", where), "required_margin"),
-        by_limits=algorithm == "torque" and scale == "limits",
-        epsilon=number(entry(document, "regularization", where), "regularization"),
-        sign_rule=words["sign_rule"],
-        constrained=words["sliding_rule"] == "constrained",
-        coulomb=words["static_friction"] == "coulomb",
+        e0=stated["required_margin"],
+        by_limits=stated["scale"] == "limits" and algorithm == "torque",
+        epsilon=stated["regularization"],
+        sign_rule=rules["sign_rule"],
+        constrained=rules["sliding_rule"] == "constrained",
+        coulomb=rules["static_friction"] == "coulomb",
         own=own,
         corners=corners,
         kinetic=kinetic,
-        coulombs_law=law,
+        coulombs_law=cone in KNOWN_CONES or stated["coulombs_law"],
     )
     if corners is not None and kinetic is not None:
         _check_cones(problem, [*zip(corners, kinetic, strict=True)])
@@ -119,45 +81,44 @@ def read_problem(document: dict[str, Any]) -> Problem:
     }.items():
         if wrong.any():
             raise ValueError(name)
-    for index, joint in enumerate(joints):
-        short_text(entry(joint, "name", f"joint {index}"), "a joint's name")
+    for joint in joints:
+        joint["name"]  # refuses what is none
     return problem
 
 
-def _read_coordinates(document: dict[str, Any], count: int) -> tuple[np.ndarray | None, np.ndarray]:
+def _read_coordinates(stated: Part, sizes: dict[str, int]) -> tuple[np.ndarray | None, np.ndarray]:
     """Return the (M, 3, P) stated map of passive coordinates, and which have loads in N m.
 
     Without a map they are the force and the moment on one object.
     """
-    where, units = "the document", document.get("passive_units")
-    rows = document.get("wrench_matrix")
+    rows, sizes["P"] = stated.stated.get("wrench_matrix"), 6
+    if rows is not None:
+        sizes["P"] = len(items(rows, "wrench_matrix", 1, MOST))
     if rows is None:
-        if units is not None:
+        if stated.stated.get("passive_units") is not None:
             raise ValueError("the document states passive_units, but no wrench_matrix")
         return None, np.repeat([False, True], 3)
-    size = len(items(rows, "wrench_matrix", 1, MOST))
-    stated = items(entry(document, "passive_units", where), "passive_units", size, size)
-    turns = [word(unit, "one of passive_units", ("N m", "N")) == "N m" for unit in stated]
-    matrix = array(rows, (size, 3 * count), "wrench_matrix")
-    return matrix.T.reshape(count, 3, size), np.array(turns)
+    turns = np.array([unit == "N m" for unit in stated["passive_units"]])
+    return stated["wrench_matrix"].T.reshape(sizes["M"], 3, sizes["P"]), turns
 
 
-def _read_cones(contacts: list[Any], cone: str) -> tuple[np.ndarray, np.ndarray]:
+def _read_cones(
+    contacts: list[Part], cone: str, sizes: dict[str, int]
+) -> tuple[np.ndarray, np.ndarray]:
     """(M, r, 2) corners and (M, 2) kinetic friction that a document states of its cones."""
-    stated, kinetic = [], np.zeros((len(contacts), 2))
+    stated, kinetic = {}, np.zeros((len(contacts), 2))
     for index, contact in enumerate(contacts):
-        where = f"contact {index}"
-        if isinstance(contact, dict) and "kinetic_friction" in contact:
-            kinetic[index] = array(
-                contact["kinetic_friction"], (2,), f"kinetic_friction of {where}"
-            )
+        sliding = contact.get("kinetic_friction")
+        if sliding is not None:
+            kinetic[index] = sliding
             continue
-        own = entry(contact, "cone_corners", f"{where} with the cone {cone!r}, not known by name,")
-        stated.append((index, items(own, f"cone_corners of {where}", 3, MOST)))
-    count = len(stated[0][1]) if stated else 3
-    corners = np.zeros((len(contacts), count, 2))
-    for index, own in stated:
-        corners[index] = array(own, (count, 2), f"cone_corners of contact {index}")
+        where = f"contact {index} with the cone {cone!r}, not known by name,"
+        own = entry(contact.stated, "cone_corners", where)
+        sizes.setdefault("r", len(items(own, f"cone_corners of contact {index}", 3, MOST)))
+        stated[index] = contact["cone_corners"]
+    corners = np.zeros((len(contacts), sizes.setdefault("r", 3), 2))
+    for index, own in stated.items():
+        corners[index] = own
     return corners, kinetic
 
 
@@ -184,22 +145,21 @@ def _check_cones(problem: Problem, cones: list[tuple[np.ndarray, np.ndarray]]) -
             raise ValueError(f"cone_corners of {where} are beyond its coefficient of friction")
 
 
-def read_origin(document: dict[str, Any]) -> np.ndarray:
+def read_origin(stated: Part) -> np.ndarray:
     """(3,) the point that moments are about, in the axes of the contact points."""
-    if "object" not in document:
-        return np.zeros(3)
-    return array(entry(document["object"], "center_of_mass", "object"), (3,), "center_of_mass")
+    return np.zeros(3) if "object" not in stated.stated else stated["object"]["center_of_mass"]
 
 
-def read_mode(document: dict[str, Any], problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+def stated_mass(stated: Part) -> float | None:
+    """Return the mass of a document's object, kg; None where that is not known."""
+    body = stated.get("object")
+    return None if body is None else body.get("mass")
+
+
+def read_mode(document: object, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     """(M,) contacts that the stated mode selects, and (M, 2) their signs."""
-    selected, signs = [], []
-    for index, contact in enumerate(document["contacts"]):
-        where = f"contact {index}"
-        selected.append(truth(entry(contact, "selected", where), f"selected of {where}"))
-        pair = items(entry(contact, "signs", where), f"signs of {where}", 2, 2)
-        signs.append([whole(sign, f"a sign of {where}", -1, 1) for sign in pair])
-    return np.array(selected, dtype=bool), np.array(signs, dtype=int).reshape(problem.count, 2)
+    contacts = problem.part(document)["contacts"]
+    return stacked(contacts, "selected"), stacked(contacts, "signs")
 
 
 def read_forces(
@@ -207,11 +167,6 @@ def read_forces(
 ) -> Forces:
     """Return forces that stand in a document, with the columns of the objective's own."""
     return Forces(problem, array(rows, (problem.count, 3), where), columns)
-
-
-_SIZED = ("normal_upper", "normal_lower", "torque_upper", "torque_lower", "share_upper",
-          "share_lower")  # fmt: skip
-"""Those that stand by contact or joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +213,10 @@ def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMul
     """
     stated, there = _stated(given, problem, where), _there(problem)
     # A first entry that is too small by a hair is taken for one that is enough.
-    cones = stated["round"]
+    cones: np.ndarray = stated["round"]
     cones[:, 0] = np.maximum(cones[:, 0], _lengths(cones[:, 1:]))
     return StatedMultipliers(
-        balance=array(entry(given, "balance", where), problem.w.shape, f"balance of {where}"),
+        balance=problem.part(given, where, "multipliers")["balance"],
         **{key: np.where(there[key], one, 0.0) for key, one in stated.items()},
     )
 
@@ -282,27 +237,22 @@ def stray_multipliers(given: object, problem: Problem, where: str) -> list[str]:
 
 def _stated(given: object, problem: Problem, where: str) -> dict[str, np.ndarray]:
     """Return all multipliers but those of the balance as they stand, by attribute."""
-    M, L = problem.count, len(problem.units)
-    faces, cones = np.zeros((M, problem.edges)), np.zeros((M, 3))
-    listed: list[Any] = []
+    own, stated = problem.own, problem.part(given, where, "multipliers")
+    values: dict[str, np.ndarray] = {
+        key: np.zeros(problem.sizes[size]) for key, size in SIZED.items()
+    }
+    values["faces"], cones = np.zeros((problem.count, problem.edges)), np.zeros((problem.count, 3))
     if problem.is_round:
-        cones = array(entry(given, "round_cones", where), (M, 3), f"round_cones of {where}")
+        cones = stated["round_cones"]
     else:
-        listed = items(entry(given, "faces", where), f"faces of {where}", 0, faces.size)
-    for triple in listed:
-        contact, face, value = items(triple, f"a face of {where}", 3, 3)
-        contact = whole(contact, f"a contact of {where}", 0, M - 1)
-        faces[contact, whole(face, f"a face of {where}", 0, problem.edges - 1)] += number(
-            value, f"a face of {where}"
-        )
-    own, values = problem.own, {key: np.zeros(M if "normal" in key else L) for key in _SIZED}
-    for key in _SIZED if own is None else own.multipliers.intersection(_SIZED):
-        values[key] = array(entry(given, key, where), values[key].shape, f"{key} of {where}")
+        values["faces"] = stated["faces"]
+    for key in SIZED if own is None else own.multipliers.intersection(SIZED):
+        values[key] = stated[key]
     values["own_upper"], values["own_lower"] = _own_multipliers(given, problem, where)
-    for key, one in {**values, "faces": faces}.items():
+    for key, one in values.items():
         if (one < 0.0).any():
             raise ValueError(f"{key} of {where} has a negative multiplier")
-    return {**values, "faces": faces, "round": cones}
+    return {**values, "round": cones}
 
 
 def _there(problem: Problem) -> dict[str, np.ndarray]:
@@ -327,10 +277,10 @@ def _names(problem: Problem) -> set[str]:
     """Return all names under which a document states multipliers."""
     names, own = {"balance", "round_cones" if problem.is_round else "faces"}, problem.own
     if own is None:
-        return names.union(_SIZED)
+        return names.union(SIZED)
     for name, sign, _ in own.rows.blocks:
         names |= {f"{name}_upper", f"{name}_lower"} if sign == "either" else {name}
-    return names | own.multipliers.intersection(_SIZED)
+    return names | own.multipliers.intersection(SIZED)
 
 
 def _own_multipliers(given: object, problem: Problem, where: str) -> tuple[np.ndarray, np.ndarray]:

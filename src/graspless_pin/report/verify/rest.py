@@ -15,11 +15,11 @@ or goal 0, p = 0, below zero: then there is no outcome in it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.fields import Part
 from graspless_pin.report.verify.holding import holding_checks
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Problem
@@ -41,7 +41,6 @@ from graspless_pin.report.verify.rest_tree import (
     tree,
     uncovered,
 )
-from graspless_pin.report.verify.values import array, entry, number, text, word
 
 _LONG = np.longdouble
 _EMPTY = -0.1
@@ -156,7 +155,6 @@ class KeptWalk:
         self.failure = self.failure or why
 
 
-_STATUSES = ("strong", "weak", "none", "undecided")
 _WORDS = {
     "strong": ("holds", "keeps", "needs", "stays", "may "),
     "weak": ("may ",),
@@ -167,7 +165,7 @@ _WORDS = {
 _TOLD = "free_motions", "moves"
 
 
-def rest_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
+def rest_checks(document: object, problem: Problem) -> list[Check]:
     """Return the checks of the verdict under ``stability``; none where there is none.
 
     Args:
@@ -177,33 +175,33 @@ def rest_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.
     """
-    stated = document.get("stability")
+    whole = problem.part(document)
+    stated = whole.get("stability")
     if stated is None:
         return []
-    instant = word(entry(stated, "status", "stability"), "status", _STATUSES)
-    bodies = read_load(document, problem)
-    if stated.get("joints_held", False) is not False:
+    instant, bodies = stated["status"], read_load(document, problem)
+    if stated.stated.get("joints_held", False) is not False:
         bodies = bodies.with_joints_held()
-    under_controller = holding_checks(document.get("holding"), instant, bodies)
+    under_controller = holding_checks(whole.get("holding"), instant, bodies)
     return [*under_controller, *verdict_checks(stated, bodies)]
 
 
-def resolution_of(stated: object, where: str) -> float:
+def resolution_of(stated: Part) -> float:
     """Return the accelerations that count as rest, as a share of load over mass.
 
     Raises:
         ValueError: If there is none, or it is none that is asked for.
     """
-    resolution = number(entry(stated, "acceleration_resolution", where), "acceleration_resolution")
+    resolution = stated["acceleration_resolution"]
     if not resolution >= tolerances.FINEST * (1.0 - tolerances.SAME):
         raise ValueError(
-            f"acceleration_resolution of {where} is {resolution:g}; it must be at least "
+            f"acceleration_resolution of {stated.where} is {resolution:g}; it must be at least "
             f"{tolerances.FINEST:g}"
         )
     return resolution
 
 
-def verdict_checks(stated: Any, bodies: RestLoad) -> list[Check]:
+def verdict_checks(stated: Part, bodies: RestLoad) -> list[Check]:
     """Return the checks of a verdict on what bodies do under a load.
 
     Raises:
@@ -215,13 +213,10 @@ def verdict_checks(stated: Any, bodies: RestLoad) -> list[Check]:
 class _Verdict:
     """One verdict, and what it is about."""
 
-    def __init__(self, stated: Any, bodies: RestLoad) -> None:
-        self.stated, self.bodies = stated, bodies
+    def __init__(self, stated: Part, bodies: RestLoad) -> None:
+        self.stated, self.bodies, self.status = stated, bodies, stated["status"]
         self.problem, self.dynamics = bodies.problem, bodies.dynamics
-        where = "stability"
-        self.status = word(entry(stated, "status", where), "status of stability", _STATUSES)
-        self.is_known = bodies.inertia is not None
-        self.resolution = resolution_of(stated, where)
+        self.is_known, self.resolution = bodies.inertia is not None, resolution_of(stated)
         self.limit = bodies.limit(self.resolution)
 
     def run(self) -> list[Check]:
@@ -230,9 +225,8 @@ class _Verdict:
             checks.append(given("joints", "keep their positions, whatever torques that takes"))
         rest = f"{self.resolution:g} of load over mass"
         if self.is_known:
-            stated = number(entry(self.stated, "acceleration_limit", "stability"), "a limit")
-            tolerance = tolerances.SAME * self.limit
-            checks.append(agrees("acceleration limit", stated, self.limit, tolerance, "m/s^2"))
+            told, tolerance = self.stated["acceleration_limit"], tolerances.SAME * self.limit
+            checks.append(agrees("acceleration limit", told, self.limit, tolerance, "m/s^2"))
             rest += f": points that accelerate by up to {self.limit:.3g} m/s^2 are at rest"
         checks += [given("resolution of accelerations", rest), *self._words()]
         claims = {key: self.stated[key] for key in _TOLD if self.stated.get(key) is not None}
@@ -258,21 +252,19 @@ class _Verdict:
 
     def _words(self) -> list[Check]:
         """Return the check that the sentence does not say what another status would."""
-        message = text(self.stated.get("message", ""), "message of stability")
+        message = self.stated["message"] if "message" in self.stated.stated else ""
         own = _WORDS[self.status]
         others = [word for words in _WORDS.values() for word in words if word not in own]
         good = not message.startswith(tuple(others))
         return [holds("the sentence and the status agree", good, message[:60] or "no sentence")]
 
     def _rest(self) -> Check:
-        local = self.bodies.forces("rest_forces", self.stated, "stability")
+        local = self.bodies.local(self.stated["rest_forces"])
         return within("rest is an outcome", self.bodies.amiss(local), tolerances.SHARE, "loads")
 
     def _no_rest(self) -> Check:
         """Along some motion all contact forces do work of one sign, and the load of the other."""
-        shape = self.bodies.load.shape
-        z = array(entry(self.stated, "no_rest", "stability"), shape, "no_rest")
-        left = self.bodies.left_by_all(z)
+        left = self.bodies.left_by_all(self.stated["no_rest"])
         return holds(
             "rest is no outcome", left > tolerances.SHARE, f"{left:.3g} loads are unbalanced"
         )
@@ -281,19 +273,16 @@ class _Verdict:
 
     def _motion(self) -> list[Check]:
         """Return the checks of the stated motion: each condition of an outcome, by the load."""
-        motion = entry(self.stated, "motion", "stability")
+        motion, bodies, problem = self.stated.maybe("motion"), self.bodies, self.problem
         if motion is None and self.status == "none":
             return []
         if self.dynamics is None:
             return [holds("a motion is an outcome", passed=False, detail="no inertia is known")]
-        bodies, problem, where = self.bodies, self.problem, "the motion"
+        motion = self.stated["motion"]
         acceleration = np.concatenate(
-            [
-                array(entry(motion, "object_acceleration", where), problem.w.shape, where),
-                array(entry(motion, "joint_accelerations", where), (len(bodies.hybrid),), where),
-            ]
+            [motion["object_acceleration"], motion["joint_accelerations"]]
         )
-        f = bodies.forces("contact_forces", motion, where)
+        f = bodies.local(motion["contact_forces"])
         off = bodies.misdirected(f)
         held = np.zeros(problem.count, dtype=bool)
         held[bodies.hybrid[bodies.hybrid >= 0]] = True
@@ -314,8 +303,7 @@ class _Verdict:
         gaps = np.minimum(against / F, np.where(problem.slides, 0.0, slips) / unit)
         gaps = np.maximum(gaps, np.minimum(np.abs(f[:, 0]) / F, np.maximum(u[:, 0], 0.0) / unit))
         speed = self._fastest(acceleration[: len(problem.w)])
-        claimed = number(entry(motion, "point_acceleration", where), "point_acceleration")
-        most = tolerances.motion(self.resolution)
+        claimed, most = motion["point_acceleration"], tolerances.motion(self.resolution)
         checks = [
             within("a motion obeys the dynamics", left, most, "loads"),
             within("its forces are in the cones, and as commanded", wrong / F, most, "loads"),
@@ -336,7 +324,7 @@ class _Verdict:
     # proof
 
     def _strong(self) -> list[Check]:
-        name, proof = "rest is the only outcome", entry(self.stated, "proof", "stability")
+        name, proof = "rest is the only outcome", self.stated.maybe("proof")
         if proof is None:
             return [Check(name, None, "no proof in the document")]
         limit, reach = force_limit(proof, LARGEST_FORCE * self.problem.force)
@@ -345,20 +333,20 @@ class _Verdict:
         if (self.problem.slides & (self.problem.mu > 0.0)).any():
             return [reach, self._kept(proof, limit)]
         loads, checks = stated_loads(proof, self.bodies, self.dynamics, limit)
-        if entry(proof, "forces", "proof of rest") is not None:
-            forces = self.bodies.forces("forces", proof, "proof")
-            shown = certificate(name, self.bodies, forces, loads, self.limit)
+        forces = proof.maybe("forces")
+        if forces is not None:
+            shown = certificate(name, self.bodies, self.bodies.local(forces), loads, self.limit)
             return [*checks, *([reach] if checks else []), shown]
         if self.dynamics is None:
             return [*checks, holds(name, passed=False, detail="no inertia is known")]
         return [*checks, reach, tree(name, proof, self.dynamics, loads, (self.limit, limit))]
 
-    def _kept(self, proof: Any, limit: float) -> Check:
+    def _kept(self, proof: Part, limit: float) -> Check:
         """Check that nothing but the declared motion is an outcome."""
         name, dynamics = "the declared motion is the only outcome", self.dynamics
         if dynamics is None or not np.isfinite(self.limit):
             return holds(name, passed=False, detail="no inertia is known")
         goals = kept_goals(dynamics, self.problem, self.limit)
         walk = KeptWalk(dynamics, goals, limit / dynamics.force_unit)
-        walk.walk(read_rest_tree(entry(proof, "nodes", "proof of the motion"), dynamics))
+        walk.walk(read_rest_tree(proof, dynamics))
         return holds(name, not walk.failure, walk.failure or f"{walk.leaves} leaves")

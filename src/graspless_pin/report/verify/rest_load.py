@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.fields import Part, stacked
 from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.reading import stated_mass
 from graspless_pin.report.verify.rest_bounds import (
     RestDynamics,
     commanded_contacts,
@@ -16,7 +17,6 @@ from graspless_pin.report.verify.rest_bounds import (
     force_motion,
     rest_dynamics,
 )
-from graspless_pin.report.verify.values import array, entry, items, number
 
 LARGEST_FORCE = 1e6
 """Proofs have to hold for normal forces up to so many loads."""
@@ -84,10 +84,9 @@ class RestLoad:
         forces[self.hybrid[columns]] = self.load[len(self.problem.w) + columns]
         return forces
 
-    def forces(self, key: str, mapping: object, where: str) -> np.ndarray:
-        """(M, 3) stated forces in contact frames, N."""
-        rows = array(entry(mapping, key, where), (self.problem.count, 3), f"{key} of {where}")
-        return np.einsum("lij,lj->li", self.problem.frames, rows)
+    def local(self, forces: np.ndarray) -> np.ndarray:
+        """(M, 3) forces of world axes in contact frames, N."""
+        return np.einsum("lij,lj->li", self.problem.frames, forces)
 
     def unbalanced(self, local: np.ndarray) -> float:
         """Return the largest entry of G^T f + g, in loads; forces (M, 3) in contact frames."""
@@ -161,53 +160,44 @@ def _loads(problem: Problem) -> np.ndarray:
     return np.concatenate([problem.passive_scale, np.maximum(joints, least)])
 
 
-def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
+def read_load(document: object, problem: Problem) -> RestLoad:
     """Return the load of a document with its torques and inertias.
 
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.
     """
-    torques = [entry(joint, "torque", "a joint") for joint in document["joints"]]
-    joints = len(problem.units)
-    motors = array(torques, (joints,), "the joints' torques")
-    load = np.concatenate([problem.w, motors - problem.gravity])
-    own, of_joints = document.get("object_inertia"), document.get("joint_inertia")
-    passive = len(problem.w)
-    inertia, hybrid = np.zeros((passive + joints, passive + joints)), np.full(joints, -1)
+    stated, passive = problem.part(document), len(problem.w)
+    motors, own = stacked(stated["joints"], "torque"), stated.get("object_inertia")
+    load, joints = np.concatenate([problem.w, motors - problem.gravity]), len(motors)
+    inertia, hybrid = np.zeros((len(load), len(load))), np.full(joints, -1)
+    of_joints = stated.get("joint_inertia")
     if of_joints is not None:
-        inertia[passive:, passive:] = array(of_joints, (joints, joints), "joint_inertia")
-        hybrid = commanded_contacts(problem, inertia[passive:, passive:])
+        inertia[passive:, passive:] = of_joints
+        hybrid = commanded_contacts(problem, of_joints)
     if own is None or (of_joints is None and joints):
         return RestLoad(problem, load, None, hybrid)
-    inertia[:passive, :passive] = array(own, (passive, passive), "object_inertia")
+    inertia[:passive, :passive] = own
     size = np.sqrt(np.abs(np.outer(inertia.diagonal(), inertia.diagonal())))
     if (np.abs(inertia - inertia.T) > tolerances.SAME * size).any():
         raise ValueError("object_inertia and joint_inertia must be symmetric")
     if problem.given is None:
-        _check_mass(document, inertia)
+        _check_mass(stated, own)
     return RestLoad(problem, load, inertia, hybrid)
 
 
-_MOST_LOADS = 100
-
-
-def _check_mass(document: dict[str, Any], inertia: np.ndarray) -> None:
+def _check_mass(stated: Part, inertia: np.ndarray) -> None:
     """Refuse an inertia of one object that has no one mass: accelerations count in load over mass.
 
     Raises:
         ValueError: Saying what it is instead.
     """
-    mass = inertia[0, 0]
-    if (
-        not mass > 0.0
-        or (np.abs(inertia[:3, :3] - mass * np.eye(3)) > tolerances.SAME * mass).any()
-    ):
+    mass, most = inertia[0, 0], tolerances.SAME * inertia[0, 0]
+    if not mass > 0.0 or (np.abs(inertia[:3, :3] - mass * np.eye(3)) > most).any():
         raise ValueError("object_inertia is of no rigid body: its mass differs with the direction")
-    stated = document["object"].get("mass") if isinstance(document.get("object"), dict) else None
-    if stated is None:
-        return
-    total = number(stated, "mass")
-    for load in items(document.get("loads", []), "loads", 0, _MOST_LOADS):
-        total += number(entry(load, "mass", "a load"), "mass")
-    if abs(total - mass) > tolerances.SAME * mass:
-        raise ValueError(f"object_inertia is of {mass:.6g} kg, but the object of {total:.6g} kg")
+    total = stated_mass(stated)
+    if total is not None:
+        total += sum(load["mass"] for load in stated.get("loads") or [])
+        if abs(total - mass) > most:
+            raise ValueError(
+                f"object_inertia is of {mass:.6g} kg, but the object of {total:.6g} kg"
+            )

@@ -12,11 +12,11 @@ A proof of rest has smallest loads first, then a certificate or such a tree.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.fields import Part
 from graspless_pin.report.verify.outcome import Check, holds, within
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
@@ -26,9 +26,7 @@ from graspless_pin.report.verify.rest_bounds import (
     largest_goal,
 )
 from graspless_pin.report.verify.rest_load import RestLoad
-from graspless_pin.report.verify.values import MOST, array, entry, items, number, whole, word
 
-_MOST_NODES = 100_000
 _DEEPEST = 400
 _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
 """KnownStates that hold no outcome beside those of another state, where that other is forced."""
@@ -45,100 +43,67 @@ class RestNode:
     forced: list[RestMultipliers]
     sides: list[tuple[int, RestMultipliers]]
     children: list[RestNode] = field(default_factory=list)
-    loads: list[tuple[int, float, RestMultipliers]] = field(default_factory=list)
+    loads: list[LeastLoad] = field(default_factory=list)
 
 
-def read_rest_multipliers(given: object, dynamics: RestDynamics, where: str) -> RestMultipliers:
-    """Return multipliers that stand in a document."""
-    count, size = len(dynamics.rows), len(dynamics.load)
-    return RestMultipliers(
-        array(entry(given, "motion", where), (size,), f"motion of {where}"),
-        array(entry(given, "normal", where), (count,), f"normal of {where}"),
-        array(entry(given, "tangential", where), (count, 2), f"tangential of {where}"),
-    )
+LeastLoad = tuple[int, float, RestMultipliers]
+"""A contact, the normal force that every outcome has there at least, N, and what proves it."""
 
 
-def read_rest_tree(nodes: object, dynamics: RestDynamics) -> RestNode:
-    """Return the root of the tree that the nodes of a document make.
+def _multipliers(stated: Part) -> RestMultipliers:
+    return RestMultipliers(stated["motion"], stated["normal"], stated["tangential"])
+
+
+def _loads(stated: Part) -> list[LeastLoad]:
+    return [(one["contact"], one["force"], _multipliers(one["multipliers"]))
+            for one in stated["loads"]]  # fmt: skip
+
+
+def read_rest_tree(proof: Part, dynamics: RestDynamics) -> RestNode:
+    """Return the root of the tree that the nodes of a proof make.
 
     Raises:
         ValueError: If they make none.
     """
-    listed = items(nodes, "nodes of the proof of rest", 1, _MOST_NODES)
-    root: RestNode | None = None
-    waiting: list[tuple[RestNode, int]] = []
-    for index, given in enumerate(listed):
-        where = f"node {index} of the proof of rest"
-        node, count = _read_node(given, dynamics, where, is_root=root is None)
-        if root is None:
-            root = node
-        else:
-            while waiting and waiting[-1][1] == 0:
-                waiting.pop()
-            if not waiting:
-                raise ValueError(f"{where} is left over")
-            parent, left = waiting[-1]
-            waiting[-1] = parent, left - 1
-            parent.children.append(node)
-        waiting.append((node, count))
+    first, *others = proof.sized(n=len(dynamics.load))["nodes"]
+    root, count = _read_node(first, is_root=True)
+    waiting = [(root, count)]
+    for stated in others:
+        while waiting and waiting[-1][1] == 0:
+            waiting.pop()
+        if not waiting:
+            raise ValueError(f"{stated.where} is left over")
+        parent, left = waiting.pop()
+        node, count = _read_node(stated, is_root=False)
+        parent.children.append(node)
+        waiting += [(parent, left - 1), (node, count)]
         if len(waiting) > _DEEPEST:
-            raise ValueError(f"{where} is deeper than {_DEEPEST} nodes")
-    if root is None or any(left for _, left in waiting):
-        raise ValueError("the proof of rest lacks nodes")
+            raise ValueError(f"{stated.where} is deeper than {_DEEPEST} nodes")
+    if any(left for _, left in waiting):
+        raise ValueError(f"{proof.where} lacks nodes")
     return root
 
 
-def _read_node(
-    given: Any, dynamics: RestDynamics, where: str, *, is_root: bool
-) -> tuple[RestNode, int]:
+def _read_node(stated: Part, *, is_root: bool) -> tuple[RestNode, int]:
     """Return a node without its children, and their number."""
-    count = len(dynamics.rows)
-    contact = whole(entry(given, "contact", where), f"contact of {where}", -1, count - 1)
-    kind = Kind(word(entry(given, "state", where), f"state of {where}", tuple(Kind)))
+    contact, kind, where = stated["contact"], Kind(stated["state"]), stated.where
     if (contact < 0 or kind == Kind.FREE) != is_root:
         raise ValueError(f"{where} says nothing of a contact" if not is_root else
                          f"{where} is the root, of which nothing is known")  # fmt: skip
-    arc, slip = (0.0, np.pi), entry(given, "slip", where)
-    if kind == Kind.SLIPPING:
-        center, half_width = array(slip, (2,), f"slip of {where}").tolist()
-        arc = number(center, where), number(half_width, where)
-        if not 0.0 <= half_width <= np.pi:
-            raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
-    bound = entry(given, "multipliers", where)
-    forced = items(entry(given, "forced", where), f"forced of {where}", 0, 2)
-    loads = items(entry(given, "loads", where), f"loads of {where}", 0, MOST)
-    sides = items(entry(given, "sides", where), f"sides of {where}", 0, _goal_count(dynamics))
+    center, half_width = stated["slip"] if kind == Kind.SLIPPING else (0.0, np.pi)
+    if not 0.0 <= half_width <= np.pi:
+        raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
+    bound = stated.maybe("multipliers")
     node = RestNode(
         contact,
         kind,
-        arc,
-        None if bound is None else read_rest_multipliers(bound, dynamics, where),
-        [read_rest_multipliers(one, dynamics, where) for one in forced],
-        [_read_side(one, dynamics, f"a side of {where}") for one in sides],
-        loads=[read_load_proof(one, dynamics, f"a load of {where}") for one in loads],
+        (float(center), float(half_width)),
+        None if bound is None else _multipliers(bound),
+        [_multipliers(one) for one in stated["forced"]],
+        [(one["goal"], _multipliers(one["multipliers"])) for one in stated["sides"]],
+        loads=_loads(stated),
     )
-    return node, whole(entry(given, "children", where), f"children of {where}", 0, _MOST_NODES)
-
-
-def read_load_proof(
-    given: object, dynamics: RestDynamics, where: str
-) -> tuple[int, float, RestMultipliers]:
-    """Return a contact, its smallest normal force, N, and what proves it."""
-    contact = whole(entry(given, "contact", where), where, 0, len(dynamics.rows) - 1)
-    force = number(entry(given, "force", where), where)
-    multipliers = entry(given, "multipliers", where)
-    return contact, force, read_rest_multipliers(multipliers, dynamics, where)
-
-
-def _read_side(given: object, dynamics: RestDynamics, where: str) -> tuple[int, RestMultipliers]:
-    multipliers = read_rest_multipliers(entry(given, "multipliers", where), dynamics, where)
-    last = _goal_count(dynamics) - 1
-    return whole(entry(given, "goal", where), f"goal of {where}", 0, last), multipliers
-
-
-def _goal_count(dynamics: RestDynamics) -> int:
-    """Under a declared motion: no outcome at all, and both signs of each passive acceleration."""
-    return 1 + 2 * dynamics.passive
+    return node, stated["children"]
 
 
 @dataclass(eq=False)
@@ -317,23 +282,22 @@ def _cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
     return covered >= 2.0 * half_width - tolerances.ANGLE
 
 
-def force_limit(proof: object, wanted: float) -> tuple[float, Check]:
+def force_limit(proof: Part, wanted: float) -> tuple[float, Check]:
     """Return the normal forces up to which a proof holds, N, and whether they are enough.
 
     None is stated where the proof leans on no limit: it has neither loads nor a tree.
     """
-    stated, name = entry(proof, "force_limit", "proof of rest"), "force limit of the proof"
-    if stated is None:
-        leans = entry(proof, "loads", "proof") or entry(proof, "nodes", "proof of rest")
+    limit, name = proof.maybe("force_limit"), "force limit of the proof"
+    if limit is None:
+        leans = proof.maybe("loads") or proof.maybe("nodes")
         detail = "none is stated, but the proof leans on one" if leans else "it leans on none"
         return wanted, holds(name, not leans, detail)
-    limit = number(stated, "force_limit")
     detail = f"{limit:.6g} N, wanted {wanted:.6g} N"
     return limit, holds(name, limit >= (1.0 - tolerances.SAME) * wanted, detail)
 
 
 def stated_loads(
-    proof: Any, bodies: RestLoad, dynamics: RestDynamics | None, limit: float
+    proof: Part, bodies: RestLoad, dynamics: RestDynamics | None, limit: float
 ) -> tuple[np.ndarray, list[Check]]:
     """Return the (M,) normal forces that every outcome has, N, and the checks of their proofs.
 
@@ -343,13 +307,13 @@ def stated_loads(
         dynamics: The equations of motion that the multipliers are of.
         limit: Normal forces that the proofs have to hold for, N.
     """
-    loads, checks, count = bodies.commanded, list[Check](), bodies.problem.count
-    for index, one in enumerate(items(entry(proof, "loads", "proof"), "loads", 0, MOST)):
-        where = f"load {index} of the proof"
-        if dynamics is None:
-            raise ValueError(f"{where} needs inertias")
-        contact, force, multipliers = read_load_proof(one, dynamics, where)
-        unit, states = dynamics.force_unit, KnownStates.unknown(count)
+    loads, checks = bodies.commanded, list[Check]()
+    if dynamics is None:
+        if proof["loads"]:
+            raise ValueError(f"loads of {proof.where} need inertias")
+        return loads, checks
+    unit, states = dynamics.force_unit, KnownStates.unknown(bodies.problem.count)
+    for contact, force, multipliers in _loads(proof.sized(n=len(dynamics.load))):
         found = unit * least_force(
             dynamics, states, loads / unit, (contact, multipliers), limit / unit
         )
@@ -389,7 +353,7 @@ def certificate(
 
 
 def tree(
-    name: str, proof: object, dynamics: RestDynamics, loads: np.ndarray, limits: tuple[float, float]
+    name: str, proof: Part, dynamics: RestDynamics, loads: np.ndarray, limits: tuple[float, float]
 ) -> Check:
     """Check a tree of contact states.
 
@@ -402,7 +366,7 @@ def tree(
     """
     unit, (still, most_force) = dynamics.force_unit, limits
     walk = RestWalk(dynamics, loads / unit, most_force / unit)
-    walk.walk(read_rest_tree(entry(proof, "nodes", "proof of rest"), dynamics))
+    walk.walk(read_rest_tree(proof, dynamics))
     most = (still / dynamics.reach) ** 2
     proven = not walk.failure and walk.bound <= (1.0 + tolerances.SHARE) * most
     shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most:.3g} (scaled)"

@@ -14,115 +14,86 @@ them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.bounds import (
-    largest_objective,
-    proven_bound,
-    violation,
-)
+from graspless_pin.report.verify.bounds import largest_objective, proven_bound, violation
+from graspless_pin.report.verify.fields import IN_MODE, INFEASIBLE, Part
 from graspless_pin.report.verify.outcome import Check, holds
-from graspless_pin.report.verify.problem import IN_MODE, INFEASIBLE, Problem
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.reading import read_mode, read_problem, stated_multipliers
-from graspless_pin.report.verify.values import entry, items, number, truth, whole, word
 
-_SIGNS = (-1, 0, 1)
+_SIGNS = np.array([-1, 0, 1])
+_PAIRS = np.eye(9, dtype=bool).reshape(9, 3, 3)[[4, 0, 1, 2, 3, 5, 6, 7, 8]]
+"""Each pair of signs alone, (0, 0) first: of contacts that are not selected."""
+_RELEASED = _PAIRS[0]
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """All modes that select some contacts, do not select others, and have some signs.
+    """A part of all modes: what each contact may do in it, whatever the others do.
 
     Attributes:
-        selected: (M,) contacts that every mode of it selects.
-        released: (M,) contacts that none of them selects.
-        left: (M, 2, 3) whether the signs -1, 0, 1 along t1 and t2 are left to a contact if it is
-            selected.
-        exact: Whether one sign of a contact may be 0.
+        left: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1 and t2;
+            the pair (0, 0) stands for contacts that are not selected.
         free: Whether friction needs no virtual sliding at all.
     """
 
-    selected: np.ndarray
-    released: np.ndarray
     left: np.ndarray
-    exact: bool
     free: bool = False
 
     @classmethod
     def every_mode(cls, problem: Problem, *, free: bool) -> State:
         """Return all modes that the rules let exist; ``free``: all friction, without any rule."""
-        exact = problem.sign_rule == "exact"
-        left = np.ones((problem.count, 2, 3), dtype=bool)
-        left[:, :, 1] = exact
-        always = problem.slides & problem.constrained
-        return cls(always, ~problem.candidates, left, exact, free)
+        left = np.ones((problem.count, 3, 3), dtype=bool)
+        if problem.sign_rule != "exact":
+            left[:, 1] = left[:, :, 1] = False
+        left[:, 1, 1] = ~(problem.slides & problem.constrained)
+        left[~problem.candidates] = _RELEASED
+        return cls(left, free)
 
     @classmethod
     def one_mode(cls, problem: Problem, selected: np.ndarray, signs: np.ndarray) -> State:
         """Return one mode alone."""
-        left = signs[:, :, None] == np.array(_SIGNS)
-        return cls(selected, ~selected, left, problem.sign_rule == "exact")
+        left = np.zeros((problem.count, 3, 3), dtype=bool)
+        left[np.arange(problem.count), *(np.where(selected, signs.T, 0) + 1)] = True
+        return cls(left)
 
     @property
-    def known_signs(self) -> np.ndarray:
-        """(M, 2) the sign that is left if it is the only one; else 0."""
-        only = self.left.sum(axis=2) == 1
-        return np.where(only, self.left[:, :, 2].astype(int) - self.left[:, :, 0], 0)
+    def selected(self) -> np.ndarray:
+        """(M,) contacts that every mode of it selects."""
+        return ~self.left[:, 1, 1]
 
     @property
-    def known_zeros(self) -> np.ndarray:
-        """(M, 2) components where only the sign 0 is left."""
-        return self.left[:, :, 1] & (self.left.sum(axis=2) == 1)
+    def signs(self) -> np.ndarray:
+        """(M, 2, 3) whether the signs -1, 0, 1 along t1 and t2 are left."""
+        return np.stack([self.left.any(axis=2), self.left.any(axis=1)], axis=1)
 
     @property
     def friction(self) -> np.ndarray:
         """(M, 2, 2) whether friction may be negative, positive: opposite to the sliding."""
-        if self.free:
-            return np.ones((len(self.selected), 2, 2), dtype=bool)
-        return self.left[:, :, [2, 0]] & ~self.released[:, None, None]
+        return self.signs[:, :, [2, 0]] | self.free
 
-    def select(self, contact: int) -> State | None:
-        """Return the modes of it that select a contact; None: there is none."""
-        selected = self.selected.copy()
-        selected[contact] = True
-        return replace(self, selected=selected)._settled(contact)
+    def only(self, contact: int, pairs: np.ndarray) -> State | None:
+        """Return the modes of it in which a contact has one of some pairs; None: there is none.
 
-    def release(self, contact: int) -> State | None:
-        """Return the modes of it that do not select a contact."""
-        released = self.released.copy()
-        released[contact] = True
-        return replace(self, released=released)._settled(contact)
-
-    def keep(self, contact: int, component: int, sign: int) -> State | None:
-        """Return the modes of it that select a contact with a sign."""
+        Args:
+            contact: Its index.
+            pairs: (3, 3) whether each is among them.
+        """
         left = self.left.copy()
-        left[contact, component] &= np.array(_SIGNS) == sign
-        return replace(self, left=left).select(contact)
+        left[contact] &= pairs
+        return replace(self, left=left) if left[contact].any() else None
 
-    def without(self, contact: int, component: int, sign: int) -> State | None:
-        """Return the modes of it that do not select a contact, or with another sign."""
-        left = self.left.copy()
-        left[contact, component, sign + 1] = False
-        return replace(self, left=left)._settled(contact)
 
-    def pairs(self, contact: int) -> list[tuple[int, int]]:
-        """Return the pairs of signs that are left to a contact, in the order of -1, 0, 1."""
-        first, second = (np.flatnonzero(row) - 1 for row in self.left[contact])
-        return [(int(a), int(b)) for a in first for b in second if (a, b) != (0, 0)]
-
-    def _settled(self, contact: int) -> State | None:
-        """Return the state where a contact without any pair of signs is released; None: empty."""
-        if self.pairs(contact):
-            return None if self.selected[contact] and self.released[contact] else self
-        if self.selected[contact]:
-            return None
-        released = self.released.copy()
-        released[contact] = True
-        return replace(self, released=released)
+def pairs_with(component: int, sign: int) -> np.ndarray:
+    """(3, 3) pairs that have a sign along a tangent."""
+    along = np.broadcast_to(sign == _SIGNS, (3, 3))
+    return along if component else along.T
 
 
 def velocities(problem: Problem, twist: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -164,66 +135,6 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
     return holds(name, good, detail)
 
 
-class Projection:
-    """The orthogonal projection on all possible u."""
-
-    def __init__(self, problem: Problem) -> None:
-        """Find an orthonormal basis of the velocities of all virtual motions."""
-        columns = problem.frames @ np.concatenate([problem.passive, problem.J], axis=2)
-        matrix = columns.reshape(3 * problem.count, -1)
-        sizes = np.linalg.norm(matrix, axis=0)
-        matrix = matrix / np.where(sizes > 0.0, sizes, 1.0)
-        left, values, _ = np.linalg.svd(matrix, full_matrices=False)
-        self._basis = left[:, values > tolerances.RANK * max(1.0, float(values.max()))]
-
-    def length(self, v: np.ndarray) -> float:
-        """Return |P v| of a combination (M, 3), with what rounding may hide."""
-        flat = v.ravel()
-        return float(
-            np.linalg.norm(self._basis.T @ flat) + tolerances.PROJECTED * np.linalg.norm(flat)
-        )
-
-
-def read_combination(given: object, problem: Problem, where: str) -> np.ndarray:
-    """(M, 3) a combination that stands in a document as [contact, axis, value] entries."""
-    v = np.zeros((problem.count, 3))
-    for triple in items(given, where, 0, v.size):
-        contact, axis, value = items(triple, where, 3, 3)
-        v[whole(contact, where, 0, problem.count - 1), whole(axis, where, 0, 2)] = number(
-            value, where
-        )
-    return v
-
-
-def excludes(problem: Problem, projection: Projection, state: State, v: np.ndarray) -> bool:
-    """Return whether a combination proves that no motion counts for any mode of a state.
-
-    Args:
-        problem: The problem.
-        projection: Of the problem.
-        state: Which contacts are selected, and the signs that are left to them.
-        v: (M, 3) the combination.
-    """
-    chosen = state.selected
-    signs = np.where(chosen[:, None], state.known_signs, 0)
-    zeros = chosen[:, None] & state.known_zeros
-    along = signs * v[:, 1:]
-    allowed = np.zeros(v.shape, dtype=bool)
-    allowed[:, 0] = chosen
-    allowed[:, 1:] = (signs != 0) | zeros
-    if (v[~allowed] != 0.0).any() or (along < 0.0).any():
-        return False
-    if problem.sign_rule == "nonzero":
-        weight = float(np.where((signs != 0).all(axis=1), along.min(axis=1), 0.0).sum())
-    else:
-        weight = float(along.sum())
-    return weight > 0.0 and projection.length(v) < tolerances.SLOWEST * weight
-
-
-MOST_NODES = 10_000
-_KINDS = ("bound", "kinematic", "conflict", "contact")
-
-
 @dataclass
 class Proof:
     """What a tree proves.
@@ -251,137 +162,123 @@ class TreeWalk:
         problem: The problem.
         reach: The largest normal forces that bounds are asked for, N; inf where the proof says
             that there are no forces at all.
-        projection: Of the problem's virtual motions.
     """
 
     problem: Problem
     reach: float
-    projection: Projection | None = field(default=None, init=False)
 
-    def walk(self, nodes: object, root: State) -> Proof:
+    def walk(self, nodes: list[Part], root: State) -> Proof:
         """Return what the nodes prove of a part of all modes.
 
         Raises:
             ValueError: If a node is no node.
         """
-        listed = items(nodes, "nodes of the proof", 1, MOST_NODES)
-        proof, waiting, number = Proof(), [root], 0
-        while waiting:
-            if number == len(listed):
-                proof.failure = f"{len(waiting)} parts of the modes have no node"
+        proof, waiting, failure = Proof(), [root], ""
+        for number, node in enumerate(nodes):
+            if not waiting:
+                proof.failure = f"{len(nodes) - number} nodes are left over"
                 return proof
-            where, node, state = f"node {number}", listed[number], waiting.pop()
-            kind = word(entry(node, "kind", where), f"the kind of {where}", _KINDS)
-            number += 1
+            state, kind = waiting.pop(), node["kind"]
             if kind == "bound":
-                bound, shared = self._bound(node, state, where)
+                bound, shared = self._bound(node, state)
                 proof.bound = min(proof.bound, bound)
                 proof.leaves, proof.programs = proof.leaves + 1, proof.programs + 1
-                proof.violation = shared if len(listed) == 1 else 0.0
-                continue
-            if state.free:
-                proof.failure = f"{where} speaks of modes where friction needs none"
-                return proof
-            if kind == "kinematic":
+                proof.violation = shared if len(nodes) == 1 else 0.0
+            elif state.free:
+                failure = "speaks of modes where friction needs none"
+            elif kind == "kinematic":
                 proof.leaves += 1
-                if not self._excluded(state, entry(node, "combination", where), where):
-                    proof.failure = f"{where} does not rule out its motions"
-                    return proof
-                continue
-            children = self._split(node, state, where) if kind == "conflict" else _by_contact(
-                node, state, where
-            )  # fmt: skip
-            if children is None:
-                proof.failure = f"{where} names no conflict"
+                if not self._excludes(node["combination"], state):
+                    failure = "does not rule out its motions"
+            else:
+                children = (self._by_conflict if kind == "conflict" else _by_contact)(node, state)
+                failure = "names no conflict" if children is None else ""
+                waiting.extend(reversed(children or []))
+            if failure:
+                proof.failure = f"{node.where} {failure}"
                 return proof
-            waiting.extend(reversed(children))
-        if number < len(listed):
-            proof.failure = f"{len(listed) - number} nodes are left over"
+        if waiting:
+            proof.failure = f"{len(waiting)} parts of the modes have no node"
         return proof
 
-    def _bound(self, node: Any, state: State, where: str) -> tuple[float, float]:
+    def _bound(self, node: Part, state: State) -> tuple[float, float]:
         """Return what a leaf's multipliers prove, and the violation if they refute all forces."""
-        problem = self.problem
-        m = stated_multipliers(entry(node, "multipliers", where), problem, where)
-        objective = truth(entry(node, "objective", where), f"objective of {where}")
-        bound = proven_bound(problem, m, state.friction, self.reach, objective=objective)
-        if objective and bound <= largest_objective(problem, self.reach):
+        problem, reach, free = self.problem, self.reach, state.friction
+        m = stated_multipliers(node["multipliers"].stated, problem, node.where)
+        objective = node["objective"]
+        bound = proven_bound(problem, m, free, reach, objective=objective)
+        if objective and bound <= largest_objective(problem, reach):
             return bound, 0.0
-        # What refutes all forces proves by how much without the objective.
-        without_objective = bound
-        if objective:
-            without_objective = proven_bound(
-                problem, m, state.friction, self.reach, objective=False
-            )
-        refutes = objective or without_objective > 0.0
-        return (np.inf if refutes else -np.inf), violation(problem, m, without_objective)
+        refutes = objective or bound > 0.0
+        if objective:  # what refutes all forces proves by how much without the objective
+            bound = proven_bound(problem, m, free, reach, objective=False)
+        return (np.inf if refutes else -np.inf), violation(problem, m, bound)
 
-    def _excluded(self, state: State, combination: object, where: str) -> bool:
-        if self.projection is None:
-            self.projection = Projection(self.problem)
-        v = read_combination(combination, self.problem, f"the combination of {where}")
-        return excludes(self.problem, self.projection, state, v)
+    @cached_property
+    def _basis(self) -> np.ndarray:
+        """Orthonormal basis of the velocities of all virtual motions, (3 M, any)."""
+        problem = self.problem
+        columns = problem.frames @ np.concatenate([problem.passive, problem.J], axis=2)
+        matrix = columns.reshape(3 * problem.count, -1)
+        sizes = np.linalg.norm(matrix, axis=0)
+        left, values, _ = np.linalg.svd(
+            matrix / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False
+        )
+        return left[:, values > tolerances.RANK * max(1.0, float(values.max()))]
 
-    def _split(self, node: Any, state: State, where: str) -> list[State] | None:
+    def _excludes(self, v: np.ndarray, state: State) -> bool:
+        """Return whether a combination (M, 3) proves that no motion counts for any mode."""
+        chosen, left = state.selected[:, None], state.signs
+        known = chosen & (left.sum(axis=2) == 1)
+        signs = np.where(known, left.argmax(axis=2) - 1, 0)
+        along = signs * v[:, 1:]
+        if (v[~np.hstack([chosen, known])] != 0.0).any() or (along < 0.0).any():
+            return False
+        if self.problem.sign_rule == "nonzero":
+            weight = float(np.where((signs != 0).all(axis=1), along.min(axis=1), 0.0).sum())
+        else:
+            weight = float(along.sum())
+        # The part of it that motions can see, with what rounding may hide.
+        flat = v.ravel()
+        seen = np.linalg.norm(self._basis.T @ flat) + tolerances.PROJECTED * np.linalg.norm(flat)
+        return weight > 0.0 and bool(seen < tolerances.SLOWEST * weight)
+
+    def _by_conflict(self, node: Part, state: State) -> list[State] | None:
         """Return the children of a conflict: each presumes the items before its own and breaks it.
 
         None if the items do not exclude each other.
         """
-        children: list[State] = []
+        children: list[State | None] = []
         rest: State | None = state
-        for item in items(entry(node, "items", where), f"items of {where}", 0, 3 * len(state.left)):
+        for contact, component, sign in node["items"]:
             if rest is None:
                 break
-            contact, component, sign = _read_item(item, len(state.left), where)
-            if sign:
-                broken = rest.without(contact, component, sign)
-                rest = rest.keep(contact, component, sign)
-            else:
-                broken, rest = rest.release(contact), rest.select(contact)
-            if broken is not None:
-                children.append(broken)
-        if rest is None:
-            return children  # every mode breaks one of the items already
-        combinations = items(entry(node, "combinations", where), f"combinations of {where}", 1, 3)
-        ways = _ways(node, rest, where)
-        if len(ways) != len(combinations):
-            return None
-        for part, combination in zip(ways, combinations, strict=True):
-            if part is not None and not self._excluded(part, combination, where):
+            pairs = pairs_with(component, sign) if sign else ~_RELEASED
+            children.append(rest.only(contact, ~pairs))
+            rest = rest.only(contact, pairs)
+        ways = [] if rest is None else _ways(node, rest)  # none: every mode breaks an item already
+        if rest is not None:
+            combinations = node["combinations"]
+            if len(ways) != len(combinations) or not all(map(self._excludes, combinations, ways)):
                 return None
-        return children
+        return [child for child in children if child is not None]
 
 
-def _ways(node: Any, rest: State, where: str) -> list[State | None]:
+def _ways(node: Part, rest: State) -> list[State]:
     """Return the state of all items, or one for each sign of a component that they leave no way."""
-    if node.get("open") is None:
+    opened = node.get("open")
+    if opened is None:
         return [rest]
-    contact, component = items(node["open"], f"open of {where}", 2, 2)
-    contact, component, _ = _read_item([contact, component, 0], len(rest.left), where)
+    contact, component = opened
     if not rest.selected[contact]:
         return []
-    signs = np.flatnonzero(rest.left[contact, component]) - 1
-    return [rest.keep(contact, component, int(sign)) for sign in signs]
+    ways = [rest.only(contact, pairs_with(component, sign)) for sign in _SIGNS]
+    return [way for way in ways if way is not None]
 
 
-def _read_item(item: object, count: int, where: str) -> tuple[int, int, int]:
-    """Contact, component and sign; the sign 0 stands for a contact that is selected."""
-    contact, component, sign = items(item, f"an item of {where}", 3, 3)
-    return (
-        whole(contact, f"a contact of {where}", 0, count - 1),
-        whole(component, f"a component of {where}", 0, 1),
-        whole(sign, f"a sign of {where}", -1, 1),
-    )
-
-
-def _by_contact(node: Any, state: State, where: str) -> list[State]:
+def _by_contact(node: Part, state: State) -> list[State]:
     """Return the children of a contact: not selected, and selected with each pair of signs."""
-    contact = whole(entry(node, "contact", where), f"contact of {where}", 0, len(state.left) - 1)
-    children = [] if state.selected[contact] else [state.release(contact)]
-    if not state.released[contact]:
-        for a, b in state.pairs(contact):
-            first = state.keep(contact, 0, a)
-            children.append(first and first.keep(contact, 1, b))
+    children = [state.only(node["contact"], pair) for pair in _PAIRS]
     return [child for child in children if child is not None]
 
 
@@ -410,18 +307,15 @@ def proven_violation(document: dict[str, Any]) -> float:
         In scaled units; 0 where the proof has more than one leaf, or is none.
     """
     try:
-        return max(_of_only_leaf(document), 0.0)
+        problem = read_problem(document)
+        stated = problem.part(document)
+        status, nodes = stated["status"], stated["proof"]["nodes"]
+        if status not in INFEASIBLE or len(nodes) != 1 or nodes[0]["kind"] != "bound":
+            return 0.0
+        mode = read_mode(document, problem) if status in IN_MODE else None
+        free = root_of(problem, status, mode).friction
+        m = stated_multipliers(nodes[0]["multipliers"].stated, problem, nodes[0].where)
     except ValueError:
         return 0.0  # what cannot be checked proves nothing
-
-
-def _of_only_leaf(document: dict[str, Any]) -> float:
-    status, nodes = document["status"], entry(document["proof"], "nodes", "proof")
-    if status not in INFEASIBLE or len(nodes) != 1 or nodes[0]["kind"] != "bound":
-        return 0.0
-    problem = read_problem(document)
-    mode = read_mode(document, problem) if status in IN_MODE else None
-    free = root_of(problem, status, mode).friction
-    m = stated_multipliers(nodes[0]["multipliers"], problem, "node 0")
     bound = proven_bound(problem, m, free, np.inf, objective=False, rounding=tolerances.STATED)
-    return violation(problem, m, bound)
+    return max(violation(problem, m, bound), 0.0)

@@ -20,6 +20,8 @@ def number(value: object, where: str) -> float:
     Raises:
         ValueError: If it is none.
     """
+    if isinstance(value, float) and _SMALLEST <= abs(value) <= LARGEST_READ:
+        return value
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise _wrong(where, value, "a number")
     try:
@@ -114,23 +116,44 @@ def items(value: object, where: str, least: int, most: int) -> list[Any]:
     return value
 
 
-def array(value: object, shape: tuple[int, ...], where: str) -> np.ndarray:
-    """Return an array of numbers.
+def array(value: object, shape: tuple[int, ...], where: str, *, gaps: bool = False) -> np.ndarray:
+    """Return an array of numbers; where there may be gaps, null is read as NaN.
 
     Raises:
         ValueError: If it has another shape or something that is no number.
     """
-    flat: list[float] = []
-
-    def walk(part: object, level: int) -> None:
-        if level == len(shape):
-            flat.append(number(part, where))
-            return
-        for one in items(part, where, shape[level], shape[level]):
-            walk(one, level + 1)
-
-    walk(value, 0)
+    listed: list[Any] = [value]
+    for length in shape:
+        listed = [one for row in listed for one in items(row, where, length, length)]
+    flat = [np.nan if gaps and one is None else number(one, where) for one in listed]
     return np.array(flat, dtype=np.float64).reshape(shape)
+
+
+def whose(where: str) -> str:
+    """Return what something is part of that is called by both."""
+    return where.partition(" of ")[2] or where
+
+
+def sparse(value: object, shape: dict[str, int], where: str) -> np.ndarray:
+    """Return an array of which a list has [index, ..., value] entries; the others are zero.
+
+    Args:
+        value: The list.
+        shape: What each index is called, with how many there are.
+        where: What it is called.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    found, width = np.zeros(tuple(shape.values())), len(shape) + 1
+    for listed in items(value, where, 0, found.size):
+        *indices, one = items(listed, f"an entry of {where}", width, width)
+        place = [
+            whole(index, f"{name} of {whose(where)}", 0, size - 1)
+            for index, (name, size) in zip(indices, shape.items(), strict=True)
+        ]
+        found[tuple(place)] = number(one, f"an entry of {where}")
+    return found
 
 
 def _wrong(where: str, value: object, wanted: str) -> ValueError:
