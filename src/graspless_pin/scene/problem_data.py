@@ -205,18 +205,12 @@ _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated
 
 def _coefficients(scene: SceneFields, state: JointedContacts) -> FloatArray:
     """Return (M,) coefficients of friction, read-only."""
-    touching = state.contacts.arrays
-    bodies, count = touching.bodies, touching.hand_count
-
-    def made() -> FloatArray:
-        groups = ["hand"] * count + ["supports"] * (len(bodies) - count)
-        each = [*zip(groups, bodies, strict=True)]
-        known = {one: friction_at(scene, *one) for one in dict.fromkeys(each)}
-        return read_only(np.array([known[one] for one in each]))
-
-    materials = scene.hand_material, scene.object.material, scene.materials
-    sources = touching, scene.supports, scene.friction, *materials
-    return scene._kept.of("friction", sources, made)
+    bodies, count = state.contacts.arrays.bodies, state.contacts.arrays.hand_count
+    values: list[float] = []
+    for group, own in (("hand", bodies[:count]), ("supports", bodies[count:])):
+        known = {body: friction_at(scene, group, body) for body in dict.fromkeys(own)}
+        values += map(known.__getitem__, own)
+    return read_only(np.array(values, dtype=np.float64))
 
 
 def friction_at(scene: SceneFields, group: str, body: str) -> float:
