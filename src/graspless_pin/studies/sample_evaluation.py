@@ -42,9 +42,6 @@ from graspless_pin.studies.rows import (
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
 
-_Loaded = tuple[int, Scene, tuple[Finding, ...], FloatArray]
-"""Number, scene, findings and `Loads.row` of a sample."""
-
 
 class _Kind(NamedTuple):
     """What samples share that one loop solves.
@@ -131,7 +128,7 @@ class SampleBlock:
         self._alone, self._failed = alone, failed
         self._starts = WarmStarts()
         self._kind: _Kind | None = None
-        self._run: list[_Loaded] = []
+        self._run: list[tuple[int, StatedSample]] = []
         self._optima: dict[tuple[Any, ...], LoadSweep] = {}
 
     def rows(self, number: int, stated: StatedSample) -> Iterator[Row]:
@@ -141,16 +138,16 @@ class SampleBlock:
             number: Its number.
             stated: What `stated_sample` returns of its scene.
         """
-        (scene, kind, loads, found), last = stated, self._kind
+        kind, last = stated.kind, self._kind
         if kind is not last and (
             last is None or kind.state is not last.state or kind[1:] != last[1:]
         ):
             yield from self.rest()
         if are_for(CONE_MODELS[kind.cone], kind.objective, kind.options):
             self._kind = kind
-            self._run.append((number, scene, found, loads))
+            self._run.append((number, stated))
         else:
-            yield self._alone(number, scene, found, self._starts)
+            yield self._alone(number, stated.scene, stated.findings, self._starts)
 
     def rest(self) -> Iterator[Row]:
         """Yield the rows of the samples that have none yet."""
@@ -160,26 +157,23 @@ class SampleBlock:
         self._run = []
         try:
             rows = [*self._looped(run, kind)]
-        except StudyError:
-            raise
-        except Exception:  # which sample it was, each in a run of its own tells
-            rows = []
-            for one in run:
-                try:
-                    rows += self._looped([one], kind)
-                except StudyError:
-                    raise
-                except Exception as error:
-                    rows.append(self._failed(one[0], error))
+        except Exception as error:  # which sample it was, each in a run of its own tells
+            if len(run) == 1 or isinstance(error, StudyError):
+                rows = [self._failed(run[0][0], error)]
+            else:
+                rows = []
+                for one in run:
+                    self._run = [one]
+                    rows += self.rest()
         yield from rows
 
-    def _looped(self, run: Sequence[_Loaded], kind: _Kind) -> Iterator[Row]:
+    def _looped(self, run: Sequence[tuple[int, StatedSample]], kind: _Kind) -> Iterator[Row]:
         """Yield the rows of samples of one kind."""
-        problem = run[0][1].problem()
+        problem = run[0][1].scene.problem()
         joints = kind.state.joints
         bodies = kind.options.rules, *kind.state.contacts.bodies
         optima, columns = self._optima_of(kind, problem), torque_columns(joints.names, joints.units)
-        loads, count = np.array([row for *_, row in run]), len(run)
+        loads, count = np.array([stated.loads for _, stated in run]), len(run)
         figures, torques = np.empty((count, 6)), np.empty((count, problem.joint_count))
         begin = 0
         starts = self._starts.of(bodies, problem, kind.objective)
@@ -188,7 +182,7 @@ class SampleBlock:
             end = optima.advance(problem, loads, begin, figures, torques)
             margins, found = figures[begin:end, 0].tolist(), torques[begin:end].tolist()
             of_run = zip(run[begin:end], margins, found, strict=True)
-            for (number, scene, wrong, _), margin, each in of_run:
+            for (number, stated), margin, each in of_run:
                 yield {
                     "sample": number,
                     "status": Status.OPTIMAL.name.lower(),
@@ -196,10 +190,11 @@ class SampleBlock:
                     **columns.values(margin, each),
                     "contacts": problem.contact_count,
                     "nodes": 1,
-                    **of_findings(scene, wrong),
+                    **of_findings(stated.scene, stated.findings),
                 }
             if end < count:
-                yield self._alone(*run[end][:3], self._starts)
+                number, stated = run[end]
+                yield self._alone(number, stated.scene, stated.findings, self._starts)
             begin = end + 1
 
     def _optima_of(self, kind: _Kind, problem: QuasistaticProblem) -> LoadSweep:
@@ -269,8 +264,6 @@ def _evaluated(
             found = state_findings(scene, checks) if apart and scene is not None else ()
             if scene is not None:
                 stated = None if apart else stated_sample(scene, limits, checks, stated)
-        except StudyError:
-            raise
         except Exception as error:
             yield from block.rest()
             yield _failed(study, number, error)
@@ -320,14 +313,19 @@ def _row(
     try:
         row = {"sample": number, **_results(study, number, scene, starts)}
         return row | of_findings(scene, found)
-    except StudyError:
-        raise
     except Exception as error:
         return _failed(study, number, error)
 
 
 def _failed(study: Study, number: int, error: Exception) -> Row:
-    # Whatever goes wrong is this sample's result. The path as it was given is no part of it:
+    """Return the row of a sample over which something was raised.
+
+    Raises:
+        StudyError: It is one: the study ends.
+    """
+    if isinstance(error, StudyError):
+        raise error
+    # Whatever else goes wrong is this sample's result. The path as it was given is no part of it:
     # another machine has another one.
     ours = isinstance(error, GrasplessPinError)
     text = f"{type(error).__name__}: {error}" if ours else internal_error(error)
