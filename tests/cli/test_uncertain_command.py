@@ -368,8 +368,6 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         result.exit_code == 2 and "uncertainty.frction: unknown key; did you mean" in result.stderr
     )
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1})
-    strong = run("solve", file, "--stability", "strong")
-    assert strong.exit_code == 2 and "stability" in strong.stderr
     heavy = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1}, max_normal_force=2.0)
     result = run("solve", heavy, *ASKED)
     assert result.exit_code == 1 and "Not even as it is meant to be" in words(result.stdout)
@@ -380,6 +378,24 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert "corners" in result.stderr
     far = run("solve", stating(tmp_path, CUBOID, uncertainty={"center_of_mass": 3.0}))
     assert far.exit_code == 2 and "scene.yaml: uncertainty: center_of_mass" in far.stderr
+
+
+def test_torques_that_guarantee_rest_at_each_corner(tmp_path: Path) -> None:
+    """The document leaves open what verdicts on members prove: it does not hold them."""
+    file = stating(tmp_path, EXAMPLES / "box_between_walls.yaml", uncertainty={"mass": 0.1})
+    target = tmp_path / "solution.json"
+    result = run("solve", file, *ASKED, "--stability", "strong", "--json", target)
+    assert result.exit_code == 0
+    assert "Rest is the only outcome at each of 2 corners" in words(result.stdout)
+    document = read_document(target)
+    assert document["uncertainty"]["status"] == "strong"
+    left = [one.name for one in verify_document(document).checks if one.passed is not True]
+    assert "all members: the torques are guaranteed" in left
+    assert verify_document(document).passed
+    ball = stating(tmp_path, BALL, uncertainty={"mass": 0.2, "center_of_mass": 0.005})
+    soft = run("solve", ball, *ASKED, "--controller", "0.2", "--stability", "strong")
+    assert soft.exit_code == 3
+    assert "none were found of which rest is the only outcome" in words(soft.stdout)
 
 
 def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:

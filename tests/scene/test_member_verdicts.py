@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.oracles.uncertain_members import BALANCED, imbalance
 
-from graspless_pin import Holding, Uncertainty, load_scene
+from graspless_pin import Holding, Stability, Status, Uncertainty, load_scene, minimize_torque
 from graspless_pin.errors import ArgumentError
 from graspless_pin.scene import Load
 from graspless_pin.scene.member_verdicts import scene_of_member, torques_at_rest
 
+STRONG = {"stability": "strong"}
 SETS = {
     "paper/cuboid_at_rest": {"mass": 0.2, "center_of_mass": (0.01, 0.004, 0.0), "force": 0.1},
     "paper/cuboid_sliding_up": {"mass": 0.1, "friction": 0.1, "moment": (0.0, 0.01, 0.0)},
@@ -113,5 +115,49 @@ def test_what_is_no_answer_for_this_scene_is_refused():
     other = load_scene("examples/paper/cuboid_at_rest.yaml")
     with pytest.raises(ArgumentError, match="another scene"):
         other.stability_of_members(robust_torques(scene, unknown, feedback=1.0))
-    with pytest.raises(ArgumentError, match=r"Scene\.stability_of_members"):
-        other.solve(uncertainty=Uncertainty(**unknown), stability="strong")
+    with pytest.raises(ArgumentError, match=r"ask it of a scene"):
+        minimize_torque(
+            other.problem(), 0.1, uncertainty=Uncertainty(**unknown), stability="strong"
+        )
+
+
+def test_strong_torques_for_a_set_keep_each_corner_at_rest():
+    """The least torques squeeze the box too little to guarantee either mass; more do both."""
+    scene = load_scene("examples/box_between_walls.yaml")
+    weak, found = (
+        robust_torques(scene, {"mass": 0.1}, stability=one) for one in ("weak", "strong")
+    )
+    assert found.status is Status.STRONG and found.found
+    assert found.max_torque >= found.bound == weak.bound
+    for share in (0.9, 1.1):
+        changed = scene.with_changes(object=scene.object.with_mass(share * scene.object.mass))
+        assert changed.stability(weak.torques).status is not Stability.STRONG
+        assert changed.stability(found.torques).status is Stability.STRONG
+        assert imbalance(changed.problem(), found.torques) < BALANCED
+    assert found.margin >= 0.02 - 1e-6
+    rest = found.rest
+    assert rest is not None and sorted(rest.corners) == [0, 1] and rest.tried > 1
+    assert "rest is the only outcome at 2 corners" in str(found)
+    assert weak.rest is None
+
+
+def test_strong_torques_rest_under_the_feedback_that_they_have():
+    """At 0.2 N m/rad the ball rolls away whatever the torques are, at 2 it rests."""
+    scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+    given = {"mass": 0.2, "center_of_mass": 0.005}
+    soft, stiff = (robust_torques(scene, given, feedback=gain, **STRONG) for gain in (0.2, 2.0))
+    assert not soft.found and soft.status is Status.STRONG_NOT_FOUND
+    assert soft.rest is not None and "rolls" in str(soft)
+    assert stiff.status is Status.STRONG
+    least = robust_torques(scene, given, feedback=2.0)
+    assert stiff.max_torque == pytest.approx(least.max_torque, rel=1e-6)
+
+
+def test_verdicts_that_were_left_out_are_told():
+    scene = load_scene("examples/box_between_walls.yaml").with_changes(supports=())
+    found = robust_torques(scene, {"mass": 0.05})
+    none = scene.stability_of_members(found, time_limit=0.0)
+    assert none.holding is Holding.UNDECIDED and none.left_out == len(found.members) == 2
+    assert "2 corners were not asked about" in str(none)
+    open_still = robust_torques(scene, {"mass": 0.05}, stability="strong", time_limit=0.0)
+    assert not open_still.found

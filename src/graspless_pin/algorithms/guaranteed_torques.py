@@ -319,6 +319,17 @@ def _certified(
     guarantee = Guarantee(verdict, best.value, gap, tried)
     if found is best:
         return replace(best, guarantee=guarantee)
+    return replace(bounded_by(best, found), status=Status.STRONG, guarantee=guarantee)
+
+
+def bounded_by(best: TorqueSolution, found: TorqueSolution) -> TorqueSolution:
+    """Return torques of a problem with what the best case proves that none are better than.
+
+    Args:
+        best: The best case.
+        found: Other torques, of the same problem and objective.
+    """
+    sign = 1.0 if best.objective.maximizes else -1.0
     certificate = replace(
         best.certificate,
         primal_residual=found.certificate.primal_residual,
@@ -330,9 +341,7 @@ def _certified(
         added=found.evidence.added,
         motion=found.evidence.motion,
     )
-    return replace(
-        found, status=Status.STRONG, certificate=certificate, evidence=evidence, guarantee=guarantee
-    )
+    return replace(found, certificate=certificate, evidence=evidence)
 
 
 def _none_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:

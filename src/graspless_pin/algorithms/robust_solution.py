@@ -14,6 +14,7 @@ from graspless_pin.algorithms.force_policy import ForcePolicy
 from graspless_pin.algorithms.uncertain_members import Weight
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.errors import NoSolutionError
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Member
 from graspless_pin.records import Brief
@@ -67,6 +68,26 @@ class Samples(Brief):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class RestAtCorners(Brief):
+    """What a search for torques of which rest is the only outcome at each corner has found.
+
+    Between the corners nothing is proven about rest. See the example of `Scene.solve`.
+
+    Attributes:
+        corners: Numbers of the members that verdicts were asked of; where none were found, those
+            of the torques that kept most corners, the last one without rest.
+        verdicts: On these.
+        kept: Whether rest is the only outcome at all of them, and none was left out.
+        tried: Sets of torques that were judged.
+    """
+
+    corners: tuple[int, ...]
+    verdicts: tuple[StabilityVerdict, ...]
+    kept: bool
+    tried: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class RobustSolution(Brief):
     """Torques that serve a whole set of problems, and the forces of its corners.
 
@@ -93,6 +114,7 @@ class RobustSolution(Brief):
             answer for the whole set; the solution is then that of members which bound it from the
             other side. None: corners are enough.
         samples: Of contacts that may be elsewhere; None: they stay, or nothing was found.
+        rest: Where ``stability="strong"`` was asked: the verdicts on corners. None: it was not.
     """
 
     solution: TorqueSolution
@@ -106,6 +128,7 @@ class RobustSolution(Brief):
     weight: Weight | None = None
     policy: ForcePolicy | None = None
     samples: Samples | None = None
+    rest: RestAtCorners | None = None
 
     @property
     def proven_for(self) -> str:
@@ -118,6 +141,8 @@ class RobustSolution(Brief):
     def status(self) -> Status:
         """What is known of the joined problem; of a policy, whether it reaches the bound."""
         status = self.solution.status
+        if self.rest is not None and self.rest.kept:
+            return Status.STRONG
         if self.policy is None:
             return status
         closed = abs(self.value - self.bound) <= _CLOSED * abs(self.value)
@@ -254,6 +279,10 @@ class RobustSolution(Brief):
         """Return what was found, for which members, or which are in conflict."""
         if not self.found:
             lines = [f"no torques for the whole set: {self.status.message}"]
+            if self.rest is not None and self.rest.verdicts:
+                last = self.members[self.rest.corners[-1]].words
+                lines.append(f"farthest came torques that lose rest where {last}:")
+                lines.append(f"  {self.rest.verdicts[-1].message}")
             if self.status is Status.UNVERIFIED:
                 lines.append("forces affine in what is unknown do not serve it; others may")
             if len(self.conflict) == 1:
@@ -285,6 +314,9 @@ class RobustSolution(Brief):
                 f" by affine forces\nno torques for the whole set are better than {self.bound:.6g}"
             )
         sampled = "" if self.samples is None else f"sampled: {self.samples}\n"
+        if self.rest is not None:
+            count = len(self.rest.corners)
+            policy += f"\nrest is the only outcome at {count} corners, between them that is open"
         return (
             f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} {unit}, proven for "
             f"{self.proven_for}{policy}\n{sampled}"

@@ -97,8 +97,8 @@ def solve_robust(
     if not isinstance(uncertainty, Uncertainty):
         raise ArgumentError("uncertainty", f"is {uncertainty!r:.80}; it must be an Uncertainty")
     options.need_weak(
-        "an uncertainty is about forces that may balance",
-        "leave it out, and ask `Scene.stability_of_members` of the answer",
+        "arrays do not tell what inertia a member has",
+        "ask it of a scene: scene.solve(uncertainty=..., stability='strong')",
     )
     limits = Limits.of(options)
     radii = contact_radii(problem, uncertainty, slopes)

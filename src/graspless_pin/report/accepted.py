@@ -9,6 +9,7 @@ from graspless_pin.holding.stability import undecided_verdict
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.verify import Check, verify_document
+from graspless_pin.report.verify.outcome import GUARANTEED
 from graspless_pin.report.verify.reading import read_problem
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.scene import Scene
@@ -59,6 +60,9 @@ def accepted(
     if solution.status in _CLAIMS:
         checks = verify_document(document).checks
         refused = [one for one in checks if one.passed is not True and one not in of_rest]
+        if solution.guarantee is not None and solution.guarantee.verdict is None:
+            # Of several members joined: each has a verdict of its own.
+            refused = [one for one in refused if one.name != GUARANTEED]
         solution = _without(solution, refused, lost)
     return solution, verdict
 

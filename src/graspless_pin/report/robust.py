@@ -18,7 +18,7 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.robust_answer import SHARE_TIME, STIFFNESS, RobustAnswer
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.solution.tables import COLUMNS, figure, torque_size
+from graspless_pin.solution.tables import COLUMNS, counted, figure, torque_size
 
 _STILL = 1e-9
 """rad (m): joints that give way by less do not."""
@@ -63,6 +63,12 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
             f"No torques for all {of_which} are better than {bound:.4g} {_unit(answer)} (proven)."
         )
     told.append(f"Least room: {robust.members[robust.worst].words}.")
+    if robust.rest is not None:
+        told.append(
+            f"Rest is the only outcome at each of {len(robust.rest.corners)} corners "
+            f"({counted(robust.rest.tried, 'set')} of torques tried); between them nothing is "
+            "proven of it."
+        )
     if robust.feedback is not None and robust.largest_deflection > _STILL:
         told.append(
             "With the stiffness of the controller joints give way by up to "
@@ -110,6 +116,13 @@ def _unserved(robust: RobustSolution) -> str:
             "Whether torques serve all of it is open: the limit on nodes or time ended the search "
             "first. Raise it, or state less as uncertain."
         )
+    if robust.rest is not None and robust.status is Status.STRONG_NOT_FOUND:
+        told = "Torques serve all of it, but none were found of which rest is the only outcome at "
+        told += f"each corner ({robust.rest.tried} tried). That there are none is not proven."
+        if robust.rest.verdicts:
+            last = robust.members[robust.rest.corners[-1]].words
+            told += f" Rest is lost where {last}: {robust.rest.verdicts[-1].message}."
+        return told
     if robust.status is Status.UNVERIFIED:
         return "Whether torques serve all of it is open: none were proven to. State less of it."
     return f"No torques for all of it: {robust.status.message}."

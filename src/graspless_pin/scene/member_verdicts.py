@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tabulate import tabulate
 
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError
@@ -43,8 +44,9 @@ class MemberVerdicts(Brief):
     may move all the same.
 
     Attributes:
-        members: K corners.
+        members: K corners that were asked about.
         verdicts: On each of them, as on a scene that is changed so.
+        left_out: Corners that were not asked about: the time was over, or one does not hold.
 
     Examples:
         >>> from graspless_pin import Uncertainty, load_scene
@@ -58,6 +60,7 @@ class MemberVerdicts(Brief):
 
     members: tuple[Member, ...]
     verdicts: tuple[StabilityVerdict, ...]
+    left_out: int = 0
 
     @property
     def worst(self) -> int:
@@ -69,11 +72,15 @@ class MemberVerdicts(Brief):
 
     @property
     def holding(self) -> Holding:
-        """The verdict on that member: `holds` where all hold."""
-        return self.verdicts[self.worst].holding
+        """The verdict on that member: `holds` where all hold, and none was left out."""
+        said = self.verdicts[self.worst].holding if self.verdicts else Holding.HOLDS
+        return Holding.UNDECIDED if said is Holding.HOLDS and self.left_out else said
 
     def __str__(self) -> str:
         """Return how many corners have which verdict, and what is said of the worst."""
+        left = f"{self.left_out} corners were not asked about\n" if self.left_out else ""
+        if not self.verdicts:
+            return left.rstrip()
         said = [one.holding for one in self.verdicts]
         rows = [
             (str(one), said.count(one), self.members[said.index(one)].words)
@@ -82,13 +89,17 @@ class MemberVerdicts(Brief):
         ]
         return (
             f"{tabulate(rows, ('holding', 'corners', 'the first of them'))}\n\n"
-            f"{self.members[self.worst].words}: {self.verdicts[self.worst]}\n"
+            f"{self.members[self.worst].words}: {self.verdicts[self.worst]}\n{left}"
             "between the corners nothing is proven about rest"
         )
 
 
 def verdicts_of_members(
-    scene: SceneFields, robust: RobustSolution, **options: Any
+    scene: SceneFields,
+    robust: RobustSolution,
+    *,
+    time_limit: float | None = None,
+    **options: Any,
 ) -> MemberVerdicts:
     """Return a verdict on each corner of a set: see `Scene.stability_of_members`.
 
@@ -98,7 +109,8 @@ def verdicts_of_members(
         scene: The scene as it is meant to be. Its controller counts, but with feedback the gains of
             the robust torques.
         robust: Torques that serve what it may be.
-        options: Of `stability`.
+        time_limit: Seconds for all corners together; None: as long as they take.
+        options: Of `stability`, for each.
 
     Raises:
         ArgumentError: If the torques are of another scene, or none were found.
@@ -114,16 +126,52 @@ def verdicts_of_members(
         raise ArgumentError(
             "robust", "is of another scene: joints or contacts differ; solve this one"
         )
-    if robust.feedback is not None:
-        scene = scene.with_changes(controller=_controller(scene, robust.feedback))
-    verdicts = []
+    scene, limits = under_feedback(scene, robust.feedback), Limits.from_now(None, time_limit)
     members = tuple([one for one in robust.members if one.moved is None])
+    return verdicts_under(scene, members, robust.torques, robust.feedback, limits=limits, **options)
+
+
+def under_feedback(scene: _Scene, stiffness: FloatArray | None) -> _Scene:
+    """Return a scene under its controller with other gains (L,), by joint; None: its own."""
+    if stiffness is None:
+        return scene
+    return scene.with_changes(controller=_controller(scene, stiffness))
+
+
+def verdicts_under(
+    scene: SceneFields,
+    members: Sequence[Member],
+    commanded: FloatArray,
+    stiffness: FloatArray | None,
+    *,
+    limits: Limits,
+    until: Callable[[StabilityVerdict], bool] = lambda _: False,
+    **options: Any,
+) -> MemberVerdicts:
+    """Return verdicts on members under commanded torques, one after the other.
+
+    Args:
+        scene: The scene as it is meant to be, under the controller that runs.
+        members: The members.
+        commanded: (L,) N m (N).
+        stiffness: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: none.
+        limits: When to stop.
+        until: Tells of a verdict whether to stop after it.
+        options: Of `stability`, for each.
+    """
+    verdicts: list[StabilityVerdict] = []
     for member in members:
+        if limits.passed:
+            break
         changed, friction = scene_of_member(scene, member), member.problem.friction
         own = replace(member, problem=problem_of(changed).with_changes(friction=friction))
-        torques = torques_at_rest(own, robust.torques, robust.feedback)
-        verdicts.append(verdict_of(changed, torques, friction=friction, **options))
-    return MemberVerdicts(members, tuple(verdicts))
+        torques = torques_at_rest(own, commanded, stiffness)
+        left = {} if limits.left is None else {"time_limit": limits.left}
+        verdicts.append(verdict_of(changed, torques, friction=friction, **left, **options))
+        if until(verdicts[-1]):
+            break
+    count = len(verdicts)
+    return MemberVerdicts(tuple(members[:count]), tuple(verdicts), len(members) - count)
 
 
 def scene_of_member(scene: _Scene, member: Member) -> _Scene:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import Limits, RequiredStability, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.served_share import largest_share
 from graspless_pin.algorithms.solve import solve_problem
@@ -94,7 +94,7 @@ def robust_answer(
         _, how = scene.asked(algorithm, **options)
         return RobustAnswer(unknown, robust, nominal, _held(scene, robust, how), 1.0)
     share, unserved, with_feedback = math.nan, math.nan, None
-    if robust.status is not Status.NOT_FOUND_IN_LIMIT:
+    if robust.status not in (Status.NOT_FOUND_IN_LIMIT, Status.STRONG_NOT_FOUND):
         share, unserved = _share_of(scene, solved, robust, share_time, options.get("time_limit"))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
             with_feedback = solved(feedback=STIFFNESS)
@@ -170,5 +170,6 @@ def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSo
 
 def _held(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
     """Return the scene under robust torques: the forces of the largest margin."""
+    how = replace(how, stability=RequiredStability.WEAK)  # the torques are given
     held = solve_problem(scene.problem(), at_torques(Margin(), robust.torques), how)
     return held.of_source(scene)

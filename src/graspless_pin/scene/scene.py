@@ -187,8 +187,8 @@ class Scene(SceneFields):
                 True: what the scene says of it. Without it, all is as it is meant to be, whatever
                 the scene says.
             options: Options of `maximize_margin`, `minimize_torque` or the other objective; beside
-                an uncertainty `feedback`, too: without it, the stiffness that the scene's
-                controller states.
+                an uncertainty ``stability="strong"`` is asked at its corners, and there is
+                `feedback`: without it, the stiffness that the scene's controller states.
 
         Raises:
             ArgumentError: If an option is not known or not one of this algorithm, or the scene says
@@ -243,7 +243,7 @@ class Scene(SceneFields):
 
         Args:
             robust: What `solve` has found with an uncertainty.
-            options: Those of `graspless_pin.stability`.
+            options: Those of `graspless_pin.stability`; `time_limit` is that of all corners.
         """
         from graspless_pin.scene.member_verdicts import verdicts_of_members
 

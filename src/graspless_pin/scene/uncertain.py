@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -24,6 +25,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.inertial_forces import STILL
 from graspless_pin.holding.controller import Controller
 from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.problem.members import Member
@@ -65,17 +67,37 @@ def solve_uncertain(
     if isinstance(uncertainty, Uncertainty):
         check_center(scene, uncertainty)
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
-    return solve_robust(
-        problem,
-        objective,
-        uncertainty,
-        options,
+    solved = partial(
+        _solved,
+        uncertainty=uncertainty,
         weight=weight_of(scene, problem.joint_count),
         feedback=feedback_in(scene) if feedback is None else feedback,
         fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
         mode=mode,
         slopes=_slopes(scene, uncertainty),
     )
+    if not options.strong:
+        return solved(problem, objective, options)
+    if any(figures_in(uncertainty.contact_position)):
+        raise ArgumentError(
+            "contact_position",
+            "is sampled, and stability='strong' is asked at corners; leave out one of both",
+        )
+    # Loaded here: verdicts need their own search and solver.
+    from graspless_pin.scene.strong_members import strong_for_members
+
+    return strong_for_members(scene, objective, options, solved)
+
+
+def _solved(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    *,
+    uncertainty: Uncertainty,
+    **further: Any,
+) -> RobustSolution:
+    return solve_robust(problem, objective, uncertainty, options, **further)
 
 
 def _slopes(scene: SceneFields, uncertainty: Uncertainty) -> FloatArray | None:

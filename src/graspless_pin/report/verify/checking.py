@@ -29,7 +29,15 @@ from graspless_pin.report.verify.forces import (
     frames_check,
     residual,
 )
-from graspless_pin.report.verify.outcome import Check, Verification, agrees, given, holds, within
+from graspless_pin.report.verify.outcome import (
+    GUARANTEED,
+    Check,
+    Verification,
+    agrees,
+    given,
+    holds,
+    within,
+)
 from graspless_pin.report.verify.problem import MESSAGES, Forces, Problem
 from graspless_pin.report.verify.reading import (
     read_mode,
@@ -65,7 +73,7 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
     verdict = stated.get("stability")
     says = verdict and verdict["status"]
     if status in FOUND_STATES:
-        sure = holds("the torques are guaranteed", says == "strong", f"verdict: {says}")
+        sure = holds(GUARANTEED, says == "strong", f"verdict: {says}")
         return [sure, *_cost(stated, problem)]
     checks = [given("the best case", "of torques that are not stated")]
     if status == "infeasible_strong":

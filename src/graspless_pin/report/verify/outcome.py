@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+GUARANTEED = "the torques are guaranteed"
+"""The check that the verdict on torques says so."""
 _MARKS = {True: "ok", False: "FAILED", None: "not proven here"}
 
 
