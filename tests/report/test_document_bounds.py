@@ -89,7 +89,7 @@ def test_numbers_whose_products_no_double_holds(document, value):
 
 
 def test_the_checker_has_the_same_bounds(document):
-    """It shares no code, and reads what this reads."""
+    """It imports nothing else of the package, and reads what this reads."""
     assert values.MOST_LETTERS == bounds.LONGEST_NAME
     assert values.MOST == bounds.MOST_CONTACTS
     assert values.LARGEST_READ == bounds.LARGEST_STATED

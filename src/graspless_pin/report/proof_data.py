@@ -5,9 +5,7 @@ An objective is read back as its columns, rows and costs stand in the document.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +20,10 @@ from graspless_pin.programs.builder import ProgramBuilder, scaled_weights
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Block, Columns, Program
-from graspless_pin.report.verify.fields import KNOWN_CONES
+from graspless_pin.report.verify.fields import KEPT, KNOWN_CONES, Part
+from graspless_pin.report.verify.own_objective import OwnObjective
+from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.values import array
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.certificate import (
     BoundLeaf,
@@ -31,9 +32,6 @@ from graspless_pin.solution.certificate import (
     KinematicLeaf,
     ProofNode,
 )
-
-_RECOMPUTED = ("balance", "faces", "normal_upper", "normal_lower", "torque")
-"""Blocks of which the checker works out all but the terms of added columns."""
 
 
 def objective_data(solution: TorqueSolution) -> dict[str, Any]:
@@ -76,7 +74,7 @@ def objective_data(solution: TorqueSolution) -> dict[str, Any]:
     normal = force * np.array([program.lb, program.ub])[:, coordinates.normal]
     faces = blocks["faces"]
     margins = faces.spread(-faces.unit * program.sides[1][faces.at])[:, 0] + 0.0
-    kept = {name: terms(blocks[name]) for name in _RECOMPUTED if name in blocks}
+    kept = {name: terms(blocks[name]) for name in KEPT if name in blocks}
     kept["faces"] = np.array([faces.spread(one)[:, 0] for one in kept["faces"].T]).T.reshape(
         count, len(scale)
     )
@@ -110,7 +108,7 @@ def objective_data(solution: TorqueSolution) -> dict[str, Any]:
         "rows": [
             _rows(block, program, terms(block), coordinates.layout.axes, force)
             for block in program.blocks
-            if block.name not in _RECOMPUTED
+            if block.name not in KEPT
         ],
     }
 
@@ -268,57 +266,29 @@ def _sizes(solution: TorqueSolution) -> dict[str, int]:
 
 
 def read_multipliers(
-    data: dict[str, Any], problem: QuasistaticProblem, objective: Objective
+    given: Part, stated: Problem, problem: QuasistaticProblem, objective: Objective
 ) -> tuple[FloatArray, FloatArray]:
     """Return the multipliers (y, z) of a scaled program from those in a document.
 
     Args:
-        data: As `multipliers_data` gives them.
+        given: As `multipliers_data` gives them.
+        stated: The problem as it stands there.
         problem: The problem.
         objective: What was optimised.
 
     Raises:
-        KeyError, TypeError, ValueError, IndexError: If they are none.
+        KeyError, ValueError: If they are none.
     """
     _, program, unit = scaled_program(problem, objective)
-    found = {name: as_numbers(values) for name, values in data.items() if name != "faces"}
-    if not problem.cone_model.second_order:
-        found["faces"] = _faces(data["faces"], problem)
+    blocks = () if stated.own is None else stated.own.rows.blocks
+    own = {f"{name}{end}": shape for name, _, shape in blocks for end in ("", "_upper", "_lower")}
+    found = {"balance": given["balance"]} | {
+        key: array(value, own[key], f"{key} of {given.where}") if key in own else given[key]
+        for key, value in given.stated.items()
+    }
     weights = scaled_weights(program.blocks, found, unit)
     count = len(program.b)
     return weights[:count], weights[count:]
-
-
-def _faces(listed: list[Any], problem: QuasistaticProblem) -> FloatArray:
-    """(M, r) multipliers of all faces."""
-    faces = np.zeros((problem.contact_count, len(problem.cone_section.corners)))
-    cones = np.flatnonzero(problem.has_cone).tolist()
-    for contact, face, value in listed:
-        faces[cones[cones.index(contact)], face] = as_number(value)
-    return faces
-
-
-def as_number(value: object) -> float:
-    """Return a number of a document.
-
-    Raises:
-        TypeError: If it is none; true and false are none.
-        ValueError: If it is not finite.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"{value!r:.40} is no number")
-    if not math.isfinite(value):
-        raise ValueError(f"{value} is not finite")
-    return float(value)
-
-
-def as_numbers(values: Any) -> FloatArray:
-    """Return nested lists of numbers as an array; the errors are those of `as_number`."""
-
-    def plain(value: Any) -> Any:
-        return [plain(one) for one in value] if isinstance(value, list) else as_number(value)
-
-    return np.array(plain(values), dtype=np.float64)
 
 
 def _node(solution: TorqueSolution, node: ProofNode) -> dict[str, Any]:
@@ -345,119 +315,91 @@ class StatedObjective(Objective):
 
     Attributes:
         name: What it is called.
-        data: What stands under ``objective``.
+        stated: What stands in the document.
         maximizes: Whether its value is to be as large as possible.
         required_margin: Margin that the forces keep, N.
     """
 
     name: str
-    data: Mapping[str, Any]
+    stated: OwnObjective
     maximizes: bool = False
     required_margin: float = 0.0
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:  # noqa: ARG002
         """Return the stated unit."""
-        return as_number(self.data["unit"])
-
-    @property
-    def column_units(self) -> FloatArray:
-        """(k,) what one of each scaled column is."""
-        parts = [as_numbers(one["unit"]) for one in self.data["columns"]]
-        return np.concatenate([np.zeros(0), *parts])
-
-    @property
-    def values(self) -> FloatArray:
-        """(k,) the stated columns, scaled."""
-        parts = [as_numbers(one["values"]) for one in self.data["columns"]]
-        return np.concatenate([np.zeros(0), *parts]) / self.column_units
+        return self.stated.unit
 
     def build(self, program: ProgramBuilder) -> None:
         """Add the columns, blocks and costs that the document states.
 
         Raises:
-            ValueError: If the cones are round.
+            ValueError: If the cones are round, or a row has a force where there is none.
         """
-        data, forces = self.data, program.forces
+        own, forces = self.stated, program.forces
         if forces.cones.second_order:
             raise ValueError("an objective of one's own stands in no document with round cones")
-        force = forces.coordinates.force_scale
+        force, kept = forces.coordinates.force_scale, own.keeps
         columns = self._columns(program)
-        count, kept = len(forces.normal), data["keeps"]
 
-        def terms(listed: Any, rows: int, unit: Any) -> dict[Columns, FloatArray]:
-            matrix = np.zeros((rows, columns.size))
-            for row, column, value in listed:
-                matrix[row, column] = as_number(value)
-            return {columns: matrix * self.column_units / np.reshape(unit, (-1, 1))}
+        def terms(matrix: FloatArray, unit: Any = force) -> dict[Columns, FloatArray]:
+            return {columns: matrix * own.column_unit / np.reshape(unit, (-1, 1))}
 
-        def of(name: str, rows: int, unit: Any = force) -> FloatArray:
-            return terms(data["terms"].get(name, []), rows, unit)[columns]
-
-        program.balance({columns: of("balance", len(forces.weight), force / forces.weight)})
+        program.balance(terms(own.balance, force / forces.weight))
         owner = forces.cones.owner
         program.rows(
-            "faces", forces.cones.rows, -as_numbers(data["face_margins"])[owner] / force,
-            {columns: of("faces", count)[owner]}, unit=force,
-            shape=forces.cones.shape, places=forces.cones.places,
+            "faces", forces.cones.rows, -own.margins[owner] / force, terms(own.faces[owner]),
+            unit=force, shape=forces.cones.shape, places=forces.cones.places,
         )  # fmt: skip
         if "normal_upper" in kept:
-            own = {columns: of("normal_upper", count)}
-            program.rows("normal_upper", forces.normal, forces.limit, own, unit=force)
+            upper = terms(own.normal_upper)
+            program.rows("normal_upper", forces.normal, forces.limit, upper, unit=force)
         if "normal_lower" in kept:
             without_cone = np.flatnonzero(forces.without_cone)
-            own = {columns: of("normal_lower", count)[without_cone]}
             program.rows(
-                "normal_lower", -forces.normal[without_cone], 0.0, own, unit=force, shape=(count,),
+                "normal_lower", -forces.normal[without_cone], 0.0,
+                terms(own.normal_lower[without_cone]), unit=force, shape=(len(forces.normal),),
                 places=without_cone,
             )  # fmt: skip
         if "torque" in kept:
             program.torque_limits()
-        low, high = _ends(np.transpose(data["normal_range"]).tolist()) / force
-        if np.isfinite([low, high]).any():
-            program.bound_normals(low, high)
-        for block in data["rows"]:
-            shape = tuple(block["shape"])
-            there = np.flatnonzero([one is not None for one in block["unit"]])
-            size, place = len(block["unit"]), forces.coordinates.layout.axes.tolist()
-            unit = as_numbers([block["unit"][row] for row in there])
-            low, high = _ends([block["low"], block["high"]])[:, there] / unit
-            on_forces = np.zeros((size, forces.size))
-            for row, contact, axis, value in block["forces"]:
-                on_forces[row, place.index(3 * contact + axis)] = as_number(value)
-            on_forces = on_forces[there] * force / unit[:, None]
-            listed = terms(block["columns"], size, 1.0)[columns][there] / unit[:, None]
-            if block["sign"] == "any":
-                program.equal(block["name"], on_forces, high, {columns: listed}, unit=unit)
+        if np.isfinite(own.normal_range).any():
+            program.bound_normals(*(own.normal_range / force))
+        rows, first = own.rows, 0
+        flat, axes = rows.forces.reshape(-1, 3 * len(forces.normal)), forces.coordinates.layout.axes
+        if np.delete(flat, axes, axis=1).any():
+            raise ValueError("a row of the objective has friction where there is no cone")
+        for name, sign, shape in rows.blocks:
+            begin, first = first, first + int(np.prod(shape))
+            at = np.arange(begin, first)
+            # Places without a row have no sides.
+            at = at[np.isfinite(rows.low[at]) | np.isfinite(rows.high[at])]
+            unit = rows.unit[at]
+            on_forces = flat[np.ix_(at, axes)] * force / unit[:, None]
+            low, high = rows.low[at] / unit, rows.high[at] / unit
+            listed = terms(rows.columns[at], unit)
+            if sign == "any":
+                program.equal(name, on_forces, high, listed, unit=unit)
                 continue
             program.rows(
-                block["name"], on_forces, high, {columns: listed}, unit=unit, shape=shape,
-                low=low if block["sign"] == "either" else None, places=there,
+                name, on_forces, high, listed, unit=unit, shape=shape,
+                low=low if sign == "either" else None, places=at - begin,
             )  # fmt: skip
         # Forces have no costs of their own but those of a regularisation.
-        curved = as_numbers(data["force_curvature"])[0, 0] * force**2 / as_number(data["unit"])
-        first = forces.coordinates.normal[0]
-        program.curve(float(curved / forces.coordinates.curvature(1.0)[first]))
+        curved = own.force_curvature[0, 0] * force**2 / own.unit
+        normal = forces.coordinates.normal[0]
+        program.curve(float(curved / forces.coordinates.curvature(1.0)[normal]))
 
     def _columns(self, program: ProgramBuilder) -> Columns:
         """Add all columns and return them as one."""
-        first, size = program.forces.size, 0
-        for one in self.data["columns"]:
-            unit = as_numbers(one["unit"])
-            (low, high), box = _ends(one["bounds"]) / unit, as_numbers(one["box"]) / unit
-            whole = as_numbers(one["whole_box"]) / unit
-            scale = unit / as_number(self.data["unit"])
+        own, first, at = self.stated, program.forces.size, slice(0, 0)
+        for name, count in own.groups:
+            at = slice(at.stop, at.stop + count)
+            unit = own.column_unit[at]
+            (low, high), (box, whole) = own.bounds[:, at] / unit, own.boxes[:, :, at] / unit
+            scale = unit / own.unit
             program.columns(
-                one["name"], len(unit), box=(box[0], box[1]), whole_box=(whole[0], whole[1]),
-                low=low, high=high, cost=as_numbers(one["cost"]) * scale,
-                curvature=as_numbers(one["curvature"]) * scale * unit, unit=unit,
+                name, count, box=(box[0], box[1]), whole_box=(whole[0], whole[1]), low=low,
+                high=high, cost=own.cost[at] * scale, curvature=own.curvature[at] * scale * unit,
+                unit=unit,
             )  # fmt: skip
-            size += len(unit)
-        return Columns(first, size)
-
-
-def _ends(both: Any) -> FloatArray:
-    """(2, n) lower and upper ends; null: there is none."""
-    return np.array([
-        [absent if one is None else as_number(one) for one in side]
-        for side, absent in zip(both, (-np.inf, np.inf), strict=True)
-    ])  # fmt: skip
+        return Columns(first, at.stop)

@@ -8,9 +8,8 @@ The program of a document is dense: its size grows with the square of the contac
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import Field, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +28,14 @@ from graspless_pin.intake.text import fault_of_name, parse_json
 from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
-from graspless_pin.problem.derived_inertias import with_derived_inertias
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.derived_inertias import INERTIAS, with_derived_inertias
 from graspless_pin.programs.assembly import scaled_program
-from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
-from graspless_pin.report.proof_data import (
-    StatedObjective,
-    as_number,
-    as_numbers,
-    cone_data,
-    read_multipliers,
-)
-from graspless_pin.report.verify.fields import FORMAT
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
+from graspless_pin.report.proof_data import StatedObjective, cone_data, read_multipliers
+from graspless_pin.report.verify.fields import FORMAT, WHOLE, Part, stacked
+from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.reading import read_mode, read_origin, read_problem
 from graspless_pin.solution import FOUND, Certificate, Evidence, Guarantee, Status, TorqueSolution
 
 _SAME = 1e-9
@@ -48,6 +43,8 @@ _ROUND_ROWS = 3
 """Rows of a round cone."""
 _OWN_ROWS = 3
 """Rows of a contact beside those of its cone."""
+_NAMED = ("name", "scene", "solver", "bodies")
+"""Keys of names."""
 
 
 def check_bounds(document: dict[str, Any]) -> None:
@@ -73,11 +70,26 @@ def check_bounds(document: dict[str, Any]) -> None:
             f"coefficients; at most {MOST_COEFFICIENTS:.2g} are read: solve with fewer cone edges "
             "or points_per_patch",
         )
-    for key, name in _names(document):
-        if fault := fault_of_name(name):
-            raise ArgumentError("document", f"{key}: {fault}")
-    for key, value in document.items():
-        _check_magnitudes(key, value)
+    waiting = list(document.items())
+    while waiting:
+        where, item = waiting.pop()
+        if isinstance(item, dict):
+            waiting += [(f"{where}.{name}", one) for name, one in item.items()]
+        elif isinstance(item, list):
+            # Numbers and texts are called by their list.
+            waiting += [
+                (f"{where}[{place}]" if isinstance(one, dict) else where, one)
+                for place, one in enumerate(item)
+            ]
+        elif isinstance(item, str) and where.rpartition(".")[2] in _NAMED:
+            if fault := fault_of_name(item):
+                raise ArgumentError("document", f"{where}: {fault}")
+        elif isinstance(item, int | float) and LARGEST_STATED < abs(item) < math.inf:
+            raise ArgumentError(
+                "document",
+                f"{where[:100]}: has the number {item!r:.30}; numbers up to {LARGEST_STATED:g} "
+                "are read",
+            )
 
 
 def _coefficients(document: dict[str, Any], contacts: int, joints: int) -> int:
@@ -97,51 +109,10 @@ def _coefficients(document: dict[str, Any], contacts: int, joints: int) -> int:
     return rows * columns
 
 
-def _names(document: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the names of a document with their keys."""
-    for index, joint in enumerate(_listed(document, "joints")):
-        yield f"joints[{index}].name", _text(joint, "name")
-    for index, contact in enumerate(_listed(document, "contacts")):
-        for body in _listed(contact, "bodies"):
-            if isinstance(body, str):
-                yield f"contacts[{index}].bodies", body
-    yield "scene", _text(document, "scene")
-    yield "object.name", _text(document.get("object"), "name")
-    yield "certificate.solver", _text(document.get("certificate"), "solver")
-    own = document.get("objective")
-    yield "objective.name", _text(own, "name")
-    for key in ("columns", "rows"):
-        for index, one in enumerate(_listed(own, key)):
-            yield f"objective.{key}[{index}].name", _text(one, "name")
-
-
-def _check_magnitudes(key: str, value: Any) -> None:
-    """Refuse numbers whose products no double holds, below one key."""
-    waiting = [(key, value)]
-    while waiting:
-        where, item = waiting.pop()
-        if isinstance(item, dict):
-            waiting += [(f"{where}.{name}", one) for name, one in item.items()]
-        elif isinstance(item, list):
-            waiting += [(where, one) for one in item]
-        elif isinstance(item, int | float) and LARGEST_STATED < abs(item) < math.inf:
-            raise ArgumentError(
-                "document",
-                f"{where[:100]}: has the number {item!r:.30}; numbers up to {LARGEST_STATED:g} "
-                "are read",
-            )
-
-
 def _listed(holder: Any, key: str) -> list[Any]:
     """Return what a mapping lists under a key; nothing where there is no such list."""
     found = holder.get(key) if isinstance(holder, dict) else None
     return found if isinstance(found, list) else []
-
-
-def _text(holder: Any, key: str) -> str:
-    """Return a text under a key; empty where there is none."""
-    found = holder.get(key) if isinstance(holder, dict) else None
-    return found if isinstance(found, str) else ""
 
 
 DOCUMENT = FileKind("JSON document", 32, SceneError)
@@ -205,7 +176,13 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
     """
     if not isinstance(document, dict):
         raise ArgumentError("document", "is no JSON object; it must be one written by solve")
-    _check_format(document)
+    if "format" not in document:
+        raise ArgumentError("document", "lacks the key 'format'; it must be one written by solve")
+    if document["format"] != FORMAT:
+        found = document["format"]
+        raise ArgumentError(
+            "document", f"has the format {found!r:.20}; {FORMAT} can be read: solve again"
+        )
     check_bounds(document)
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -218,19 +195,9 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
         raise ArgumentError("document", f"has a value of a wrong type or size: {error}") from None
 
 
-def _check_format(document: dict[str, Any]) -> None:
-    if "format" not in document:
-        raise ArgumentError("document", "lacks the key 'format'; it must be one written by solve")
-    if document["format"] != FORMAT:
-        found = document["format"]
-        raise ArgumentError(
-            "document", f"has the format {found!r:.20}; {FORMAT} can be read: solve again"
-        )
-
-
 def document_origin(document: dict[str, Any]) -> FloatArray:
     """(3,) the point in world coordinates that the problem's positions are relative to, m."""
-    return as_numbers(document.get("object", {}).get("center_of_mass", [0.0, 0.0, 0.0]))
+    return read_origin(Part("document", document, WHOLE, {}))
 
 
 def document_bodies(document: dict[str, Any]) -> tuple[str, ...] | None:
@@ -242,38 +209,60 @@ def document_bodies(document: dict[str, Any]) -> tuple[str, ...] | None:
 
 
 def _solution(document: dict[str, Any]) -> TorqueSolution:
-    status = Status[document["status"].upper()]
-    rules, figures, contacts = document["rules"], document["certificate"], document["contacts"]
-    problem = _problem(document)
-    objective, own = _objective(document)
+    known = read_problem(document)
+    stated = known.part(document)
+    status, proof = Status[stated["status"].upper()], stated["proof"]
+    problem, objective = _problem(stated, known), _objective(stated, known)
     _ = scaled_program(problem, objective)  # refuses what is no objective
-    forces = mode = in_mode = added = balanced = None
-    if all(c["selected"] is not None for c in contacts):
-        mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
+    forces = mode = in_mode = added = balanced = relaxed = None
+    if all(contact["selected"] is not None for contact in document["contacts"]):
+        mode = SlidingMode(*read_mode(document, known))
     if status in FOUND:
-        forces = read_only(as_numbers([c["force"] for c in contacts]).reshape(-1, 3))
-        in_mode = read_multipliers(own, problem, objective) if status is not Status.STRONG else None
-        stated = isinstance(objective, StatedObjective)
-        added = objective.values if stated else _added(problem, objective, forces)
-    elif "forces" in document.get("proof", {}):
-        balanced = read_only(as_numbers(document["proof"]["forces"]).reshape(-1, 3))
-        if isinstance(objective, StatedObjective):
-            added = as_numbers(document["proof"]["columns"]) / objective.column_units
-    relaxed = _relaxed(document)
-    relaxation = read_multipliers(relaxed, problem, objective) if relaxed else in_mode
+        forces = read_only(stacked(stated["contacts"], "force"))
+        if status is not Status.STRONG:
+            in_mode = read_multipliers(stated["multipliers"], known, problem, objective)
+        own = known.own
+        added = _added(problem, objective, forces) if own is None else own.scaled_values
+    elif proof.get("forces") is not None:
+        balanced = read_only(proof["forces"])
+        if known.own is not None:
+            added = proof["columns"] / known.own.column_unit
+    nodes = proof["nodes"] if document["proof"]["nodes"] else []
+    if nodes and nodes[0]["kind"] == "bound":  # they bound every mode at once
+        relaxed = read_multipliers(nodes[0]["multipliers"], known, problem, objective)
+    motion, guarantee = proof.get("motion"), stated.get("guarantee")
+    if motion is not None:
+        motion = read_only(np.concatenate([motion["object"], motion["joints"]]))
+    if guarantee is not None:  # its verdict stays in the document
+        best, gap, tried = guarantee["best_case"], guarantee.maybe("gap"), guarantee["tried"]
+        guarantee = Guarantee(None, best, np.nan if gap is None else gap, tried)
     return TorqueSolution(
         status,
         objective,
-        Rules.parse(rules["sign_rule"], rules["sliding_rule"], rules["static_friction"]),
-        Certificate(**{item.name: _figure(figures, item) for item in fields(Certificate)}),
+        Rules.parse(*(stated["rules"][key] for key in _RULES)),
+        _certificate(stated["certificate"]),
         problem,
         mode if status in _IN_MODE else None,
         _forces=forces,
         _mode=mode,
-        evidence=Evidence(relaxation, in_mode, added, balanced, _motion(document, problem)),
-        guarantee=_guarantee(document),
+        evidence=Evidence(relaxed or in_mode, in_mode, added, balanced, motion),
+        guarantee=guarantee,
         _explanation=str(document.get("explanation", "")),
         _source=_Stated(tuple(map(_finding, document.get("findings", [])))),
+    )
+
+
+_RULES = ("sign_rule", "sliding_rule", "static_friction")
+
+
+def _certificate(stated: Part) -> Certificate:
+    """Read the figures: null in JSON does not exist."""
+    figures = {item.name: stated.maybe(item.name) for item in fields(Certificate)}
+    optima = figures.pop("threshold_optima")
+    known: dict[str, Any] = {key: np.nan if one is None else one for key, one in figures.items()}
+    return Certificate(
+        **(known | {"solver": stated["solver"]}),
+        threshold_optima=None if optima is None else (float(optima[0]), float(optima[1])),
     )
 
 
@@ -284,29 +273,14 @@ def _finding(stated: dict[str, Any]) -> Finding:
     return Finding(code, subject, message, advice, key, str(stated["place"]))
 
 
-def _guarantee(document: dict[str, Any]) -> Guarantee | None:
-    """Return what is stated of a guarantee; its verdict stays in the document."""
-    stated = document.get("guarantee")
-    if stated is None:
-        return None
-    gap = np.nan if stated["gap"] is None else as_number(stated["gap"])
-    return Guarantee(None, as_number(stated["best_case"]), gap, int(as_number(stated["tried"])))
-
-
-def _objective(document: dict[str, Any]) -> tuple[Objective, dict[str, Any]]:
-    """Return what was optimised, and the answer's own multipliers."""
-    epsilon, scale = (
-        real_number("regularization", document["regularization"], 0.0),
-        document["scale"],
-    )
-    own = document.get("multipliers", {})
-    required = as_number(document["required_margin"])
-    if document["algorithm"] is None:
-        stated = document["objective"]
-        return StatedObjective(str(stated["name"]), stated, stated["maximizes"], required), own
-    if Algorithm(document["algorithm"]) is Algorithm.MARGIN:
-        return Margin(epsilon), own
-    return (TorqueShare if scale == "limits" else Torque)(required, epsilon), own
+def _objective(stated: Part, known: Problem) -> Objective:
+    """Return what was optimised."""
+    if known.own is not None:
+        name = stated["objective"]["name"]
+        return StatedObjective(name, known.own, known.own.maximizes, known.e0)
+    if known.is_margin:
+        return Margin(known.epsilon)
+    return (TorqueShare if known.by_limits else Torque)(known.e0, known.epsilon)
 
 
 def _added(problem: QuasistaticProblem, objective: Objective, forces: FloatArray) -> FloatArray:
@@ -323,55 +297,29 @@ def _added(problem: QuasistaticProblem, objective: Objective, forces: FloatArray
     return np.array([value])
 
 
-def _motion(document: dict[str, Any], problem: QuasistaticProblem) -> FloatArray | None:
-    """(P + L,) the virtual motion that the document states, if any."""
-    stated = document.get("proof", {}).get("motion")
-    if stated is None:
-        return None
-    motion = as_numbers([*stated["object"], *stated["joints"]])
-    return read_only(motion.reshape(problem.passive_count + problem.joint_count))
-
-
-def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:
-    """Multipliers that bound every mode at once, if the proof has them."""
-    nodes = document["proof"]["nodes"]
-    return nodes[0]["multipliers"] if nodes and nodes[0]["kind"] == "bound" else None
-
-
-def _problem(document: dict[str, Any]) -> QuasistaticProblem:
-    contacts, joints = document["contacts"], document["joints"]
-    rows = 3 * len(contacts)
-    matrix = document.get("wrench_matrix")
-    passive = len(as_numbers(document["external_wrench"]))
-    sizes = {"object_inertia": passive, "joint_inertia": len(joints)}
-    inertias = {
-        # Of no joint JSON has one empty list, whatever the shape.
-        name: finite_array(name, document[name] or np.zeros((0, 0)), (count, count))
-        for name, count in sizes.items()
-        if document.get(name) is not None
-    }
+def _problem(stated: Part, known: Problem) -> QuasistaticProblem:
+    joints, document = stated["joints"], stated.stated
+    rows, given = 3 * known.count, known.given
     problem = QuasistaticProblem(
-        as_numbers([c["position"] for c in contacts]) - document_origin(document),
-        as_numbers([c["normal"] for c in contacts]),
-        as_numbers(document["external_wrench"]),
-        as_numbers([c["jacobian"] for c in contacts]).reshape(rows, len(joints)),
-        friction=as_numbers([c["friction"] for c in contacts]),
-        tangents=as_numbers([c["tangents"] for c in contacts]).transpose(0, 2, 1),
-        sliding=as_numbers([c["sliding"] for c in contacts]),
-        torque_limits=(
-            [-np.inf if joint["lower"] is None else as_number(joint["lower"]) for joint in joints],
-            [np.inf if joint["upper"] is None else as_number(joint["upper"]) for joint in joints],
-        ),
-        max_normal_force=as_numbers([c["max_normal_force"] for c in contacts]),
-        cone_edges=document["cone_edges"],
-        cone=document["cone"],
+        known.p,
+        known.frames[:, 0],
+        known.w,
+        known.J.reshape(rows, len(joints)),
+        friction=known.mu,
+        tangents=known.frames[:, 1:].transpose(0, 2, 1),
+        sliding=known.v,
+        torque_limits=(known.lower, known.upper),
+        max_normal_force=known.limit,
+        cone_edges=stated["cone_edges"],
+        cone=stated["cone"],
         joint_names=[joint["name"] for joint in joints],
-        joint_units=[joint["unit"] for joint in joints],
-        gravity_torques=as_numbers([joint["torque_gravity"] for joint in joints]),
-        wrench_matrix=None if matrix is None else as_numbers(matrix),
+        joint_units=known.units,
+        gravity_torques=known.gravity,
+        wrench_matrix=None if given is None else given.reshape(rows, -1).T,
         passive_units=document.get("passive_units"),
     )
-    _check_cones(problem, contacts)
+    _check_cones(problem, document["contacts"])
+    inertias = {name: stated[name] for name in INERTIAS if stated.get(name) is not None}
     # A URDF may state inertias that are none: solutions do not hang on them.
     return with_derived_inertias(problem, {name: lambda a=a: a for name, a in inertias.items()})
 
@@ -380,19 +328,9 @@ def _check_cones(problem: QuasistaticProblem, contacts: list[dict[str, Any]]) ->
     """Refuse a document whose cones are not those of the model of that name here."""
     for index, contact in enumerate(contacts):
         for key, own in cone_data(problem, index).items():
-            stated = as_numbers(contact[key])
+            stated = np.array(contact[key])
             if stated.shape != own.shape or not np.allclose(stated, own, rtol=0.0, atol=_SAME):
                 raise ArgumentError(
                     "document",
                     f"contacts[{index}].{key}: are not those of the cone {problem.cone!r} here",
                 )
-
-
-def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:
-    """Read a figure: null in JSON does not exist."""
-    value = figures[item.name]
-    if item.name == "threshold_optima":
-        return value and tuple(np.nan if one is None else as_number(one) for one in value)
-    if item.name == "solver":
-        return value
-    return np.nan if value is None else type(value)(as_number(value))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from math import nan
 from typing import Any
 
@@ -12,7 +13,6 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import CONSTANT_TORQUES
 from graspless_pin.holding.verdict import (
     ContactState,
-    DualBound,
     DynamicOutcome,
     LoadProof,
     OutcomeSet,
@@ -20,7 +20,9 @@ from graspless_pin.holding.verdict import (
     SpanProof,
     StabilityVerdict,
 )
-from graspless_pin.problem.checks import FloatArray, finite_array, real_number
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part
+from graspless_pin.report.verify.values import entry
 
 MOST_SPAN_LEAVES = 10_000
 """Of the proofs of all directions of disturbance: files stay below 32 MiB, which can be read."""
@@ -44,7 +46,7 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "acceleration_resolution": verdict.acceleration_resolution,
         "acceleration_limit": verdict.acceleration_limit,
         "rest_forces": verdict.rest_forces,
-        "motion": None if verdict.motion is None else _motion(verdict.motion),
+        "motion": verdict.motion and vars(verdict.motion),
         "no_rest": verdict.no_rest,
         "programs": verdict.programs,
         "nodes": verdict.nodes,
@@ -123,11 +125,14 @@ def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
     Raises:
         ArgumentError: If it is no such document.
     """
-    try:
-        stated = (document.get("stability") or {}).get("motion")
-        return None if stated is None else _read(stated, document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ArgumentError("document", f"holds a motion that is none: {error}") from None
+    with _reading():
+        verdict = _whole(document).get("stability")
+        motion = verdict and verdict.get("motion")
+        if not motion:
+            return None
+        found: dict[str, Any] = {key: motion[key] for key in FIELDS["outcome"]}
+        found["states"] = tuple(map(ContactState, found["states"]))
+        return DynamicOutcome(**found)
 
 
 def read_small_motion(document: dict[str, Any]) -> tuple[FloatArray, float] | None:
@@ -136,40 +141,25 @@ def read_small_motion(document: dict[str, Any]) -> tuple[FloatArray, float] | No
     Raises:
         ArgumentError: If it is no such document.
     """
+    with _reading():
+        stated = _whole(document).get("holding")
+        motion, growth = (stated and stated.get(key) for key in ("unstable_motion", "growth_rate"))
+        return None if motion is None or not growth else (motion, growth)
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
     try:
-        stated = document.get("holding") or {}
-        motion, growth = stated.get("unstable_motion"), stated.get("growth_rate")
-        if motion is None or not growth:
-            return None
-        size = len(document["external_wrench"]) + len(document["joints"])
-        read = finite_array("motion", motion, (size,))
-        return read, real_number("growth_rate", growth, 0.0)
-    except (KeyError, TypeError, AttributeError) as error:
+        yield
+    except ValueError as error:
         raise ArgumentError("document", f"holds a motion that is none: {error}") from None
 
 
-def _read(stated: dict[str, Any], document: dict[str, Any]) -> DynamicOutcome:
-    count, passive = len(document["contacts"]), len(document["external_wrench"])
-    states = tuple(ContactState(state) for state in stated["states"])
-    if len(states) != count or ContactState.FREE in states:
-        raise ValueError("each contact needs a state")
-    return DynamicOutcome(
-        finite_array("motion", stated["object_acceleration"], (passive,)),
-        finite_array("motion", stated["joint_accelerations"], (len(document["joints"]),)),
-        finite_array("motion", stated["contact_forces"], (count, 3)),
-        states,
-        real_number("motion", stated["point_acceleration"], 0.0),
-    )
-
-
-def _motion(motion: DynamicOutcome) -> dict[str, Any]:
-    return {
-        "object_acceleration": motion.object_acceleration,
-        "joint_accelerations": motion.joint_accelerations,
-        "contact_forces": motion.contact_forces,
-        "states": [str(state) for state in motion.states],
-        "point_acceleration": motion.point_acceleration,
-    }
+def _whole(document: dict[str, Any]) -> Part:
+    """Return a document with the sizes of the arrays in its verdict."""
+    keys = {"M": "contacts", "L": "joints", "P": "external_wrench"}
+    sizes = {letter: len(entry(document, key, WHOLE)) for letter, key in keys.items()}
+    return Part("document", document, WHOLE, sizes)
 
 
 def _leaf_count(bracket: LoadBracket) -> int:
@@ -200,8 +190,7 @@ def _proof(proof: RestProof) -> dict[str, Any]:
 
 def _loads(loads: tuple[LoadProof, ...]) -> list[dict[str, Any]]:
     return [
-        {"contact": one.contact, "force": one.force, "multipliers": _multipliers(one.dual)}
-        for one in loads
+        {"contact": one.contact, "force": one.force, "multipliers": vars(one.dual)} for one in loads
     ]
 
 
@@ -218,13 +207,9 @@ def _node(node: OutcomeSet) -> dict[str, Any]:
         "contact": node.contact,
         "state": str(node.state),
         "slip": None if node.slip is None else [node.slip.center, node.slip.half_width],
-        "multipliers": None if node.dual is None else _multipliers(node.dual),
-        "forced": [_multipliers(dual) for dual in node.forced],
+        "multipliers": None if node.dual is None else vars(node.dual),
+        "forced": [vars(dual) for dual in node.forced],
         "loads": _loads(node.loads),
-        "sides": [{"goal": goal, "multipliers": _multipliers(dual)} for goal, dual in node.sides],
+        "sides": [{"goal": goal, "multipliers": vars(dual)} for goal, dual in node.sides],
         "children": len(node.children),
     }
-
-
-def _multipliers(dual: DualBound) -> dict[str, Any]:
-    return {"motion": dual.motion, "normal": dual.normal, "tangential": dual.tangential}

@@ -28,8 +28,8 @@ from graspless_pin.plots.canvas import fonts_without_remarks
 from graspless_pin.plots.tolerances import DIRECTED
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
-from graspless_pin.report.proof_data import as_number
 from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.values import number
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
     contact_state,
@@ -289,13 +289,17 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
         return {
             "coverage": covered,
             "words": [str(one)[:_LONGEST] for one in stated["words"]],
-            "conflict": [str(members[number]["words"])[:_LONGEST] for number in stated["conflict"]],
+            "conflict": [str(members[one]["words"])[:_LONGEST] for one in stated["conflict"]],
             "joints": [
-                (name, as_number(torque), as_number(nominal[name]) if name in nominal else None)
+                (
+                    name,
+                    number(torque, "torques"),
+                    number(nominal[name], "torques") if name in nominal else None,
+                )
                 for name, torque in (stated["torques"] or {}).items()
             ],
         }
-    except (KeyError, TypeError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise ArgumentError("document", f"uncertainty: is not complete ({error!r})") from None
 
 

@@ -102,7 +102,7 @@ def _of_objective(problem: Problem, stated: Part) -> list[Check]:
         return []
     objective = stated["objective"]
     where = f"of {objective['name'][:60]!r}"
-    names = [one["name"] for one in objective["columns"]]
+    names = [name for name, _ in own.groups]
     lines = [
         given(f"costs {where}", f"what is minimised, in units of {own.unit:.3g}"),
         given(f"columns {where}", f"{_listed(names)}, with their bounds{_sizes(own.column_unit)}"),

@@ -195,6 +195,7 @@ _TRUTH = Field("true or false", lambda value, where, _: truth(value, where))
 _TEXT = Field("text", lambda value, where, _: text(value, where))
 _NAME = Field("name", lambda value, where, _: short_text(value, where))
 _ANY = Field("unchecked", lambda value, *_: value)
+_COUNT = Field("whole number", lambda value, where, _: whole(value, where, 0, 10**15))
 _UNIT = _words("N m", "N")
 _LOADS = _list(_part("least load"), "a load of {1}")
 _VERDICTS = _words("strong", "weak", "none", "undecided")
@@ -243,9 +244,9 @@ FIELDS: dict[str, dict[str, Field]] = {
     },
     "certificate": {
         "primal_residual": _NUMBER, "duality_gap": _NUMBER, "bound": _NUMBER, "gap": _NUMBER,
-        "infeasibility": _NUMBER, "modes_examined": _ANY, "nodes": _ANY, "force_programs": _ANY,
-        "kinematic_programs": _ANY, "solver": _NAME, "force_reach": _NUMBER,
-        "threshold_optima": _ANY,
+        "infeasibility": _NUMBER, "modes_examined": _COUNT, "nodes": _COUNT,
+        "force_programs": _COUNT, "kinematic_programs": _COUNT, "solver": _NAME,
+        "force_reach": _NUMBER, "threshold_optima": _shaped(2, gaps=True),
     },
     "multipliers": {
         "balance": _shaped("P"), "faces": _sparse(contact="M", face="r"),
@@ -292,7 +293,7 @@ FIELDS: dict[str, dict[str, Field]] = {
         "high": _shaped("q", gaps=True), "forces": _sparse(row="q", contact="M", direction=3),
         "columns": _sparse(row="q", column="k"),
     },
-    "guarantee": {"best_case": _NUMBER, "gap": _NUMBER, "tried": _ANY},
+    "guarantee": {"best_case": _NUMBER, "gap": _NUMBER, "tried": _COUNT},
     "stability": {
         "status": _VERDICTS, "message": _TEXT, "acceleration_resolution": _NUMBER,
         "acceleration_limit": _NUMBER, "rest_forces": _shaped("M", 3),
@@ -301,7 +302,11 @@ FIELDS: dict[str, dict[str, Field]] = {
     },
     "outcome": {
         "object_acceleration": _shaped("P"), "joint_accelerations": _shaped("L"),
-        "contact_forces": _shaped("M", 3), "states": _ANY, "point_acceleration": _NUMBER,
+        "contact_forces": _shaped("M", 3),
+        "states": _list(
+            _words("open", "closed", "sticking", "slipping"), "a state of {1}", "M", "M"
+        ),
+        "point_acceleration": _NUMBER,
     },
     "rest proof": {
         "loads": _LOADS, "forces": _shaped("M", 3), "force_limit": _NUMBER,
@@ -327,7 +332,7 @@ FIELDS: dict[str, dict[str, Field]] = {
         ),
         "controller": _TEXT, "stiffness_needed": _NUMBER,
         "stable_stiffness": _list(_shaped(2, gaps=True), "a range of {1}", 0, 1000),
-        "growth_rate": _NUMBER, "least_growth_rate": _NUMBER, "unstable_motion": _ANY,
+        "growth_rate": _NUMBER, "least_growth_rate": _NUMBER, "unstable_motion": _shaped("P + L"),
         "assumed_contacts": _list(_index("M"), "an assumed contact", 0, "M"),
         "acceleration": _part("first instant"),
         "proofs": Field("see growth proof, by model of the surfaces", lambda value, *_: value),

@@ -48,6 +48,7 @@ class OwnObjective:
         unit: What its figures are of order of.
         value: The stated value; 0 where nothing was found.
         keeps: Which constraints of the problem it keeps.
+        groups: Names of blocks of columns, each with how many there are.
         column_unit: (k,) what one of each column is of order of.
         cost: (k,) of each column.
         curvature: (k,) of each column.
@@ -68,6 +69,7 @@ class OwnObjective:
     unit: float
     value: float
     keeps: frozenset[str]
+    groups: tuple[tuple[str, int], ...]
     column_unit: np.ndarray
     cost: np.ndarray
     curvature: np.ndarray
@@ -88,6 +90,11 @@ class OwnObjective:
         """Names of the multipliers of the limits that it keeps."""
         torque = ("torque_upper", "torque_lower") if "torque" in self.keeps else ()
         return self.keeps.union(torque)
+
+    @property
+    def scaled_values(self) -> np.ndarray | None:
+        """(k,) the answer's columns over their units; None where nothing was found."""
+        return None if self.values is None else self.values / self.column_unit
 
     def cost_of(self, local: np.ndarray, columns: np.ndarray) -> float:
         """Return the minimised value of forces along n, t1, t2 and of columns."""
@@ -156,6 +163,7 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
         unit=stated["unit"],
         value=stated["value"] if found else 0.0,
         keeps=kept,
+        groups=tuple((group["name"], group.sizes["k"]) for group in groups),
         column_unit=columns("unit"),
         cost=columns("cost"),
         curvature=columns("curvature"),
