@@ -154,7 +154,10 @@ def solution_document(
         document["uncertainty"] = uncertainty
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
     plain: dict[str, Any] = _plain(document)
-    _state_what_is_proven(plain["certificate"], plain)
+    figures = plain["certificate"]
+    if figures["infeasibility"] > 0.0:
+        # Multipliers that hardly count are not written: those of the search may prove a hair more.
+        figures["infeasibility"] = min(figures["infeasibility"], proven_violation(plain))
     return plain
 
 
@@ -237,21 +240,19 @@ def _coordinates(problem: QuasistaticProblem) -> dict[str, Any]:
 
 
 def _joints(solution: TorqueSolution) -> list[dict[str, Any]]:
-    problem = solution.problem
-    joints = []
-    for index, name in enumerate(problem.joint_names):
-        joints.append(
-            {
-                "name": name,
-                "unit": problem.joint_units[index],
-                "torque_contact": solution.contact_torques[index] if solution.found else None,
-                "torque_gravity": problem.gravity_torques[index],
-                "torque": solution.torques[index] if solution.found else None,
-                "lower": problem.lower_torque[index],
-                "upper": problem.upper_torque[index],
-            }
-        )
-    return joints
+    problem, found = solution.problem, solution.found
+    return [
+        {
+            "name": name,
+            "unit": problem.joint_units[index],
+            "torque_contact": solution.contact_torques[index] if found else None,
+            "torque_gravity": problem.gravity_torques[index],
+            "torque": solution.torques[index] if found else None,
+            "lower": problem.lower_torque[index],
+            "upper": problem.upper_torque[index],
+        }
+        for index, name in enumerate(problem.joint_names)
+    ]
 
 
 def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, Any]]:
@@ -285,16 +286,6 @@ def _certificate(solution: TorqueSolution) -> dict[str, Any]:
     if not solution.found:
         certificate |= dict.fromkeys(("primal_residual", "duality_gap", "bound", "gap"))
     return certificate
-
-
-def _state_what_is_proven(certificate: dict[str, Any], document: dict[str, Any]) -> None:
-    """Let the smallest common violation be no more than the written multipliers prove.
-
-    The search's own multipliers may prove a hair more: those that hardly count are not written.
-    """
-    stated = certificate["infeasibility"]
-    if stated > 0.0:
-        certificate["infeasibility"] = min(stated, proven_violation(document))
 
 
 def _plain(value: Any) -> Any:

@@ -33,6 +33,7 @@ from graspless_pin.report.verify.rest_bounds import (
 )
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
 from graspless_pin.report.verify.rest_tree import (
+    NoProofError,
     RestNode,
     certificate,
     force_limit,
@@ -114,17 +115,19 @@ class KeptWalk:
         goals: (2 P + 1, n) of `kept_goals`.
         force_limit: Normal forces that the proof has to reach, scaled.
         leaves: How many there were.
-        failure: Why it is no proof; empty: it is one.
     """
 
     dynamics: RestDynamics
     goals: np.ndarray
     force_limit: float
     leaves: int = 0
-    failure: str = ""
 
     def walk(self, root: RestNode) -> None:
-        """Go through all nodes."""
+        """Go through all nodes.
+
+        Raises:
+            NoProofError: If they leave out outcomes.
+        """
         self._visit(root, KnownStates.unknown(len(self.dynamics.rows)), frozenset())
 
     def _visit(self, node: RestNode, states: KnownStates, proven: frozenset[int]) -> None:
@@ -134,25 +137,24 @@ class KeptWalk:
                 self.dynamics, states, multipliers, self.goals[goal], self.force_limit
             )
             if not bound <= most:
-                self._fail(f"goal {goal} reaches {bound:.3g} where {most:.3g} is claimed")
+                raise NoProofError(f"goal {goal} reaches {bound:.3g} where {most:.3g} is claimed")
             proven |= {goal}
         if not node.children:
             self.leaves += 1
             wanted = len(self.goals) - 1
             if 0 not in proven and len(proven) < wanted:
-                self._fail(f"a leaf bounds {len(proven)} of {wanted} accelerations")
+                raise NoProofError(f"a leaf bounds {len(proven)} of {wanted} accelerations")
             return
         contact = node.children[0].contact
         if any(child.forced or child.contact != contact for child in node.children):
-            self._fail(f"children of one node are of contact {contact} and others, or forced")
+            raise NoProofError(
+                f"children of one node are of contact {contact} and others, or forced"
+            )
         why = uncovered(node.children, states, np.isfinite(self.dynamics.commanded))
         if why:
-            self._fail(f"contact {contact}: {why}")
+            raise NoProofError(f"contact {contact}: {why}")
         for child in node.children:
             self._visit(child, states.changed(contact, child.kind, child.arc), proven)
-
-    def _fail(self, why: str) -> None:
-        self.failure = self.failure or why
 
 
 _WORDS = {
@@ -348,5 +350,8 @@ class _Verdict:
             return holds(name, passed=False, detail="no inertia is known")
         goals = kept_goals(dynamics, self.problem, self.limit)
         walk = KeptWalk(dynamics, goals, limit / dynamics.force_unit)
-        walk.walk(read_rest_tree(proof, dynamics))
-        return holds(name, not walk.failure, walk.failure or f"{walk.leaves} leaves")
+        try:
+            walk.walk(read_rest_tree(proof, dynamics))
+        except NoProofError as error:
+            return holds(name, passed=False, detail=str(error))
+        return holds(name, passed=True, detail=f"{walk.leaves} leaves")
