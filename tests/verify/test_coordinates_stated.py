@@ -117,6 +117,13 @@ def test_answers_are_proven_by_their_documents(name, solve):
         np.testing.assert_allclose(again.contact_forces, [c["force"] for c in made["contacts"]])
 
 
+def test_a_contact_that_no_coordinate_moves_is_no_error():
+    """Turned out of the hinge's way, and no longer across its tangents."""
+    made = copy.deepcopy(document("hinge", node_limit=500))
+    made["contacts"][0]["normal"] = [1.0, 0.0, 0.0]
+    assert refused(made)
+
+
 @pytest.mark.parametrize("name", OTHERS)
 def test_documents_of_every_kind_are_proven(name):
     solution = OTHERS[name]()

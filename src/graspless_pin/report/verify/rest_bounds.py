@@ -130,7 +130,7 @@ def rest_dynamics(
             return None
         size = 1.0
     rows = motion[:, :, kept] @ back
-    alpha = float(np.linalg.norm(rows, axis=2).max())
+    alpha = float(np.linalg.norm(rows, axis=2).max()) or 1.0  # 0: no contact moves
     accelerations = np.zeros((len(load), len(h)))
     accelerations[kept] = size * back
     points = problem.points @ accelerations[:passive]
