@@ -145,14 +145,13 @@ def sparse(value: object, shape: dict[str, int], where: str) -> np.ndarray:
     Raises:
         ValueError: If it is none.
     """
-    found, width = np.zeros(tuple(shape.values())), len(shape) + 1
+    found, width, called = np.zeros(tuple(shape.values())), len(shape) + 1, f"an entry of {where}"
+    sizes = [(f"{name} of {whose(where)}", size - 1) for name, size in shape.items()]
     for listed in items(value, where, 0, found.size):
-        *indices, one = items(listed, f"an entry of {where}", width, width)
-        place = [
-            whole(index, f"{name} of {whose(where)}", 0, size - 1)
-            for index, (name, size) in zip(indices, shape.items(), strict=True)
-        ]
-        found[tuple(place)] = number(one, f"an entry of {where}")
+        *indices, one = items(listed, called, width, width)
+        pairs = zip(indices, sizes, strict=True)
+        place = tuple([whole(index, name, 0, last) for index, (name, last) in pairs])
+        found[place] = number(one, called)
     return found
 
 
