@@ -22,6 +22,7 @@ from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.planning import StateStatus, joint_trajectory
 from graspless_pin.planning.placing_candidates import PlacingFault
+from graspless_pin.scene import batch_states
 from graspless_pin.studies import Study
 from graspless_pin.studies.sample_evaluation import evaluate_each
 
@@ -199,3 +200,23 @@ def test_no_place_has_the_base_of_its_arm_in_a_support(sunk):
     assert bool(found.places) is not sunk
     assert not any(is_serious(place.scene.findings) for place in found.places)
     assert (PlacingFault.HAND_ON_SUPPORT in found.faults) is sunk
+
+
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
+def test_states_that_loops_leave_alone_are_refused_for_deep_links_all_the_same(monkeypatch):
+    """What loops prove of them spares the search for overlaps, and hides none."""
+    scene, rng = example("trihand_pivot_box"), np.random.default_rng(3)
+    evaluator = Evaluator(scene)
+    spread = rng.uniform(-1.0, 1.0, (80, len(evaluator.joint_names)))
+    q = np.clip(evaluator.configuration() + spread, *evaluator.joint_limits)
+    posed = batch_states.PlainProblems(scene).at(q)
+    assert posed is not None
+    found = evaluator.evaluate_many(q, workers=1).statuses
+    left = found[posed.counts < 0]
+    assert StateStatus.HAND_THROUGH_ITSELF in left and StateStatus.FOUND in left
+    for at, doubtful in zip(map(evaluator.scene_at, q), posed.doubtful, strict=True):
+        assert at.hand is not None
+        deep = unwanted_overlaps(at.hand, at.supports, tolerance=at.max_penetration)
+        assert doubtful or not deep
+    monkeypatch.setattr(batch_states, "core", None)
+    assert Evaluator(scene).evaluate_many(q, workers=1).statuses.tolist() == found.tolist()

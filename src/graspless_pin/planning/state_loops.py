@@ -35,6 +35,7 @@ from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus,
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.batch_states import PlainProblems, PlainStates, loops_of
@@ -350,7 +351,8 @@ class AttachedLoops(StateLoops):
 
     def posed(self, q: FloatArray, objective: Objective) -> PlainStates | None:
         """Do what `StateLoops.posed` does; None: loops are not for this objective, too."""
-        if self._loops is None or not are_for(self._problem.cone_model, objective, self._options):
+        cone = CONE_MODELS[self._at.scene.cone]
+        if self._loops is None or not are_for(cone, objective, self._options):
             return None
         return PlainStates(*self._loops.at(q))
 

@@ -134,7 +134,11 @@ class StateSolver:
     def _evaluation(self, scene: Scene, found: WarmState | TorqueSolution) -> Evaluation:
         """Return the answer for a state that a warm start or a search has solved."""
         if isinstance(found, WarmState):
-            answer = answer_of(found, self.objective, self.options)
+            problem, optimum = found
+            margin = problem.margin_of(optimum.forces)
+            torques = problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques
+            rules, names, units = self.options.rules, problem.joint_names, problem.joint_units
+            answer = WarmAnswer(self.objective, rules, optimum, margin, torques, names, units)
             return Evaluation(StateStatus.FOUND, "", scene, answer)
         if found.found:
             return Evaluation(StateStatus.FOUND, "", scene, found)
@@ -335,15 +339,3 @@ def status_of_margin(
     else:
         status = StateStatus.BELOW_MARGIN if found.found else StateStatus.INFEASIBLE
     return found.margin if found.found else -np.inf, status
-
-
-def answer_of(state: WarmState, objective: Objective, options: SolveOptions) -> WarmAnswer:
-    """Return the answer for a state whose optimum a warm start led to."""
-    problem, optimum = state
-    torques = problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques
-    margin, names, units = (
-        problem.margin_of(optimum.forces),
-        problem.joint_names,
-        problem.joint_units,
-    )
-    return WarmAnswer(objective, options.rules, optimum, margin, torques, names, units)
