@@ -1,17 +1,23 @@
 """The loop of every tree search: over modes, directions of friction, forces and outcomes.
 
+And when such a search ends: `Limits`.
+
 A node is a part of what is searched. Whoever visits it closes it, by a bound or by kinematics, or
 splits it into children that together hold all of it (branch and bound: Land and Doig, Econometrica
-28(3), 1960). What closes a node, and when the search ends, is the caller's.
+28(3), 1960). What closes a node is the caller's.
 """
 
 from __future__ import annotations
 
 import heapq
+import time
 from collections.abc import Iterable, Iterator
-from typing import Generic, TypeVar
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Any, Generic, Self, TypeVar
 
 Node = TypeVar("Node")
+_Options = TypeVar("_Options", bound=Any)
 
 
 class TreeSearch(Generic[Node]):
@@ -69,3 +75,50 @@ class TreeSearch(Generic[Node]):
     def left(self) -> list[Node]:
         """Return the open nodes in the order in which they would be visited."""
         return [node for _, _, _, node in sorted(self._open, key=lambda one: one[:3])]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When the searches of one call have to end.
+
+    Attributes:
+        node_limit: Nodes of each search; None: any number.
+        deadline: Reading of `time.monotonic` at which every search ends.
+    """
+
+    node_limit: int | None = None
+    deadline: float = inf
+
+    @classmethod
+    def of(cls, options: Any) -> Self:
+        """Return the limits of `SolveOptions`; their time begins now."""
+        return cls.from_now(options.node_limit, options.time_limit)
+
+    @classmethod
+    def from_now(cls, node_limit: int | None, time_limit: float | None) -> Self:
+        """Return the limits of so many nodes and seconds; None: no limit."""
+        if time_limit is None:
+            return cls(node_limit)
+        return cls(node_limit, time.monotonic() + time_limit)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the time is over."""
+        return self.deadline < inf and time.monotonic() > self.deadline
+
+    def end(self, nodes: int) -> bool:
+        """Return whether a search ends that has looked at so many nodes."""
+        return (self.node_limit is not None and nodes >= self.node_limit) or self.passed
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that are left, at least zero; None: any."""
+        return None if self.deadline == inf else max(self.deadline - time.monotonic(), 0.0)
+
+    def within(self, options: _Options) -> _Options:
+        """Return `SolveOptions` with the time that is left."""
+        left = self.left
+        return options if left is None else replace(options, time_limit=left)
+
+
+NO_LIMITS = Limits()

@@ -31,8 +31,7 @@ from graspless_pin.programs.answers import (
     elastic,
     elastic_multipliers,
 )
-from graspless_pin.programs.assembly import built
-from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Margin, Torque
 from graspless_pin.solvers import Outcome, solve, solving
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
@@ -105,7 +104,7 @@ def test_pyramids_converge_to_round_cones(number):
 @pytest.mark.parametrize("objective", [Margin(), Torque(E0), Margin(1e-3)])
 def test_tangent_cuts_find_what_clarabel_finds(number, objective):
     problem = round_scene(number)
-    program = built(objective, problem, force_coordinates(problem))
+    program = scaled_program(problem, objective).program
     ours, theirs = by_clarabel(program), by_cuts(by_piqp)(program)
     assert ours is not None
     assert theirs is not None
@@ -152,7 +151,7 @@ def test_any_multipliers_prove_a_bound(number):
     """However wrong: those of cones are taken for the next that are in the cone."""
     rng = np.random.default_rng(number)
     problem = round_scene(1)
-    program = built(Margin(), problem, force_coordinates(problem))
+    program = scaled_program(problem, Margin()).program
     best = solve(program).value
     y, z = rng.normal(size=len(program.b)), rng.normal(size=len(program.l))
     assert program.dual_bound(y, z) <= best + 1e-9
@@ -166,7 +165,7 @@ def test_infeasible_round_programs_are_proven_so():
     """Two opposite contacts with a force limit of 1 N cannot hold 1 N by friction of 0.4."""
     problem = block_on_a_table(mu=0.4).with_changes(max_normal_force=1.0)
     assert not maximize_margin(problem).found
-    program = built(Torque(0.0), problem, force_coordinates(problem))
+    program = scaled_program(problem, Torque(0.0)).program
     answer = solve(program)
     assert answer.outcome is Outcome.INFEASIBLE
     relaxed = elastic(program)

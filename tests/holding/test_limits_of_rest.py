@@ -15,9 +15,9 @@ from graspless_pin import (
     guaranteed_disturbance,
     maximize_margin,
     robustness,
+    tree_search,
     what_would_hold,
 )
-from graspless_pin.algorithms import options
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -40,7 +40,7 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """Limits count looks at the clock: no test depends on speed."""
     made = Clock()
-    monkeypatch.setattr(options, "time", made)
+    monkeypatch.setattr(tree_search, "time", made)
     return made
 
 

@@ -228,7 +228,7 @@ def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOpti
     # They count on one free object.
     if problem.wrench_matrix is not None or not are_for(problem.cone_model, objective, options):
         return None
-    return _engine(structure_of(problem), objective, problem.joint_units)
+    return _engine("ColdOptima", structure_of(problem), objective, problem.joint_units)
 
 
 def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
@@ -254,9 +254,12 @@ def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> boo
     )
 
 
-@lru_cache(maxsize=64)
-def _engine(structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
-    return core.ColdOptima(**engine_arguments(structure, objective, units))
+@lru_cache(maxsize=192)
+def _engine(
+    kind: str, structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
+) -> Any:
+    """Return loops of some class of `compiled.core`, kept for problems like one."""
+    return getattr(core, kind)(**engine_arguments(structure, objective, units))
 
 
 def engine_arguments(
@@ -384,8 +387,8 @@ class LoadSweep:
                 on with then, of which every pivot leaves a vertex.
         """
         structure = structure_of(problem, problem.has_cone.astype(np.float64))
-        made = _turning if turning else _states
-        self._loops = made(structure, objective, problem.joint_units)
+        kind = "ModePrograms" if turning else "LoadedStates"
+        self._loops = _engine(kind, structure, objective, problem.joint_units)
         self._may_begin = may_begin(problem, options) and self._loops.n <= _MOST_COLD
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
@@ -438,15 +441,3 @@ class LoadSweep:
             if isinstance(self._loops, core.ModePrograms):
                 self._loops.decide(-1.0 if enough is None else enough, CLOSED, self._covers)
             return self._loops.optima(problem, *arguments)
-
-
-@lru_cache(maxsize=64)
-def _turning(
-    structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
-) -> Any:
-    return core.ModePrograms(**engine_arguments(structure, objective, units))
-
-
-@lru_cache(maxsize=64)
-def _states(structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
-    return core.LoadedStates(**engine_arguments(structure, objective, units))

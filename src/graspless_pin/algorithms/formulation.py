@@ -16,7 +16,7 @@ from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.assembly import built
+from graspless_pin.programs.assembly import ScaledProgram, scaled_program
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Program
@@ -164,14 +164,6 @@ def _turned(program: Program, friction: list[tuple[NDArray[np.int_], Sector | No
 _PER_PROBLEM = 8
 
 
-class _Assembled(NamedTuple):
-    """What a `Formulation` has besides the problem and its kinematics."""
-
-    coordinates: ForceCoordinates
-    program: Program
-    unit: float
-
-
 class SharedParts(NamedTuple):
     """What the formulations of a problem share.
 
@@ -183,7 +175,7 @@ class SharedParts(NamedTuple):
 
     coordinates: ForceCoordinates
     kinematics: VirtualKinematics
-    programs: dict[Objective, _Assembled]
+    programs: dict[Objective, ScaledProgram]
 
 
 _PARTS: Derived[QuasistaticProblem, SharedParts] = Derived(
@@ -213,7 +205,7 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
             "dataclass whose fields are numbers, texts or tuples of them, or one with eq=False",
         ) from None
     if made is None:
-        made = _assembled(problem, objective, shared)
+        made = scaled_program(problem, objective, shared.coordinates)
         if len(known) >= _PER_PROBLEM:
             known.pop(next(iter(known)), None)
         known[objective] = made
@@ -231,28 +223,19 @@ def formulated(
         layers: See `Formulation`.
     """
     shared = shared_parts(problem)
-    return _formulation(problem, objective, shared, _assembled(problem, objective, shared), layers)
+    made = scaled_program(problem, objective, shared.coordinates)
+    return _formulation(problem, objective, shared, made, layers)
 
 
 def _formulation(
     problem: QuasistaticProblem,
     objective: Objective,
     shared: SharedParts,
-    made: _Assembled,
+    made: ScaledProgram,
     layers: tuple[int, ...] = (0,),
 ) -> Formulation:
     coordinates, program, unit = made
+    unit = -unit if objective.maximizes else unit
     return Formulation(
         problem, objective, coordinates, program, shared.kinematics, objective.cutoff, unit, layers
     )
-
-
-def _assembled(
-    problem: QuasistaticProblem, objective: Objective, shared: SharedParts
-) -> _Assembled:
-    coordinates = shared.coordinates
-    if objective.required_margin > 0.0 and not problem.external_wrench.any():
-        coordinates = force_coordinates(problem, objective.required_margin)
-    unit = objective.unit(problem, coordinates)
-    program = built(objective, problem, coordinates)
-    return _Assembled(coordinates, program, -unit if objective.maximizes else unit)

@@ -33,7 +33,7 @@ from graspless_pin.holding.unstable_motion import find_motion
 from graspless_pin.holding.verdict import LastRest, LoadProof, RestProof, SpanProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
+from graspless_pin.problem.inertias import commanded_forces, hybrid_contacts, whole_inertia
 
 
 class Unproven(StrEnum):
@@ -121,7 +121,7 @@ class LoadLine:
             is_over: Tells after so many sets of outcomes whether each of two trees has to end.
         """
         ends = first, last
-        if min(self._commanded(end).min(initial=0.0) for end in ends) < 0.0:
+        if min(commanded_forces(*self.at(end)).min(initial=0.0) for end in ends) < 0.0:
             return Unproven.OPEN
         resting = [self._rest_forces(end) for end in ends]
         if resting[0] is None or resting[1] is None:
@@ -180,14 +180,6 @@ class LoadLine:
             return None
         return scaled_dynamics(*self.at(multiple), self._inertia, self._hybrid, self._limit)
 
-    def _commanded(self, multiple: float) -> FloatArray:
-        """Return the (M,) normal forces that hybrid fingers command, N; zero elsewhere."""
-        forces = np.zeros(self.problem.contact_count)
-        columns = np.flatnonzero(self._hybrid >= 0)
-        excess = self.at(multiple)[1] - self.problem.gravity_torques
-        forces[self._hybrid[columns]] = excess[columns]
-        return forces
-
     def _certified(
         self, ends: tuple[float, float], loads: tuple[tuple[LoadProof, ...], ...]
     ) -> tuple[RestProof, RestProof] | None:
@@ -196,7 +188,7 @@ class LoadLine:
         limit = FORCE_LIMIT * self.problem.scales.force
         for end, own in zip(ends, loads, strict=True):
             problem, torques = self.at(end)
-            normal_forces = np.maximum(self._commanded(end), least)
+            normal_forces = np.maximum(commanded_forces(problem, torques), least)
             found = balance(problem, torques, problem.friction * normal_forces)
             if found is None:
                 return None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from math import inf
 
@@ -66,8 +66,14 @@ from graspless_pin.problem.checks import (
     real_number,
     whole_number,
 )
-from graspless_pin.problem.inertias import hybrid_contacts, largest_mass, whole_inertia
+from graspless_pin.problem.inertias import (
+    commanded_forces,
+    hybrid_contacts,
+    largest_mass,
+    whole_inertia,
+)
 from graspless_pin.problem.quasistatic import checked_problem
+from graspless_pin.tree_search import Limits
 
 _NEAR = float(np.cos(np.radians(20.0)))
 """Directions that differ by less are called the same."""
@@ -152,16 +158,6 @@ _MORE = 10
 """Times as many sets of outcomes are worth asking for where a limit ended a search."""
 
 
-@dataclass(frozen=True)
-class _Limits:
-    nodes: int
-    deadline: float
-
-    def passed(self, nodes: int) -> bool:
-        """Return whether the search has to end after so many nodes."""
-        return nodes >= self.nodes or time.monotonic() > self.deadline
-
-
 def stability(
     problem: QuasistaticProblem,
     torques: ArrayLike,
@@ -234,7 +230,7 @@ def _asked(
     acceleration_resolution: float,
     node_limit: int,
     time_limit: float | None,
-) -> tuple[StabilityVerdict, _Limits]:
+) -> tuple[StabilityVerdict, Limits]:
     """Return the verdict of which nothing is decided yet, and the limits; all checked."""
     checked_problem(problem)
     tau = finite_array("torques", torques, (problem.joint_count,))
@@ -245,8 +241,9 @@ def _asked(
             f"is {resolution}; it must be at most {COARSEST_RESOLUTION}: what accelerates by more "
             "of load over mass is not at rest",
         )
-    seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
-    limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
+    if time_limit is not None:
+        time_limit = real_number("time_limit", time_limit, 0.0)
+    limits = Limits.from_now(whole_number("node_limit", node_limit, 0), time_limit)
     limit = np.nan
     if (mass := largest_mass(problem)) is not None:
         limit = resolution * problem.scales.force / mass
@@ -258,7 +255,7 @@ def _asked(
     return blank, limits
 
 
-def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
+def _verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdict:
     """Ask the cheapest question first."""
     problem, torques = blank.problem, blank.torques
     if why := problem.cone_model.no_verdict:
@@ -268,7 +265,7 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
     except np.linalg.LinAlgError:
         why = "undecided: the inertias differ by more than double precision resolves"
         return replace(blank, message=why)
-    commanded = _commanded(blank)
+    commanded = commanded_forces(problem, torques)
     # Where friction rubs its power has no sign: no certificate is one.
     known, proof = (blank, None) if slides_with_friction(problem).any() else (
         _certified(blank, (), commanded, dynamics)
@@ -324,16 +321,6 @@ def _dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
     return dynamics, dynamics is None
 
 
-def _commanded(blank: StabilityVerdict) -> FloatArray:
-    """Return the (M,) normal forces that hybrid fingers command, N; zero elsewhere."""
-    problem = blank.problem
-    forces = np.zeros(problem.contact_count)
-    contacts = hybrid_contacts(problem)
-    columns = np.flatnonzero(contacts >= 0)
-    forces[contacts[columns]] = (blank.torques - problem.gravity_torques)[columns]
-    return forces
-
-
 def _certified(
     known: StabilityVerdict,
     loads: tuple[LoadProof, ...],
@@ -364,7 +351,7 @@ def _certified(
 
 
 def _searched(
-    known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: _Limits
+    known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: Limits
 ) -> StabilityVerdict:
     """Find the loads of the fingers, look for a motion, then branch."""
     if slides_with_friction(known.problem).any():
@@ -383,7 +370,7 @@ def _searched(
             least[load.contact] = load.force / dynamics.force_unit
         relaxation = Relaxation(dynamics, least, most)
         begun = time.thread_time()
-        found = branch(dynamics, relaxation, limits.passed)
+        found = branch(dynamics, relaxation, limits.end)
         programs, seconds = known.programs + relaxation.programs, time.thread_time() - begun
         known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
         forces = found.motion
@@ -394,12 +381,12 @@ def _searched(
     return _weak(known, outcome_record(known.problem, dynamics, forces))
 
 
-def _unproven(known: StabilityVerdict, limits: _Limits, left: str) -> StabilityVerdict:
+def _unproven(known: StabilityVerdict, limits: Limits, left: str) -> StabilityVerdict:
     other = "other motion" if known.problem.is_sliding.any() else "motion"
     why = f"undecided: {_possible(known.problem)}, but {other} was not ruled out "
     why += f"({known.nodes} sets of outcomes looked at, {left})"
-    ended = known.nodes >= limits.nodes
-    more = max(_MORE * limits.nodes, BRIEF_NODE_LIMIT) if ended else 0
+    most = limits.node_limit or 0
+    more = max(_MORE * most, BRIEF_NODE_LIMIT) if known.nodes >= most else 0
     return replace(known, next_nodes=more, message=why)
 
 
@@ -409,13 +396,13 @@ def _weak(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
     return replace(known, status=Stability.WEAK, motion=motion, message=message)
 
 
-def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: _Limits) -> StabilityVerdict:
+def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: Limits) -> StabilityVerdict:
     """Look for what else happens under a declared motion, then prove that nothing does."""
     forces = find_motion(dynamics)
     if forces is not None:
         return _weak(known, outcome_record(known.problem, dynamics, forces))
     begun = time.thread_time()
-    found = other_motion(dynamics, _force_limit(known.problem, dynamics), limits.passed)
+    found = other_motion(dynamics, _force_limit(known.problem, dynamics), limits.end)
     programs, seconds = known.programs + found.programs, time.thread_time() - begun
     known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
     if found.motion is not None:
@@ -432,7 +419,7 @@ def _force_limit(problem: QuasistaticProblem, dynamics: Dynamics) -> float:
 
 
 def _none(
-    known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: _Limits
+    known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: Limits
 ) -> StabilityVerdict:
     problem, torques = known.problem, known.torques
     # A proof that is no number proves nothing.
@@ -442,7 +429,7 @@ def _none(
     motion, message = None, "loses its motion" if problem.is_sliding.any() else "fails"
     message += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
     if dynamics is not None and forces is None and slides_with_friction(problem).any():
-        found = other_motion(dynamics, _force_limit(problem, dynamics), limits.passed)
+        found = other_motion(dynamics, _force_limit(problem, dynamics), limits.end)
         known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
         forces = found.motion
         if found.tree is not None and found.tree.is_empty:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from itertools import product
 
@@ -20,7 +19,7 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import real_number, whole_number
-from graspless_pin.tree_search import TreeSearch
+from graspless_pin.tree_search import Limits, TreeSearch
 
 
 def enumerate_modes(
@@ -64,20 +63,19 @@ def enumerate_modes(
     rules = Rules.parse(sign_rule, sliding_rule, StaticFriction.VIRTUAL_SLIDING)
     rules.need_signs("enumerate_modes")
     nodes = None if node_limit is None else whole_number("node_limit", node_limit, 0)
-    seconds = np.inf
     if time_limit is not None:
-        seconds = real_number("time_limit", time_limit, 0.0, finite=False)
-    return _limited(problem, rules, maximal, nodes, seconds)
+        time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
+    return _limited(problem, rules, maximal, nodes, time_limit)
 
 
 def _limited(
-    problem: QuasistaticProblem, rules: Rules, maximal: bool, nodes: int | None, seconds: float
+    problem: QuasistaticProblem,
+    rules: Rules,
+    maximal: bool,
+    nodes: int | None,
+    seconds: float | None,
 ) -> Iterator[SlidingMode]:
-    deadline = time.monotonic() + seconds
-
-    def is_over(asked: int) -> bool:
-        return (nodes is not None and asked >= nodes) or time.monotonic() > deadline
-
+    is_over = Limits.from_now(nodes, seconds).end
     yield from feasible_modes(
         problem, VirtualKinematics(problem), rules, maximal=maximal, is_over=is_over
     )

@@ -39,6 +39,19 @@ def hybrid_contacts(problem: QuasistaticProblem) -> NDArray[np.intp]:
     return contacts
 
 
+def commanded_forces(problem: QuasistaticProblem, torques: FloatArray) -> FloatArray:
+    """Return the (M,) normal forces that hybrid fingers command, N; zero elsewhere.
+
+    Args:
+        problem: Contacts and joints.
+        torques: (L,) of the motors, N m (N).
+    """
+    forces, contacts = np.zeros(problem.contact_count), hybrid_contacts(problem)
+    columns = np.flatnonzero(contacts >= 0)
+    forces[contacts[columns]] = (torques - problem.gravity_torques)[columns]
+    return forces
+
+
 def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
     """Return the (k,) columns of J that are joints with an inertia: all but hybrid fingers'.
 

@@ -29,15 +29,6 @@ PAPER_OBJECTIVES = (Margin, Torque, TorqueShare)
 """Those that compiled loops assemble."""
 
 
-def built(
-    objective: Objective, problem: QuasistaticProblem, coordinates: ForceCoordinates
-) -> Program:
-    """Return the program of an objective, block by block, without (27) and (31)."""
-    builder = ProgramBuilder(force_rows(problem, coordinates))
-    objective.build(builder)
-    return builder.program()
-
-
 class ScaledProgram(NamedTuple):
     """A program with what turns its figures into the problem's.
 
@@ -52,11 +43,23 @@ class ScaledProgram(NamedTuple):
     unit: float
 
 
-def scaled_program(problem: QuasistaticProblem, objective: Objective) -> ScaledProgram:
-    """Return the program of an objective, block by block, with its scales."""
-    coordinates = force_coordinates(problem, objective.required_margin)
-    program = built(objective, problem, coordinates)
-    return ScaledProgram(coordinates, program, objective.unit(problem, coordinates))
+def scaled_program(
+    problem: QuasistaticProblem, objective: Objective, coordinates: ForceCoordinates | None = None
+) -> ScaledProgram:
+    """Return the program of an objective, block by block, without (27) and (31), with its scales.
+
+    Args:
+        problem: The problem.
+        objective: What is optimised.
+        coordinates: The problem's, scaled by its load; None: they are made.
+    """
+    margin = objective.required_margin
+    if coordinates is None or (margin > 0.0 and not problem.external_wrench.any()):
+        coordinates = force_coordinates(problem, margin)
+    unit = objective.unit(problem, coordinates)
+    builder = ProgramBuilder(force_rows(problem, coordinates))
+    objective.build(builder)
+    return ScaledProgram(coordinates, builder.program(), unit)
 
 
 @dataclass(frozen=True, eq=False)

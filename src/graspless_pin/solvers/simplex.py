@@ -93,8 +93,7 @@ class Simplex:
             lb: (n,), -inf where there is no bound.
             ub: (n,).
         """
-        is_small = core is not None and len(cost) <= _DENSE
-        make = core.DenseSimplex if is_small and core is not None else _Highs
+        make = _Highs if core is None or len(cost) > _DENSE else core.DenseSimplex
         self._engine = make(cost, lb, ub)
         self._size, self.row_count = len(cost), 0
         self.solves = 0

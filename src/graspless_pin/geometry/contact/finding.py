@@ -37,37 +37,20 @@ class ContactLimits(NamedTuple):
         return -self.max_penetration <= min(gaps) and max(gaps) <= self.tolerance
 
 
-class ContactRows(NamedTuple):
-    """Some contacts.
+class PatchContacts(NamedTuple):
+    """The contacts that stand for one patch.
 
     Attributes:
-        places: For each, the place of its pair among all near pairs.
-        positions: (M, 3) world, m.
-        normals: (M, 3) unit, into the object, world axes.
-        gaps: M, m.
+        place: The place of its pair among all near pairs.
+        positions: (K, 3) world, m.
+        normal: (3,) unit, into the object, world axes.
+        gaps: K, m.
     """
 
-    places: list[int]
+    place: int
     positions: FloatArray
-    normals: FloatArray
+    normal: FloatArray
     gaps: list[float]
-
-
-def joined_rows(found: Sequence[ContactRows]) -> ContactRows:
-    """Put contacts into the order of their pairs."""
-    if len(found) == 1:
-        return found[0]
-    if not found:
-        return ContactRows([], np.empty((0, 3)), np.empty((0, 3)), [])
-    places = [place for rows in found for place in rows.places]
-    gaps = [gap for rows in found for gap in rows.gaps]
-    order = sorted(range(len(places)), key=places.__getitem__)
-    return ContactRows(
-        [places[row] for row in order],
-        np.concatenate([rows.positions for rows in found])[order],
-        np.concatenate([rows.normals for rows in found])[order],
-        [gaps[row] for row in order],
-    )
 
 
 class _Face(NamedTuple):
@@ -90,7 +73,7 @@ def near_and_closed_form(
     bodies: PlacedBodies,
     others: Solids,
     limits: ContactLimits,
-) -> tuple[Sequence[tuple[int, int]], list[ContactRows], list[int]]:
+) -> tuple[Sequence[tuple[int, int]], list[PatchContacts], list[int]]:
     """Find the pairs that may touch, and the contacts of faces on half-spaces.
 
     Args:
@@ -130,16 +113,14 @@ def near_and_closed_form(
 
 def _on_plane(
     face: _Face, T: FloatArray, normal: FloatArray, offset: float, place: int, limits: ContactLimits
-) -> ContactRows | None:
+) -> PatchContacts | None:
     """Contacts of a face at a pose T (4, 4) with a half-space; None if not all of it is near."""
     if not limits.admit((face.corners @ T[:3].T @ normal - offset).tolist()):
         return None
     points = face.points @ T[:3].T
     heights = points @ normal - offset
     points -= 0.5 * np.outer(heights, normal)
-    return ContactRows(
-        [place] * len(points), points, np.tile(normal, (len(points), 1)), heights.tolist()
-    )
+    return PatchContacts(place, points, normal, heights.tolist())
 
 
 @lru_cache(maxsize=_MOST_FACES)
@@ -258,14 +239,14 @@ def contact_arrays(
     if left:
         touches = _touches(pieces, solids, bodies, others_solids, pairs, left, limits)
         found += _rows_of(touches, pieces, bodies, kind, limits)
-    names = bodies.shapes.names
-    rows = joined_rows(found)
+    found.sort(key=lambda patch: patch.place)
+    names, places = bodies.shapes.names, [patch.place for patch in found for _ in patch.gaps]
     return ContactArrays.of_own(
-        tuple([names[pairs[place][1]] for place in rows.places]),
-        (kind,) * len(rows.places),
-        rows.positions,
-        rows.normals,
-        tuple(rows.gaps),
+        tuple([names[pairs[place][1]] for place in places]),
+        (kind,) * len(places),
+        np.concatenate([np.empty((0, 3)), *(patch.positions for patch in found)]),
+        np.array([patch.normal for patch in found for _ in patch.gaps]).reshape(-1, 3),
+        tuple([gap for patch in found for gap in patch.gaps]),
     )
 
 
@@ -315,13 +296,13 @@ def _rows_of(
     bodies: PlacedBodies,
     kind: BodyKind,
     limits: ContactLimits,
-) -> list[ContactRows]:
+) -> list[PatchContacts]:
     """Return the contacts that stand for what was found, all of a body at the place of its first.
 
     Raises:
         StateError: Bodies overlap too deeply.
     """
-    found: list[ContactRows] = []
+    found: list[PatchContacts] = []
     for name, placed in touches.items():
         merged = [touch for _, touch in placed]
         if len(merged) > 1:
@@ -338,8 +319,7 @@ def _rows_of(
             )
         for touch in merged:
             points, gaps = _contacts_of(touch, limits)
-            normals = np.repeat(touch.into_object[None], len(gaps), axis=0)
-            found.append(ContactRows([placed[0][0]] * len(gaps), points, normals, gaps))
+            found.append(PatchContacts(placed[0][0], points, touch.into_object, gaps))
     return found
 
 

@@ -231,8 +231,21 @@ def spread_names(
     fingers: Mapping[str, FingerSpec],
     names: Collection[str],
     tendons: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    argument: str = "effort_limits",
+    instead: str = "limit the joint it follows",
 ) -> dict[str, str]:
     """Return which of ``names`` speaks for each joint with a motor and each tendon.
+
+    A joint's own name counts before that of its finger.
+
+    Args:
+        tree: The kinematic tree.
+        fingers: The checked fingers.
+        names: Of fingers, joints and tendons.
+        tendons: The joints that each tendon pulls.
+        argument: What errors call the names.
+        instead: What to do in the place of naming a joint that follows another.
 
     Raises:
         ArgumentError: If a name is unknown or that of a joint without a motor.
@@ -250,22 +263,20 @@ def spread_names(
             own = [joint for joint in driving_joints(tree, fingers[name]) if joint not in pulled]
             if not own:
                 raise ArgumentError(
-                    f"effort_limits[{name!r}]", "no motor moves this finger; limit its tendons"
+                    f"{argument}[{name!r}]", "no motor moves this finger; limit its tendons"
                 )
             spread |= dict.fromkeys(own, name)
     for name in names:
-        argument = f"effort_limits[{name!r}]"
+        where = f"{argument}[{name!r}]"
         if name in fingers:
             continue
         if name in pulled:
-            raise ArgumentError(argument, f"tendon {pulled[name]!r} pulls this joint; limit that")
+            raise ArgumentError(where, f"tendon {pulled[name]!r} pulls this joint; limit that")
         if name not in leaders and name not in tendons:
             if name in tree.joint_index:
-                raise ArgumentError(
-                    argument, "this joint mimics another one; limit the joint it follows"
-                )
+                raise ArgumentError(where, f"this joint mimics another one; {instead}")
             known = (*fingers, *leaders, *tendons)
-            raise unknown_name("effort_limits", "finger or joint", name, known)
+            raise unknown_name(argument, "finger or joint", name, known)
         spread[name] = name
     return spread
 

@@ -22,16 +22,17 @@ from graspless_pin.geometry.hand.actuation import (
     expand_overrides,
     plan_actuation,
     resolve_effort_limits,
+    spread_names,
 )
 from graspless_pin.geometry.hand.configuration import joint_positions
-from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints, plan_control
+from graspless_pin.geometry.hand.fingers import ControlPlan, plan_control
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.srdf import refuse_lacking
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_pose, invert
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray, unknown_name
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import changed
 
 
@@ -51,24 +52,13 @@ def joint_armatures(
     Raises:
         ArgumentError: If a name is unknown or a mimic joint's, or a value negative or not finite.
     """
-    leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
     if not isinstance(armature, Mapping):
         return dict.fromkeys(tree.coupling.leaders, _checked("armature", armature))
-    given: dict[str, float] = {}
-    for name in sorted(armature, key=lambda name: name not in fingers):
-        argument = f"armature[{name!r}]"
-        value = _checked(argument, armature[name])
-        if name in fingers:
-            given |= dict.fromkeys(driving_joints(tree, fingers[name]), value)
-        elif name in leaders:
-            given[name] = value
-        elif name in tree.joint_index:
-            raise ArgumentError(
-                argument, "this joint mimics another one; give the rotor of the joint it follows"
-            )
-        else:
-            raise unknown_name("armature", "finger or joint", name, (*fingers, *leaders))
-    return {tree.joint_index[name]: value for name, value in given.items()}
+    values = {name: _checked(f"armature[{name!r}]", one) for name, one in armature.items()}
+    spread = spread_names(
+        tree, fingers, values, argument="armature", instead="give the rotor of the joint it follows"
+    )
+    return {tree.joint_index[joint]: values[name] for joint, name in spread.items()}
 
 
 def _checked(argument: str, value: float) -> float:

@@ -122,7 +122,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         for mount in mounts
     ]
     models = [
-        _model(robot, prefix, with_shapes=with_shapes)
+        read_model(robot, prefix, with_shapes=with_shapes)
         for robot, prefix in zip(robots, prefixes, strict=True)
     ]
     couplings = [
@@ -144,8 +144,10 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     return joined
 
 
-def _model(robot: RobotDescription, prefix: str, *, with_shapes: bool) -> RobotModel:
-    """Read a robot, or take it as it is."""
+def read_model(
+    robot: RobotDescription, prefix: str = "", *, with_shapes: bool = True
+) -> RobotModel:
+    """Read a robot, or take it as it is: see `read_robot`."""
     if robot.read is not None:
         model = robot.read if robot.root_link is None else robot.read.below(robot.root_link)
         return model.with_fixed_base().prefixed(prefix)

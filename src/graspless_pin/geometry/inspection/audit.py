@@ -19,8 +19,8 @@ from graspless_pin.geometry.hand.actuation import is_placeholder
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh, looked_for
-from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
-from graspless_pin.geometry.hand.reading import URDF, read_robot
+from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts, read_model
+from graspless_pin.geometry.hand.reading import URDF
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.inspection.listing import describe_efforts
 from graspless_pin.geometry.robots.description import RobotDescription
@@ -190,12 +190,12 @@ def audit_urdf(
     errors: list[Exception] = []
     with capture() as emitted:
         with capture(), _kept(errors):  # what is said of shapes is said again below
-            model = _read(robot, with_shapes=True)
+            model = read_model(robot)
             findings += [*_audit_meshes(robot, model), *_audit_shapes(model)]
         joined: JoinedMounts | None = None
         with _kept(errors):
             joined = join_mounts([Mount(robot)], with_shapes=False)
-            findings += _audit_mimics(robot, _read(robot, with_shapes=False))
+            findings += _audit_mimics(robot, read_model(robot, with_shapes=False))
             findings += _audit_joints(robot, joined)
         if not errors:
             with _kept(errors):
@@ -222,17 +222,6 @@ def _kept(errors: list[Exception]) -> Iterator[None]:
         yield
     except (RobotError, MeshError, ArgumentError) as error:
         errors.append(error)
-
-
-def _read(robot: RobotDescription, *, with_shapes: bool) -> RobotModel:
-    return read_robot(
-        robot.urdf_path,
-        package_dirs=robot.package_dirs,
-        root_link=robot.root_link,
-        xacro_args=robot.xacro_args,
-        visuals_collide=robot.visuals_collide,
-        with_shapes=with_shapes,
-    )
 
 
 def _way_round(robot: RobotDescription, joined: JoinedMounts | None) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, separation, solids_of
 from graspless_pin.geometry.contact.finding import BodyKind
@@ -75,26 +75,36 @@ def unwanted_overlaps(
     """
     if not (np.isfinite(tolerance) and tolerance >= 0.0):
         raise ArgumentError("tolerance", f"needs zero or more metres, got {tolerance!r}")
-    bodies = hand.placed_bodies
+    links = hand.placed_bodies
+    compared = [(BodyKind.HAND, links, pairs_of(hand.tree))]
+    for pieces in (support.placed_bodies for support in supports):
+        every = np.indices((len(links), len(pieces))).reshape(2, -1).T
+        compared.append((BodyKind.SUPPORT, pieces, every))
+    return tuple(
+        Overlap(*names, kind, depth)
+        for kind, others, pairs in compared
+        for names, depth in _deepest(links, others, pairs, tolerance).items()
+    )
+
+
+def _deepest(
+    one: PlacedBodies, two: PlacedBodies, pairs: NDArray[np.intp], tolerance: float
+) -> dict[tuple[str, str], float]:
+    """Return how deep bodies are in others, by their names, if by more than a tolerance, m.
+
+    Args:
+        one: Bodies, no half-spaces.
+        two: Others.
+        pairs: (P, 2) indices into both, of those that are compared.
+        tolerance: m, not negative.
+    """
     found: dict[tuple[str, str], float] = {}
-    for i, j in deep_pairs(bodies, bodies, pairs_of(hand.tree), tolerance).tolist():
-        depth = _depth(bodies[i], bodies[j])
+    for i, k in deep_pairs(one, two, pairs, tolerance).tolist():
+        depth = -separation(one[i], two[k]).distance
         if depth > tolerance:
-            names = bodies[i].name, bodies[j].name
+            names = one[i].name, two[k].name
             found[names] = max(found.get(names, 0.0), depth)
-    overlaps = [Overlap(*names, BodyKind.HAND, depth) for names, depth in found.items()]
-    for support in supports:
-        pieces = support.placed_bodies
-        every = np.indices((len(bodies), len(pieces))).reshape(2, -1).T
-        deepest: dict[str, float] = {}
-        for i, k in deep_pairs(bodies, pieces, every, tolerance).tolist():
-            depth = _depth(bodies[i], pieces[k])
-            if depth > tolerance:
-                deepest[bodies[i].name] = max(deepest.get(bodies[i].name, 0.0), depth)
-        overlaps += [
-            Overlap(link, support.name, BodyKind.SUPPORT, d) for link, d in deepest.items()
-        ]
-    return tuple(overlaps)
+    return found
 
 
 def pairs_of(tree: KinematicTree) -> NDArray[np.intp]:
@@ -120,9 +130,7 @@ def _pairs(tree: KinematicTree) -> NDArray[np.intp]:
     neutral = tree.coupling.all_positions(np.clip(0.0, *tree.ranges))
     bodies = posed_links(tree, neutral).bodies
     ever = tree.disabled_pairs | {
-        frozenset((bodies[i].name, bodies[j].name))
-        for i, j in deep_pairs(bodies, bodies, _array(of_one_robot), 0.0).tolist()
-        if _depth(bodies[i], bodies[j]) > 0.0
+        frozenset(names) for names in _deepest(bodies, bodies, _array(of_one_robot), 0.0)
     }
     own = [pair for pair, names in zip(of_one_robot, links, strict=True) if names not in ever]
     pairs = _array(sorted([*apart, *own]))
@@ -132,11 +140,6 @@ def _pairs(tree: KinematicTree) -> NDArray[np.intp]:
 
 def _array(pairs: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
-
-
-def _depth(first: CollisionBody, second: CollisionBody) -> float:
-    """Return how deep two convex pieces overlap, zero if they do not."""
-    return max(-separation(first, second).distance, 0.0)
 
 
 _PAIRS: Derived[KinematicTree, NDArray[np.intp]] = Derived(_pairs)
