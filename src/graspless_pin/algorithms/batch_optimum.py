@@ -27,7 +27,7 @@ from graspless_pin.modes.kinematics import THRESHOLD
 from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, StaticFriction
 from graspless_pin.modes.witness_heuristics import CLEARLY, GUESSES, judged_by
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.cone_model import ConeModel
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT, ActiveSet
@@ -343,7 +343,6 @@ def solution_of_optimum(
         kinematic_programs=1,
         solver=found.solver,
     )
-    found.forces.setflags(write=False)
     added = found.x[size:].copy()
     evidence = Evidence(proof, proof, added, None, found.scale * found.motion)
     return TorqueSolution(
@@ -353,7 +352,7 @@ def solution_of_optimum(
         certificate=certificate,
         problem=problem,
         evidence=evidence,
-        _forces=found.forces,
+        _forces=read_only(found.forces),
         _mode=found.mode,
     )
 

@@ -153,11 +153,8 @@ def disturbance_margin(
 
 def _undisturbed(formulation: Formulation, how: SolveOptions, limits: Limits) -> Status:
     """Whether some mode balances the object as it is; the direction does not matter."""
-    program = formulation.program
-    ub = program.ub.copy()
-    ub[-1] = 0.0
-    still = replace(formulation, program=program.bounded(program.lb, ub))
-    return search_modes(SearchState(still, how.rules, how.solver), how, limits).status
+    state = SearchState(formulation.capped(0.0), how.rules, how.solver)
+    return search_modes(state, how, limits).status
 
 
 def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tuple[Status, float]:
@@ -166,12 +163,9 @@ def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tup
     Each mode balances one interval of multiples. This walks down from the farthest balanced
     multiple, interval by interval, and starts over below each gap between them.
     """
-    program = formulation.program
     largest = begin = np.inf
     while begin > _STEP:
-        ub = program.ub.copy()
-        ub[-1] = begin - _STEP
-        nearer = replace(formulation, program=program.bounded(program.lb, ub))
+        nearer = formulation.capped(begin - _STEP)
         result = search_modes(SearchState(nearer, how.rules, how.solver), how, limits)
         best, mode = result.state.best, result.state.mode
         if limits.passed or result.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):

@@ -194,7 +194,7 @@ def contact_force_bounds(
         margins = smallest.value, largest.value
         complete = proven.all() and smallest.proven and largest.proven
         status = Status.OPTIMAL if complete else Status.LIMIT_REACHED
-    proven.setflags(write=False)
     return ContactForceBounds(
-        status, read_only(lower), read_only(upper), proven, *margins, given, problem, how.rules
-    )
+        status, read_only(lower), read_only(upper), read_only(proven), *margins, given, problem,
+        how.rules,
+    )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -108,6 +108,12 @@ class Formulation:
         if lb is self.program.lb and ub is self.program.ub:
             return self.program
         return self.program.bounded(lb, ub, cutoff)
+
+    def capped(self, most: float) -> Formulation:
+        """Return the same with its last added column at most so large."""
+        ub = self.program.ub.copy()
+        ub[-1] = most
+        return replace(self, program=self.program.bounded(self.program.lb, ub))
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
         """Return x without the friction that one mode forbids; x itself if there is none."""

@@ -170,9 +170,7 @@ def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
     """Return which entries are the same in arrays of one quantity, read-only."""
     stack = np.stack([values, *others])
     spread = np.abs(stack - values).max(axis=0)
-    same = spread <= _SAME * np.abs(stack).max(initial=0.0) + _ROUNDING
-    same.setflags(write=False)
-    return same
+    return read_only(spread <= _SAME * np.abs(stack).max(initial=0.0) + _ROUNDING)
 
 
 def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,27 +75,22 @@ class GuaranteedDisturbance(Brief):
         Then the other figures are what was proven and found by then.
         """
         decided = self.verdict.status is not Stability.UNDECIDED
-        found = [one.complete for one in self.brackets] or [decided] * len(self.directions)
-        complete = np.array(found, dtype=bool)
-        complete.setflags(write=False)
-        return complete
+        return self._each("complete", without=decided)
 
     @property
     def reached(self) -> NDArray[np.bool_]:
         """(K,) whether a direction was looked at; where not, its other figures are NaN."""
-        found = [one.reached for one in self.brackets] or [False] * len(self.directions)
-        reached = np.array(found, dtype=bool)
-        reached.setflags(write=False)
-        return reached
+        return self._each("reached", without=False)
 
     @property
     def failures(self) -> tuple[StabilityVerdict | None, ...]:
         """K verdicts at `failing`; None where that is inf."""
         return tuple(one.failure for one in self.brackets) or (None,) * len(self.directions)
 
-    def _each(self, name: str) -> FloatArray:
+    def _each(self, name: str, *, without: float | bool = np.nan) -> NDArray[Any]:
+        """Return (K,) an attribute of all brackets, or what it is where there are none."""
         found = [getattr(one, name) for one in self.brackets]
-        return read_only(np.array(found or [np.nan] * len(self.directions)))
+        return read_only(np.array(found or [without] * len(self.directions)))
 
     @property
     def found(self) -> bool:

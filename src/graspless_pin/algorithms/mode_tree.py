@@ -93,9 +93,7 @@ class ModePart:
     def holding(self, item: SignItem) -> ModePart | None:
         """Return the modes of it that have an item; None: none does."""
         contact, component, sign = item
-        selected = self.selected.copy()
-        selected[contact] = True
-        part = replace(self, selected=selected)
+        part = self._with("selected", contact, to=True)
         if sign:
             part = part._only(contact, component, sign)
         return part._settled(contact)
@@ -104,13 +102,9 @@ class ModePart:
         """Return the modes of it that lack an item; None: none does."""
         contact, component, sign = item
         if not sign:
-            released = self.released.copy()
-            released[contact] = True
-            return replace(self, released=released)._settled(contact)
+            return self._with("released", contact, to=True)._settled(contact)
         name = "minus" if sign < 0 else "plus"
-        there = getattr(self, name).copy()
-        there[contact, component] = False
-        return replace(self, **{name: there})._settled(contact)
+        return self._with(name, (contact, component), to=False)._settled(contact)
 
     def with_pair(self, contact: int, pair: tuple[int, int]) -> ModePart | None:
         """Return the modes of it that select a contact with two signs."""
@@ -118,6 +112,12 @@ class ModePart:
         for component, sign in enumerate(pair):
             part = part and part._only(contact, component, sign)._settled(contact)
         return part
+
+    def _with(self, name: str, at: int | tuple[int, int], *, to: bool) -> ModePart:
+        """Return the part with one entry of one of its arrays replaced."""
+        entries = getattr(self, name).copy()
+        entries[at] = to
+        return replace(self, **{name: entries})
 
     def _only(self, contact: int, component: int, sign: int) -> ModePart:
         ways = {}
@@ -131,11 +131,7 @@ class ModePart:
         """Return the part, a contact without signs released; None: it holds no mode."""
         if self.pairs(contact):
             return None if self.selected[contact] and self.released[contact] else self
-        if self.selected[contact]:
-            return None
-        released = self.released.copy()
-        released[contact] = True
-        return replace(self, released=released)
+        return None if self.selected[contact] else self._with("released", contact, to=True)
 
 
 def signs_left(part: ModePart) -> FloatArray:

@@ -27,6 +27,7 @@ from graspless_pin.modes.rules import (
     candidate_contacts,
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
+from graspless_pin.problem.checks import read_only
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
@@ -197,10 +198,7 @@ def solution_of(
         kinematic_programs=state.oracle.kinematic_programs,
         solver="" if best is None else best.solver,
     )
-    forces = None
-    if best is not None:
-        forces = formulation.coordinates.forces(best.x)
-        forces.setflags(write=False)
+    forces = None if best is None else read_only(formulation.coordinates.forces(best.x))
     status, strict = result.status, formulation.coordinates.strictness
     if status is Status.UNVERIFIED and strict is not None and not strict.can_be_kept:
         status = Status.LOAD_TOO_LARGE

@@ -120,8 +120,7 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
         same = np.zeros(len(flat), dtype=bool)
         same[known] = agreeing(each[known, 0], *each[known, 1:].T)
         values[name] = read_only(each[:, 0].reshape(given.shape).copy())
-        same.setflags(write=False)
-        unique[name] = same.reshape(given.shape)
+        unique[name] = read_only(same.reshape(given.shape))
     return UncertaintyGradients(MappingProxyType(values), MappingProxyType(unique))
 
 

@@ -135,9 +135,7 @@ def _reaches(
             attempt(state)
             if state.best_value <= closeness(goal) - goal:
                 return True, state.left_behind()
-    ub = full.program.ub.copy()
-    ub[-1] = goal
-    capped = replace(full, program=full.program.bounded(full.program.lb, ub), cutoff=-goal)
+    capped = replace(full.capped(goal), cutoff=-goal)
     result = search_modes(SearchState(capped, state.rules, state.solver), options, limits)
     if result.state.best is not None:
         return True, replace(state.left_behind(), mode=result.state.mode, in_mode=None)

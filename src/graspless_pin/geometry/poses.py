@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import all_finite
+from graspless_pin.problem.checks import all_finite, read_only
 
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
@@ -127,8 +127,7 @@ def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
         pose = finite_numbers(name, T)
     if pose.shape != (4, 4) or not _is_rigid(pose):
         _refuse_pose(name, finite_numbers(name, T))
-    pose.setflags(write=False)
-    return pose
+    return read_only(pose)
 
 
 def _is_rigid(T: NDArray[np.float64]) -> bool:
@@ -167,6 +166,12 @@ def _refuse_pose(name: str, pose: NDArray[np.float64]) -> NoReturn:
             name, f"the position is {pose[:3, 3].tolist()}; it must be within ±{LARGEST_LENGTH:g} m"
         )
     raise ArgumentError(name, "the rotation part mirrors (determinant -1); flip one axis")
+
+
+def unit_vector(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64]:
+    """Return a vector (n,) at length one; z, (3,), if it is no longer than ``least``."""
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > least else np.array([0.0, 0.0, 1.0])
 
 
 def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:

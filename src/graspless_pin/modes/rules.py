@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import choice
+from graspless_pin.problem.checks import choice, read_only
 from graspless_pin.records import unchecked
 
 SIGN_VALUES = (-1, 0, 1)
@@ -166,20 +166,13 @@ class SlidingMode:
             raise ArgumentError(
                 "signs", f"is {values[index].tolist()} at index {index}, which is not selected"
             )
-        self._freeze(chosen, values.astype(np.int8))
+        object.__setattr__(self, "selection", read_only(chosen))
+        object.__setattr__(self, "signs", read_only(values.astype(np.int8)))
 
     @classmethod
     def unchecked(cls, selection: NDArray[np.bool_], signs: NDArray[np.int8]) -> Self:
         """Return a mode of arrays that are right by construction; they become read-only."""
-        selection.setflags(write=False)
-        signs.setflags(write=False)
-        return unchecked(cls, selection=selection, signs=signs)
-
-    def _freeze(self, selection: NDArray[np.bool_], signs: NDArray[np.int8]) -> None:
-        selection.setflags(write=False)
-        signs.setflags(write=False)
-        object.__setattr__(self, "selection", selection)
-        object.__setattr__(self, "signs", signs)
+        return unchecked(cls, selection=read_only(selection), signs=read_only(signs))
 
     @cached_property
     def contacts(self) -> tuple[int, ...]:

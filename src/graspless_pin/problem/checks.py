@@ -26,9 +26,10 @@ SINGULAR = 1e-12
 _UNIT_TOLERANCE = 1e-6
 _SYMMETRIC = 1e-9
 _Choice = TypeVar("_Choice", bound=StrEnum)
+_Array = TypeVar("_Array", bound=NDArray[Any])
 
 
-def read_only(array: FloatArray) -> FloatArray:
+def read_only(array: _Array) -> _Array:
     """Return the array itself, marked read-only."""
     array.setflags(write=False)
     return array

@@ -81,8 +81,7 @@ def layout_of(mask: bytes) -> ForceLayout:
         "axes": 3 * owner + np.arange(size) - normal[owner],
         "places": places,
     }
-    for array in arrays.values():
-        array.setflags(write=False)
+    arrays = {name: read_only(array) for name, array in arrays.items()}
     return ForceLayout(size, cone_contacts=tuple(cones.tolist()), picks=read_only(picks), **arrays)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import read_only
 from graspless_pin.records import unchecked
 
 
@@ -39,8 +40,7 @@ class CollisionBody:
         pose = np.array(self.T_world_geometry, dtype=float)
         if pose.shape != (4, 4):
             raise ArgumentError("T_world_geometry", f"needs shape (4, 4), got {pose.shape}")
-        pose.setflags(write=False)
-        object.__setattr__(self, "T_world_geometry", pose)
+        object.__setattr__(self, "T_world_geometry", read_only(pose))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +68,8 @@ class PlacedBodies(Sequence[CollisionBody]):
 
     def __init__(self, shapes: BodyShapes, poses: NDArray[np.float64]) -> None:
         """Place the shapes; ``poses`` is kept, not copied."""
-        poses.setflags(write=False)
         self.shapes = shapes
-        self.poses = poses
+        self.poses = read_only(poses)
         self._made: dict[int, CollisionBody] = {}
 
     @classmethod

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.findings import Finding, FindingCode
-from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.geometry.bodies.polytopes import hull_of, qhull
 from graspless_pin.problem.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -42,15 +42,14 @@ def hull_corners(vertices: FloatArray, what: str) -> tuple[FloatArray, tuple[Fin
         mesh then stands out of the hull, measured at all vertices.
 
     Raises:
-        scipy.spatial.QhullError: All vertices lie in one plane.
+        MeshError: All vertices lie in one plane.
     """
     if len(vertices) <= DENSE_MESH:
-        return hull_of(vertices).vertices, ()
-    from scipy.spatial import ConvexHull
+        return hull_of(vertices, what).vertices, ()
 
     size = float(np.ptp(vertices, axis=0).max())
     # Qhull takes no point for a corner that is less than this above a face.
-    hull = ConvexHull(vertices, qhull_options=f"Qt W{HULL_TOLERANCE * size:.17g}")
+    hull = qhull(vertices, what, f"Qt W{HULL_TOLERANCE * size:.17g}")
     corners = vertices[hull.vertices]
     left_out = _standing_out(vertices, hull, HULL_TOLERANCE * size)
     found = Finding(

@@ -18,7 +18,7 @@ from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.bodies.dense_hulls import hull_corners, with_fewer_triangles
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 if TYPE_CHECKING:
     import trimesh
@@ -170,19 +170,10 @@ def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
 def _hull_points(
     path: Path, scale: MeshScale, _state: tuple[str, int, int]
 ) -> tuple[FloatArray, tuple[Finding, ...]]:
-    from scipy.spatial import QhullError
-
     from graspless_pin.geometry.bodies.mesh_files import UP_AXIS
 
     mesh = scaled_mesh(path, scale)
-    vertices = np.array(mesh.vertices, dtype=float)
-    try:
-        points, found = hull_corners(vertices, f"mesh file '{path}'")
-    except (QhullError, ValueError) as error:
-        raise MeshError(
-            f"mesh file '{path}' encloses no volume: all of its vertices lie in one plane"
-        ) from error
-    points.setflags(write=False)
+    points, found = hull_corners(np.array(mesh.vertices, dtype=float), f"mesh file '{path}'")
     if UP_AXIS in mesh.metadata:
         up = mesh.metadata[UP_AXIS]
         turned = Finding(
@@ -192,7 +183,7 @@ def _hull_points(
             "write <up_axis>Z_UP</up_axis> into it, or turn the object, if z was up all along",
         )
         found = (*found, turned)
-    return points, found
+    return read_only(points), found
 
 
 _SURFACES_KEPT = 256
@@ -217,8 +208,7 @@ class Triangles:
         """Copy the arrays and make them read-only."""
         for name, dtype in (("vertices", np.float64), ("faces", np.int64)):
             array = np.array(getattr(self, name), dtype=dtype).reshape(-1, 3)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(array))
 
     def moved(self, T: ArrayLike) -> Triangles:
         """Return the surface at a (4, 4) pose."""

@@ -16,7 +16,7 @@ from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, P
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
-from graspless_pin.problem.checks import checked_inertia, read_only
+from graspless_pin.problem.checks import checked_inertia, finite_array, read_only
 from graspless_pin.records import Brief, PickledByFields, changed
 
 
@@ -140,7 +140,7 @@ class ManipulatedObject(Brief, _PlacedShape):
             name,
             shape,
             mass,
-            _vector("center_of_mass", center_of_mass),
+            finite_array("center_of_mass", center_of_mass, (3,)),
             np.asarray(T_world_object, dtype=float),
             material,
             None if inertia is None else np.asarray(inertia),
@@ -164,7 +164,9 @@ class ManipulatedObject(Brief, _PlacedShape):
             raise ArgumentError(
                 "mass", f"object '{self.name}' needs a positive mass in kg, got {self.mass!r}"
             )
-        object.__setattr__(self, "center_of_mass", _vector("center_of_mass", self.center_of_mass))
+        object.__setattr__(
+            self, "center_of_mass", finite_array("center_of_mass", self.center_of_mass, (3,))
+        )
         object.__setattr__(self, "T_world_object", as_pose("T_world_object", self.T_world_object))
         if self.inertia is not None:
             object.__setattr__(self, "inertia", _checked_inertia(self.inertia))
@@ -271,7 +273,7 @@ class Support(Brief, _PlacedShape):
                 "friction",
                 f"support '{self.name}' needs a coefficient of zero or more, got {self.friction!r}",
             )
-        object.__setattr__(self, "velocity", _vector("velocity", self.velocity, 6))
+        object.__setattr__(self, "velocity", finite_array("velocity", self.velocity, (6,)))
 
     @cached_property
     def is_moving(self) -> bool:
@@ -287,18 +289,6 @@ def _check_name(name: str) -> None:
         raise ArgumentError("name", f"needs a name that messages can use, got {name!r}")
     if fault := fault_of_name(name):
         raise ArgumentError("name", fault)
-
-
-def _vector(name: str, values: ArrayLike, count: int = 3) -> NDArray[np.float64]:
-    words = {3: "three", 6: "six"}[count]
-    try:
-        vector = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(name, f"needs {words} numbers, got {values!r}") from error
-    if vector.shape != (count,) or not np.isfinite(vector).all():
-        raise ArgumentError(name, f"needs {words} finite numbers, got {vector.tolist()}")
-    vector.setflags(write=False)
-    return vector
 
 
 def _mass_or_density(mass: float | None, density: float | None) -> float:

@@ -5,9 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from graspless_pin.errors import MeshError
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 Array = NDArray[np.float64]
 
@@ -200,15 +206,30 @@ def box_of(half: Array) -> Cuboid:
     return Cuboid(signs * half, normals, offsets, faces, edges, np.zeros(3), radius, half)
 
 
-def hull_of(points: Array) -> Polytope:
-    """Return the convex hull of (N, 3) points.
+def qhull(points: Array, what: str, options: str | None = None) -> ConvexHull:
+    """Return the convex hull of (N, 3) points as Qhull has it.
+
+    Args:
+        points: In metres.
+        what: What messages call them.
+        options: Of Qhull; None: its own.
 
     Raises:
-        scipy.spatial.QhullError: All points lie in one plane.
+        MeshError: All points lie in one plane.
     """
-    from scipy.spatial import ConvexHull
+    from scipy.spatial import ConvexHull, QhullError
 
-    hull = ConvexHull(points)
+    try:
+        return ConvexHull(points, qhull_options=options)
+    except (QhullError, ValueError) as error:
+        raise MeshError(
+            f"{what} encloses no volume: all of its vertices lie in one plane"
+        ) from error
+
+
+def hull_of(points: Array, what: str = "its convex hull") -> Polytope:
+    """Return the convex hull of (N, 3) points; arguments and errors as of `qhull`."""
+    hull = qhull(points, what)
     index = np.full(len(points), -1)
     index[hull.vertices] = np.arange(len(hull.vertices))
     vertices = points[hull.vertices]

@@ -200,12 +200,7 @@ def _convert(geometry: Any) -> ConvexSet:
             case coal.Box():
                 return box_of(np.array(geometry.halfSide, dtype=float))
             case coal.Convex():
-                from scipy.spatial import QhullError
-
-                try:
-                    return hull_of(np.array(geometry.points(), dtype=float))
-                except QhullError as error:
-                    raise MeshError("its convex hull encloses no volume") from error
+                return hull_of(np.array(geometry.points(), dtype=float))
             case coal.Sphere():
                 return Revolved(0.0, 0.0, 0.0, geometry.radius)
             case coal.Capsule():

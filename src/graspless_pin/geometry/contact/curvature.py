@@ -262,18 +262,13 @@ def _nearest_face(
     for row in rows:
         T = bodies.poses[row]
         local, direction = T[:3, :3].T @ (point - T[:3, 3]), T[:3, :3].T @ outward
-        match sets[row]:
-            case Revolved() as one:
-                if (np.abs(local - one.center) <= one.half_extents + 2.0 * near).all():
-                    return 0.0
-                continue
-            case Plane(normal, offset):
-                normals, heights = normal[None], np.array([normal @ local - offset])
-            case Polytope() as one:
-                normals, heights = one.face_normals, one.face_normals @ local - one.face_offsets
-        if heights.max() > 2.0 * near:
+        one = sets[row]
+        if isinstance(one, Revolved):
+            if (np.abs(local - one.center) <= one.half_extents + 2.0 * near).all():
+                return 0.0
             continue
-        at_hand = normals[heights > -2.0 * near]
-        cosines = np.clip(at_hand @ direction, -1.0, 1.0)
-        least = min(least, float(np.arccos(cosines.max(initial=-1.0))))
+        normals, heights = one.faces_at(local)
+        if heights.max() <= 2.0 * near:
+            cosines = np.clip(normals[heights > -2.0 * near] @ direction, -1.0, 1.0)
+            least = min(least, float(np.arccos(cosines.max(initial=-1.0))))
     return least

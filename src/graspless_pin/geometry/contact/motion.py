@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from graspless_pin.errors import ArgumentError, StateError, StateFault
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
-from graspless_pin.geometry.poses import finite_numbers, turning_velocities
-from graspless_pin.problem.checks import FloatArray, make_read_only
+from graspless_pin.geometry.poses import turning_velocities
+from graspless_pin.problem.checks import FloatArray, finite_array, make_read_only, squared_lengths
 
 SPEED_TOLERANCE = 1e-3
 """Speeds below this share of the fastest are zero: motions are typed in with a few digits."""
@@ -74,7 +74,7 @@ def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> 
         ArgumentError: A shape is wrong or a number is not finite.
     """
     motion = checked_twist("twist", twist)
-    origin = _checked("center", center, (3,))
+    origin = finite_array("center", center, (3,))
     return velocities_at(motion, origin, np.asarray(points, dtype=float).reshape(-1, 3))
 
 
@@ -89,7 +89,7 @@ def checked_twist(name: str, twist: ArrayLike) -> FloatArray:
     Raises:
         ArgumentError: The shape is wrong or a number is not finite.
     """
-    return _checked(name, twist, (6,))
+    return finite_array(name, twist, (6,))
 
 
 def support_velocities(
@@ -163,12 +163,12 @@ def classify_motion(
     count = len(contacts)
     touching = ContactArrays.of(contacts)
     twist = checked_twist("object_twist", object_twist)
-    center = _checked("center_of_mass", center_of_mass, (3,))
+    center = finite_array("center_of_mass", center_of_mass, (3,))
     others, turning = np.zeros((count, 3)), None
     if body_velocities is not None:
-        others = _checked("body_velocities", body_velocities, (count, 3))
+        others = finite_array("body_velocities", body_velocities, (count, 3))
     if body_angular_velocities is not None:
-        turning = _checked("body_angular_velocities", body_angular_velocities, (count, 3))
+        turning = finite_array("body_angular_velocities", body_angular_velocities, (count, 3))
     return classified(touching, twist, center, others, turning, speed_tolerance)
 
 
@@ -209,7 +209,8 @@ def _motion_states(
     leaving, sliding = _split(relative, normals)
     spins = np.zeros_like(arms) + twist[3:] if turning is None else twist[3:] - turning
     _, rolling = _split(spins, normals)
-    states = np.where(_lengths(sliding) > threshold, _SLIDES, _lengths(rolling) > slow_turn)
+    slides, rolls = (np.sqrt(squared_lengths(part)) for part in (sliding, rolling))
+    states = np.where(slides > threshold, _SLIDES, rolls > slow_turn)
     states = np.where(leaving > threshold, _PARTS, states)
     states = np.where(leaving < -threshold, _PENETRATES, states)
     sliding[states != _SLIDES] = 0.0
@@ -251,18 +252,6 @@ def _split(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatA
     return along, vectors - along[:, None] * normals
 
 
-def _lengths(vectors: FloatArray) -> FloatArray:
-    """Lengths of rows."""
-    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-
-
 def _longest(vectors: FloatArray) -> float:
     """Length of the longest row, 0 without any."""
-    return float(_lengths(vectors).max(initial=0.0))
-
-
-def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    array = finite_numbers(name, values)
-    if array.shape != shape:
-        raise ArgumentError(name, f"needs shape {shape}, got {array.shape}")
-    return array
+    return float(np.sqrt(squared_lengths(vectors)).max(initial=0.0))

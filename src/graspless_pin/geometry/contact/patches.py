@@ -35,6 +35,7 @@ from graspless_pin.geometry.contact.polygons import (
     plane_fit,
     shared_border,
 )
+from graspless_pin.geometry.poses import unit_vector
 from graspless_pin.problem.checks import FloatArray
 
 _IDENTITY: Any = coal.Transform3s()
@@ -189,7 +190,7 @@ class _Nearest:
         fixed_gaps = self._gaps(fixed)
         if len(fixed) and float(fixed_gaps.max()) > tolerance:
             return None
-        middles = _unit(self.t + self.R @ self.two.center - self.one.center)
+        middles = unit_vector(self.t + self.R @ self.two.center - self.one.center)
         best_gap, best, witness = -np.inf, middles, self.t
         apart = np.zeros(3)
         for attempt in range(_ATTEMPTS):
@@ -275,14 +276,8 @@ class _Nearest:
             float(distance),
             np.array(result.getNearestPoint1()),
             np.array(result.getNearestPoint2()) - apart,
-            _unit(guess) if sure else None,
+            unit_vector(guess) if sure else None,
         )
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    """Return the vector at length one; z if it has no length."""
-    length = float(np.linalg.norm(vector))
-    return vector / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
 def _project(points: FloatArray, basis: FloatArray) -> Polygon:

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 Point = tuple[float, float]
 Polygon = list[Point]
@@ -274,9 +274,8 @@ def _basis(x: float, y: float, z: float) -> FloatArray:
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     b = x * y * a
-    basis = np.array([[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
-    basis.setflags(write=False)
-    return basis
+    rows = [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
+    return read_only(np.array(rows))
 
 
 def hull_order(points: FloatArray, normal: FloatArray, straight: float = SAME) -> list[int]:

@@ -26,7 +26,7 @@ from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import unknown_name
+from graspless_pin.problem.checks import read_only, unknown_name
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.records import Brief, Record
 
@@ -348,9 +348,7 @@ def resolve_effort_limits(
                     ("hand", "effort_limits"),
                 )
             )
-    lower.setflags(write=False)
-    upper.setflags(write=False)
-    return lower, upper
+    return read_only(lower), read_only(upper)
 
 
 def urdf_efforts(tree: KinematicTree) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

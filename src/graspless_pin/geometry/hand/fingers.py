@@ -352,7 +352,8 @@ class _Walker:
         far = corners[reaches >= _FAR * reach]
         nearest = []
         for T_jaw, T_fixed in poses:
-            points = _moved(np.linalg.inv(T_fixed) @ T_jaw, far)
+            T = np.linalg.inv(T_fixed) @ T_jaw
+            points = far @ T[:3, :3].T + T[:3, 3]
             nearest.append(min((_nearest(fixed, one) for one in points), key=lambda one: one[0]))
         (shut, met), (ajar, _) = sorted(nearest, key=lambda one: one[0])
         joint = (np.linalg.inv(poses[0][1]) @ poses[0][0])[:3, 3]
@@ -408,10 +409,6 @@ def _corners(item: LinkGeometry) -> FloatArray:
     from graspless_pin.geometry.bodies.shapes import shape_of
 
     return shape_of(item.shape).surface().moved(item.T_joint_geometry).vertices
-
-
-def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
-    return points @ T[:3, :3].T + T[:3, 3]
 
 
 def _nearest(shapes: Sequence[LinkGeometry], point: FloatArray) -> tuple[float, FloatArray]:

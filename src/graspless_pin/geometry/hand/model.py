@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.caching import Derived
-from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation, EffortLimit
@@ -38,7 +37,7 @@ from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_pose, invert, turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
-from graspless_pin.problem.checks import FloatArray, all_finite, unknown_name
+from graspless_pin.problem.checks import FloatArray, finite_array, unknown_name
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.records import Record, changed
 
@@ -350,9 +349,7 @@ class Hand(Record):
         Raises:
             ArgumentError: If ``gravity`` is not three finite numbers.
         """
-        acceleration = np.asarray(gravity, dtype=np.float64)
-        if acceleration.shape != (3,) or not all_finite((acceleration,)):
-            raise ArgumentError("gravity", f"needs 3 finite numbers, got {gravity!r}")
+        acceleration = finite_array("gravity", gravity, (3,))
         torques = self.tree.gravity_torques(self.positions, acceleration)
         return torques if self.actuation.every_joint_alone else torques @ self.actuation.from_joints
 
@@ -392,9 +389,7 @@ class Hand(Record):
             ArgumentError: If a name is unknown or a mimic joint's, or a shape or value is wrong.
         """
         rates = independent_rates(self.tree, joint_velocities or {})
-        twist = np.zeros(6) if base_twist is None else np.asarray(base_twist, dtype=np.float64)
-        if twist.shape != (6,) or not np.isfinite(twist).all():
-            raise ArgumentError("base_twist", f"needs 6 finite numbers, got {base_twist!r}")
+        twist = finite_array("base_twist", np.zeros(6) if base_twist is None else base_twist, (6,))
         arms = checked_points(links, points) - self.T_world_base[:3, 3]
         return (
             self._links.point_jacobians(links, points) @ (self.tree.coupling.S @ rates)

@@ -200,14 +200,18 @@ def _link(
         of_collisions, of_visuals = link.findall("collision"), link.findall("visual")
         if visuals_collide and not of_collisions:
             of_collisions = of_visuals
-        for element in of_collisions:
-            shape = _shape(path, where, element, package_dirs, leave_out_empty=True)
-            collisions += [] if shape is None else [shape]
+        collisions = [
+            shape
+            for element in of_collisions
+            if (shape := _shape(path, where, element, package_dirs, leave_out_empty=True))
+        ]
         # They are drawn only: half a link would mislead more than its collision shapes do.
         try:
-            for element in of_visuals:
-                shape = _shape(path, where, element, package_dirs, leave_out_empty=False)
-                visuals += [] if shape is None else [shape]
+            visuals = [
+                shape
+                for element in of_visuals
+                if (shape := _shape(path, where, element, package_dirs, leave_out_empty=False))
+            ]
         except RobotError:
             visuals = []
     return RobotLink(name, *_inertial(where, link), tuple(collisions), tuple(visuals))

@@ -30,7 +30,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     joints_at_limit,
     tip_shapes,
 )
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 
 class Tip:
@@ -389,12 +389,11 @@ def place_fingertips(
 def _report(tip: Tip, hand: Hand, tolerance: float) -> PlacedFingertip:
     """Measure how well a tip got there."""
     position, _ = tip.touch(hand.positions)
-    position.setflags(write=False)
     overlaps = tip.overlaps(hand.positions)
     return PlacedFingertip(
         finger=tip.finger,
         link=tip.link,
-        position=position,
+        position=read_only(position),
         residual=float(np.linalg.norm(position - tip.point)),
         overlapping=tuple(link for link, depth in overlaps.items() if depth > tolerance),
         overlap=max(overlaps.values(), default=0.0),

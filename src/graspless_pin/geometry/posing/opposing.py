@@ -14,7 +14,7 @@ from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shapes import shape_of
 from graspless_pin.geometry.contact.distances import Separation, bounded_set, nearest_separation
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.poses import pose_matrix, unit_vector
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     driving_columns,
@@ -68,7 +68,7 @@ class OpposingPosture(Record):
     @property
     def axis(self) -> FloatArray:
         """(3,) unit vector from the palm to where the tips meet: the way the hand approaches."""
-        return _unit(self.meeting - self.palm)
+        return unit_vector(self.meeting - self.palm, _SAME_PLACE)
 
     def closing_rates(self, opened: FloatArray) -> FloatArray:
         """Return (a,) rates that lead from an opened posture through the closed one.
@@ -272,7 +272,7 @@ def _on_fixed_jaw(
     closed, opened = sorted(ends_of_joints, key=lambda there: far_end(there)[1].distance)
     half = closed + _AJAR * (opened - closed)
     tip, between = far_end(half)
-    way = _unit(far_end(closed)[0] - tip)
+    way = unit_vector(far_end(closed)[0] - tip, _SAME_PLACE)
     overlap = max(
         (one.depth for one in unwanted_overlaps(hand.with_configuration(half))), default=0.0
     )
@@ -281,7 +281,7 @@ def _on_fixed_jaw(
         opened=opened,
         palm=palm_of(closed),
         meeting=tip + 0.5 * between.distance * between.normal,
-        closing=_unit(way + between.normal),
+        closing=unit_vector(way + between.normal, _SAME_PLACE),
         opposition=-float(way @ between.normal),
         overlap=overlap,
     )
@@ -341,7 +341,7 @@ def _ends_of_flexion(
     flexion: dict[int, float] = {}
     for finger in group:
         flexion = flexion_rates(hand.with_configuration(closed), finger) | flexion
-    tips, way = _Tips(hand, group), _unit(line[1] - line[0])
+    tips, way = _Tips(hand, group), unit_vector(line[1] - line[0], _SAME_PLACE)
     choices = []
     for sense in (1.0, -1.0):
         there = closed.copy()
@@ -352,9 +352,3 @@ def _ends_of_flexion(
         choices.append((float(np.linalg.norm(aside, axis=1).sum()), there))
     bent, straight = sorted(choices, key=lambda one: one[0])
     return straight[1], bent[1]
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    """Return a vector's direction; of one without, the z axis."""
-    length = float(np.linalg.norm(vector))
-    return vector / length if length > _SAME_PLACE else np.array([0.0, 0.0, 1.0])

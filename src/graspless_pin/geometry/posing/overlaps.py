@@ -18,7 +18,7 @@ from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.posed_links import posed_links
 from graspless_pin.geometry.hand.tree import KinematicTree
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 
 @dataclass(frozen=True)
@@ -133,9 +133,7 @@ def _pairs(tree: KinematicTree) -> NDArray[np.intp]:
         frozenset(names) for names in _deepest(bodies, bodies, _array(of_one_robot), 0.0)
     }
     own = [pair for pair, names in zip(of_one_robot, links, strict=True) if names not in ever]
-    pairs = _array(sorted([*apart, *own]))
-    pairs.setflags(write=False)
-    return pairs
+    return read_only(_array(sorted([*apart, *own])))
 
 
 def _array(pairs: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
