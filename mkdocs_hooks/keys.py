@@ -12,7 +12,7 @@ from mkdocs.structure.files import File, Files
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from graspless_pin.geometry.robots.robot_schema import RobotFile
+from graspless_pin.geometry.robots.files import RobotFile
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.studies.study_schema import StudyEntry
 

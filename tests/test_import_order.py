@@ -46,7 +46,7 @@ def test_the_linter_reports_a_broken_contract(tmp_path):
     for module, bad in (
         ("errors.py", "graspless_pin.problem"),
         ("problem/cones.py", "coal, piqp"),
-        ("geometry/bodies/materials.py", "graspless_pin.geometry.hand.model"),
+        ("geometry/bodies/meshes.py", "graspless_pin.geometry.hand.model"),
     ):
         path = package / module
         path.write_text(f"{path.read_text(encoding='utf-8')}\nimport {bad}\n", encoding="utf-8")

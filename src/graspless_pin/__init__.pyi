@@ -3,7 +3,9 @@ from .algorithms.comparison import RuleComparison as RuleComparison
 from .algorithms.comparison import compare_rules as compare_rules
 from .algorithms.comparison import solve_each_mode as solve_each_mode
 from .algorithms.disturbances import DisturbanceMargin as DisturbanceMargin
+from .algorithms.disturbances import GuaranteedDisturbance as GuaranteedDisturbance
 from .algorithms.disturbances import disturbance_margin as disturbance_margin
+from .algorithms.disturbances import guaranteed_disturbance as guaranteed_disturbance
 from .algorithms.explanation import Explanation as Explanation
 from .algorithms.explanation import Suggestion as Suggestion
 from .algorithms.explanation import explain as explain
@@ -14,8 +16,6 @@ from .algorithms.gradients import MarginSensitivity as MarginSensitivity
 from .algorithms.gradients import OptimumGradients as OptimumGradients
 from .algorithms.gradients import margin_sensitivity as margin_sensitivity
 from .algorithms.gradients import optimum_gradients as optimum_gradients
-from .algorithms.guaranteed_disturbance import GuaranteedDisturbance as GuaranteedDisturbance
-from .algorithms.guaranteed_disturbance import guaranteed_disturbance as guaranteed_disturbance
 from .algorithms.margin_torque_curve import MarginTorqueCurve as MarginTorqueCurve
 from .algorithms.margin_torque_curve import margin_torque_curve as margin_torque_curve
 from .algorithms.minimum_friction import MinimumFriction as MinimumFriction
@@ -52,7 +52,7 @@ from .holding.verdict import Holding as Holding
 from .holding.verdict import RestProof as RestProof
 from .holding.verdict import Stability as Stability
 from .holding.verdict import StabilityVerdict as StabilityVerdict
-from .modes.enumeration import enumerate_modes as enumerate_modes
+from .modes.kinematics import enumerate_modes as enumerate_modes
 from .modes.rules import Rules as Rules
 from .modes.rules import SignRule as SignRule
 from .modes.rules import SlidingMode as SlidingMode
@@ -63,11 +63,11 @@ from .planning.path import Waypoint as Waypoint
 from .planning.path import evaluate_path as evaluate_path
 from .planning.placing import place_hand as place_hand
 from .planning.squeeze_window import squeeze_window as squeeze_window
+from .problem.checks import JointUnit as JointUnit
 from .problem.fingers import ControlMode as ControlMode
 from .problem.fingers import FingerContacts as FingerContacts
 from .problem.fingers import JointSpace as JointSpace
 from .problem.fingers import assemble_joint_space as assemble_joint_space
-from .problem.joint_units import JointUnit as JointUnit
 from .problem.quasistatic import QuasistaticProblem as QuasistaticProblem
 from .problem.wrenches import body_wrench_matrix as body_wrench_matrix
 from .problem.wrenches import force_first as force_first

@@ -17,9 +17,8 @@ from graspless_pin import (
     enumerate_modes,
     minimize_torque,
 )
-from graspless_pin.algorithms import force_extremes
-from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.algorithms.force_extremes import Extreme, ForceExtremes
+from graspless_pin.algorithms import force_bounds
+from graspless_pin.algorithms.force_bounds import ContactForceBounds, Extreme, ForceExtremes
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, undecided
 from graspless_pin.algorithms.searching import search_modes
@@ -142,7 +141,7 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
             return undecided(arguments[0])
         return search_modes(*arguments, **options)
 
-    monkeypatch.setattr(force_extremes, "search_modes", search)
+    monkeypatch.setattr(force_bounds, "search_modes", search)
     bounds = contact_force_bounds(scene("rest"), torques)
     assert bounds.status is Status.LIMIT_REACHED
     assert bounds.proven.sum() >= bounds.proven.size - 1
@@ -158,7 +157,7 @@ def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held
     def search(state, *_):
         return SearchResult(Status.INFEASIBLE_MODES, state)
 
-    monkeypatch.setattr(force_extremes, "search_modes", search)
+    monkeypatch.setattr(force_bounds, "search_modes", search)
     normal = extremes.component(0, 0)
     found = extremes.largest(normal)
     assert not found.proven
@@ -201,7 +200,7 @@ def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
     def search(state, *_):
         return undecided(state)
 
-    monkeypatch.setattr(force_extremes, "search_modes", search)
+    monkeypatch.setattr(force_bounds, "search_modes", search)
     bounds = contact_force_bounds(scene("rest"), torques)
     assert bounds.status is Status.UNVERIFIED and not bounds.found
     assert np.isnan(bounds.lower).all() and not bounds.proven.any()

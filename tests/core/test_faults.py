@@ -25,7 +25,7 @@ from graspless_pin import (
     minimize_torque,
     minimum_friction,
 )
-from graspless_pin.algorithms import dual_degeneracy, force_extremes, formulation
+from graspless_pin.algorithms import dual_degeneracy, force_bounds, formulation
 from graspless_pin.algorithms import margin_torque_curve as curve_module
 from graspless_pin.algorithms.disturbances import DisturbanceMargin
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
@@ -241,7 +241,7 @@ def failing(chosen: Callable[[int], bool]) -> Callable[..., Answer]:
 
 def patched(monkeypatch: pytest.MonkeyPatch, chosen: Callable[[int], bool]) -> None:
     solved = failing(chosen)
-    for module in (formulation, force_extremes, curve_module):
+    for module in (formulation, force_bounds, curve_module):
         monkeypatch.setattr(module, "solve", solved)
 
 

@@ -18,7 +18,7 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.joint_units import JointUnit, units_text
+from graspless_pin.problem.checks import JointUnit, units_text
 from graspless_pin.report.document import solution_document, write_document
 from graspless_pin.report.reading import read_solution
 

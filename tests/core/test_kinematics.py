@@ -25,10 +25,9 @@ from graspless_pin import (
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import GrasplessPinError, UndecidedMotionError
-from graspless_pin.modes.feasibility import Conflict, Requirement, Witness
 from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.modes.rules import SignRule
-from graspless_pin.modes.witness_heuristics import NearestMotions
+from graspless_pin.modes.rules import Conflict, Requirement, SignRule, Witness
+from graspless_pin.modes.virtual_motions import NearestMotions
 from graspless_pin.programs.objectives import Margin
 
 ANY_SIGNS = {

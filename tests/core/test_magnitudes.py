@@ -13,9 +13,8 @@ from graspless_pin import (
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import Box, Sphere
 from graspless_pin.geometry.poses import as_pose, pose_matrix
-from graspless_pin.problem.checks import real_array
+from graspless_pin.problem.checks import JointUnit, real_array
 from graspless_pin.problem.cones import default_tangents
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 
 ARGUMENTS = {

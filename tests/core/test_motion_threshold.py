@@ -19,10 +19,13 @@ from graspless_pin.algorithms.formulation import shared_parts
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.modes import kinematics
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.feasibility import Conflict, Requirement, Witness
-from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics, kinematics_of
-from graspless_pin.modes.rules import Rules, SignRule, SlidingMode
+from graspless_pin.modes.kinematics import (
+    THRESHOLD,
+    VirtualKinematics,
+    kinematics_of,
+    requirements_of,
+)
+from graspless_pin.modes.rules import Conflict, Requirement, Rules, SignRule, SlidingMode, Witness
 from graspless_pin.programs.objectives import Margin
 
 LINED_UP, TURNED = 0.030667, 0.270491

@@ -16,7 +16,7 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.modes.witness_heuristics import NearestMotions
+from graspless_pin.modes.virtual_motions import NearestMotions
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import piqp_engines
 

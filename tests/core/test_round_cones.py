@@ -31,8 +31,7 @@ from graspless_pin.programs.answers import (
     elastic,
     elastic_multipliers,
 )
-from graspless_pin.programs.assembly import scaled_program
-from graspless_pin.programs.objectives import Margin, Torque
+from graspless_pin.programs.objectives import Margin, Torque, scaled_program
 from graspless_pin.solvers import Outcome, solve, solving
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
 from graspless_pin.solvers.other_backends import by_qpsolvers

@@ -16,7 +16,7 @@ from shown_output import difference
 from typer.testing import CliRunner
 
 from graspless_pin.cli.commands import app
-from graspless_pin.geometry.robots.robot_schema import RobotFile
+from graspless_pin.geometry.robots.files import RobotFile
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.studies.study_schema import StudyEntry
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.bodies.shapes import Box, Shape, Sphere
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.geometry.robots.files import load_robot

@@ -10,8 +10,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.polytopes import Polytope
+from graspless_pin.geometry.bodies.collision import (
+    BodyShapes,
+    CollisionBody,
+    PlacedBodies,
+    Polytope,
+)
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact import finding
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays

@@ -20,8 +20,8 @@ from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.bodies.shapes import Box, Sphere
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.contact.finding import find_contacts
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.geometry.robots.files import robot_names

@@ -11,9 +11,9 @@ from graspless_pin.errors import (
     RobotError,
 )
 from graspless_pin.findings import FindingCode
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.coupling import resolve_couplings
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.geometry.robots.description import JointCoupling
 

@@ -14,7 +14,7 @@ from tests.oracles.dense_meshes import ring
 from graspless_pin import Hand
 from graspless_pin.findings import FindingCode, capture
 from graspless_pin.geometry.bodies import decomposition
-from graspless_pin.geometry.bodies.dense_hulls import (
+from graspless_pin.geometry.bodies.meshes import (
     DENSE_CUT,
     DENSE_MESH,
     HULL_TOLERANCE,

@@ -7,8 +7,8 @@ import pytest
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.description import FingerSpec
 
 

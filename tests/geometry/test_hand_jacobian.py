@@ -15,8 +15,8 @@ from hand_tools import (
     write_urdf,
 )
 
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert, pose_matrix
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin import Hand
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import capture
-from graspless_pin.geometry.hand.inertial_forces import STILL, RigidMotion, hand_motions
+from graspless_pin.geometry.hand.joint_columns import STILL, RigidMotion, hand_motions
 
 MODELS = ["panda", "allegro_right_hand"]
 

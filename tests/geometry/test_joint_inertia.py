@@ -6,8 +6,8 @@ import pytest
 from hand_tools import joint, link, random_pose, random_q, write_urdf
 
 from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.tree import build_tree
 

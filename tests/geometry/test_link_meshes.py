@@ -21,8 +21,8 @@ from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import ArgumentError, RobotError, SceneError
 from graspless_pin.geometry.bodies import decomposition
 from graspless_pin.geometry.contact.finding import find_contacts
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.posing.closing import close_hand
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import load_robot

@@ -3,7 +3,7 @@
 import pytest
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.geometry.bodies.object_and_supports import Materials
 
 TABLE = {
     "rubber": {"cardboard": 0.9, "steel": 0.6, "rubber": 1.1},

@@ -16,7 +16,7 @@ import trimesh
 from graspless_pin import Hand
 from graspless_pin.errors import GrasplessPinWarning, RobotError
 from graspless_pin.findings import FindingCode, capture
-from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree

@@ -8,16 +8,16 @@ import pytest
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
-from graspless_pin.geometry.contact.contact_points import ContactArrays
-from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
-from graspless_pin.geometry.contact.motion import (
+from graspless_pin.geometry.contact.contact_points import (
     SPEED_TOLERANCE,
+    ContactArrays,
     ContactMotion,
     classify_motion,
     contacts_that_stay,
     support_velocities,
     twist_velocities,
 )
+from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 
 Q = math.sqrt(0.5)
 CENTER = np.array([0.0, 0.0, 0.1])

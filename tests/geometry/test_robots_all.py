@@ -16,8 +16,8 @@ from hand_tools import (
 )
 
 from graspless_pin.errors import GrasplessPinWarning
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 

@@ -7,8 +7,8 @@ import trimesh
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import MeshError, RobotError
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.files import find_robot, load_robot
 
 MESH = '<mesh filename="{}" scale="1 2 3"/>'

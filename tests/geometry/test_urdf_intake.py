@@ -9,8 +9,8 @@ from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import GrasplessPinWarning, MeshError, RobotError
 from graspless_pin.findings import FindingCode, Severity, capture
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.geometry.inspection.listing import list_robots
 from graspless_pin.geometry.robots.description import RobotDescription

@@ -30,9 +30,9 @@ from graspless_pin import (
     maximize_margin,
     stability,
 )
-from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
-from graspless_pin.algorithms.load_brackets import LoadBracket, load_bracket
+from graspless_pin.algorithms.disturbances import GuaranteedDisturbance
 from graspless_pin.algorithms.options import Limits
+from graspless_pin.algorithms.robustness import LoadBracket, load_bracket
 from graspless_pin.holding import (
     bounds,
     branching,

@@ -17,8 +17,8 @@ from graspless_pin import Hand, QuasistaticProblem, Scene, place_hand
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphere
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import displaced_hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert, pose_matrix
 from graspless_pin.geometry.posing.closing import back_until_free, centering_shift, shortfall
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures

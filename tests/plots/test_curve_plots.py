@@ -13,7 +13,7 @@ from graspless_pin.plots import (
     plane_directions,
     squeeze_plot,
 )
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import JointUnit
 
 
 @pytest.fixture(scope="module")

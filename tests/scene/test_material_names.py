@@ -4,7 +4,7 @@ import pytest
 from scene_tools import loaded
 
 from graspless_pin.errors import GrasplessPinWarning
-from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.geometry.bodies.object_and_supports import Materials
 
 TEXT = """\
 object: {shape: {type: box, size: [0.2, 0.2, 0.2]}, mass: 1.0, material: cardboard}

@@ -24,7 +24,7 @@ from graspless_pin.geometry import (
     MeshShape,
     Support,
 )
-from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.robots.files import load_robot
 from graspless_pin.report.provenance import problem_sha256, same_problem

@@ -11,8 +11,8 @@ from graspless_pin import Hand, load_scene
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry import Box, HalfSpace, ManipulatedObject, Support
 from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.joint_columns import jointed_bodies
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.scene import Scene
 from graspless_pin.simulation import simulate, simulation_model

@@ -46,10 +46,9 @@ from graspless_pin import (
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import GrasplessPinError
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import VirtualKinematics
+from graspless_pin.modes.kinematics import VirtualKinematics, requirements_of
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.problem.quasistatic import contact_map
 from graspless_pin.report.reading import read_solution
 from graspless_pin.report.verify import verify_document
 

@@ -7,9 +7,8 @@ import pytest
 from verified_documents import SOLUTIONS, documented
 
 from graspless_pin.algorithms import formulation
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.modes.kinematics import VirtualKinematics, requirements_of
+from graspless_pin.problem.quasistatic import contact_map
 from graspless_pin.report.verify import verify_document
 
 

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from graspless_pin.geometry.bodies.meshes import Triangles
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.visualization.drawing import hand_triangles
 
 URDF = """\

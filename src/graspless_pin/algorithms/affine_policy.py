@@ -29,7 +29,7 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.answers import PRIMAL_TOLERANCE
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Torque
-from graspless_pin.solvers.sparse_conic import Entries, SparseConic, diagonal
+from graspless_pin.solvers.conic_backends import Entries, SparseConic, diagonal
 
 _ACTIVE = 1e-3
 """Of the sum of all multipliers of a corner: rows with less do not count."""

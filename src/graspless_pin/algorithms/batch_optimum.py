@@ -25,19 +25,18 @@ from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
 from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, StaticFriction
-from graspless_pin.modes.witness_heuristics import CLEARLY, GUESSES, judged_by
+from graspless_pin.modes.virtual_motions import CLEARLY, GUESSES, judged_by
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
 from graspless_pin.problem.cone_model import ConeModel
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT, ActiveSet
-from graspless_pin.programs.assembly import (
+from graspless_pin.programs.objectives import (
     PAPER_OBJECTIVES,
+    Objective,
     ProgramStructure,
     shared_arguments,
     structure_of,
 )
-from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
 from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
 

@@ -14,10 +14,10 @@ from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchState, finished
 from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.errors import OverrunError
-from graspless_pin.modes.enumeration import enumerate_modes
+from graspless_pin.modes.kinematics import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.joint_units import units_text
+from graspless_pin.problem.checks import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
 from graspless_pin.solution import TorqueSolution

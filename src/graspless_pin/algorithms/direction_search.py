@@ -28,7 +28,7 @@ from graspless_pin.modes.sectors import (
     Sectors,
     other_directions,
 )
-from graspless_pin.modes.witness_heuristics import CLEARLY, RANK_TOLERANCE
+from graspless_pin.modes.virtual_motions import CLEARLY, RANK_TOLERANCE
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 

@@ -21,11 +21,16 @@ from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.feasibility import Blocked, Conflict
-from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
+from graspless_pin.modes.rules import (
+    Blocked,
+    Conflict,
+    Rules,
+    SignRule,
+    SlidingRule,
+    StaticFriction,
+)
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.joint_units import JointUnit, units_text
+from graspless_pin.problem.checks import FloatArray, JointUnit, units_text
 from graspless_pin.problem.wrenches import load_words
 from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates

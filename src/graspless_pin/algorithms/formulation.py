@@ -16,9 +16,8 @@ from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.assembly import ScaledProgram, scaled_program
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
-from graspless_pin.programs.objectives import Objective
+from graspless_pin.programs.objectives import Objective, ScaledProgram, scaled_program
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Answer, Outcome, solve
 

@@ -32,12 +32,10 @@ from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
-from graspless_pin.modes.kinematics import Requirement
+from graspless_pin.modes.kinematics import Requirement, mode_of, requirements_of, sign_pairs
 from graspless_pin.modes.rules import SlidingMode, StaticFriction, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import FloatArray, choice, finite_array, read_only
-from graspless_pin.problem.joint_units import units_text
+from graspless_pin.problem.checks import FloatArray, choice, finite_array, read_only, units_text
 from graspless_pin.programs.analysis_objectives import Tradeoff, aimed
 from graspless_pin.programs.program import Program
 from graspless_pin.records import Brief

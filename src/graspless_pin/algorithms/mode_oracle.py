@@ -9,10 +9,19 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation
 from graspless_pin.algorithms.mode_tree import ModePart
-from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
-from graspless_pin.modes.feasibility import Blocked, Conflict, Requirement, Witness
-from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
-from graspless_pin.modes.witness_heuristics import CLEARLY
+from graspless_pin.modes.kinematics import mode_of, requirements_of, sign_pairs
+from graspless_pin.modes.rules import (
+    Blocked,
+    Conflict,
+    Requirement,
+    Rules,
+    SignRule,
+    SlidingMode,
+    SlidingRule,
+    StaticFriction,
+    Witness,
+)
+from graspless_pin.modes.virtual_motions import CLEARLY
 from graspless_pin.problem.checks import FloatArray
 
 _LEAST_IMPORTANCE = 1e-3

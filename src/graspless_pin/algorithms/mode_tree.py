@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation
-from graspless_pin.modes.feasibility import Blocked, Conflict, Requirement
 from graspless_pin.modes.rules import (
+    Blocked,
+    Conflict,
+    Requirement,
     Rules,
     SignRule,
     SlidingMode,

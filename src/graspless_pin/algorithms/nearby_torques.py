@@ -17,8 +17,7 @@ from graspless_pin.algorithms.member_margins import member_margins
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import Conflict
+from graspless_pin.modes.kinematics import Conflict, requirements_of
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Member

@@ -41,8 +41,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import Controller, gain_shares
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, real_number
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, real_number
 from graspless_pin.problem.members import Member, feedback_torques, joined, under_commands
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.solution import Status, TorqueSolution

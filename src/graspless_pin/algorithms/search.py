@@ -12,11 +12,9 @@ from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.feasibility import Conflict, Requirement
-from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
-from graspless_pin.modes.witness_heuristics import CLEARLY
+from graspless_pin.modes.kinematics import VirtualKinematics, requirements_of
+from graspless_pin.modes.rules import Conflict, Requirement, Rules, SlidingMode, StaticFriction
+from graspless_pin.modes.virtual_motions import CLEARLY
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome

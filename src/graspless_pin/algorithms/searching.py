@@ -18,7 +18,7 @@ from graspless_pin.algorithms.search import (
     undecided,
 )
 from graspless_pin.errors import OverrunError, UndecidedMotionError
-from graspless_pin.modes.enumeration import feasible_modes
+from graspless_pin.modes.kinematics import feasible_modes
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.solvers import Outcome
 

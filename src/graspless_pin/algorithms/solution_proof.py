@@ -16,8 +16,7 @@ from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import Witness
+from graspless_pin.modes.kinematics import Witness, requirements_of
 from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.active_set_polish import certain_bound, sharpened

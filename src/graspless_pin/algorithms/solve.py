@@ -18,8 +18,7 @@ from graspless_pin.algorithms.search import (
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import Requirement
+from graspless_pin.modes.kinematics import Requirement, requirements_of
 from graspless_pin.modes.rules import (
     Rules,
     SignRule,

@@ -32,8 +32,7 @@ from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contac
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
-from graspless_pin.programs.assembly import structure_of
-from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.programs.objectives import Margin, Objective, structure_of
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 

@@ -1,5 +1,5 @@
-from .bodies.materials import Materials as Materials
 from .bodies.object_and_supports import ManipulatedObject as ManipulatedObject
+from .bodies.object_and_supports import Materials as Materials
 from .bodies.object_and_supports import Support as Support
 from .bodies.shapes import Box as Box
 from .bodies.shapes import Capsule as Capsule

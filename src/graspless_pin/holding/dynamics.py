@@ -16,9 +16,9 @@ from scipy.linalg import null_space
 from graspless_pin.holding.growth import GrowthProof, SmallMotions
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.problem.matrices import wrench_map
+from graspless_pin.problem.quasistatic import contact_map
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,10 @@ from graspless_pin.errors import RobotError, SceneError
 from graspless_pin.geometry import Compound, FingerSpec, HalfSpace, ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shape import Shape
 from graspless_pin.geometry.hand.actuation import EffortLimit
-from graspless_pin.geometry.hand.assembly import ControlModes
+from graspless_pin.geometry.hand.assembly import ControlModes, Mount
 from graspless_pin.geometry.hand.mjcf import robot_of_source
 from graspless_pin.geometry.hand.mjcf_source import body_shape, pose
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.interfaces.mujoco_friction import PairFriction

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.hand.mjcf import robot_bodies, tree_roots
-from graspless_pin.geometry.hand.mjcf_motors import motor_joints
+from graspless_pin.geometry.hand.mjcf import motor_joints, robot_bodies, tree_roots
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf, source_of_model
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.simulation.scene_document import CUSTOM_TEXT

@@ -11,9 +11,14 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from graspless_pin.modes.fastest_sliding import TAKES_PART, fastest_sliding, reactions
 from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.modes.witness_heuristics import CLEARLY, RANK_TOLERANCE
+from graspless_pin.modes.virtual_motions import (
+    CLEARLY,
+    RANK_TOLERANCE,
+    TAKES_PART,
+    fastest_sliding,
+    reactions,
+)
 from graspless_pin.problem.checks import FloatArray
 
 WIDEST = np.deg2rad(80.0)

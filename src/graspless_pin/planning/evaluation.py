@@ -17,8 +17,7 @@ from graspless_pin.findings import Finding
 from graspless_pin.holding.verdict import StabilityKeywords, StabilityVerdict
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene, SceneContacts

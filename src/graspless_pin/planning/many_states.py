@@ -24,8 +24,13 @@ from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.state_loops import COVERAGES, StateFigures
 from graspless_pin.planning.state_solver import StateSolver
-from graspless_pin.problem.checks import FloatArray, all_within, finite_array, whole_number
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import (
+    FloatArray,
+    JointUnit,
+    all_within,
+    finite_array,
+    whole_number,
+)
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.scene.joints import possible_columns
 from graspless_pin.scene.motion_and_contacts import Motion

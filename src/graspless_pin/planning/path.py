@@ -18,8 +18,7 @@ from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.edges import segment_twist
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, read_only
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
 from graspless_pin.solution.tables import brief_figure

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
-from graspless_pin.geometry.hand.inertial_forces import STILL, motions_at
+from graspless_pin.geometry.hand.joint_columns import STILL, motions_at
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration

@@ -15,7 +15,6 @@ from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.geometry.poses import invert, shifted
-from graspless_pin.geometry.posing.arms import brought_palm
 from graspless_pin.geometry.posing.closing import (
     ClosingResult,
     back_until_free,
@@ -24,7 +23,11 @@ from graspless_pin.geometry.posing.closing import (
     moved_bodies,
     shortfall,
 )
-from graspless_pin.geometry.posing.finger_joints import driving_columns, groups_of_fingers
+from graspless_pin.geometry.posing.finger_joints import (
+    brought_palm,
+    driving_columns,
+    groups_of_fingers,
+)
 from graspless_pin.geometry.posing.opposing import carrier_links
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.holding.least_squares import nonnegative_squares
@@ -38,7 +41,7 @@ from graspless_pin.planning.placing_plan import (
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.problem.quasistatic import contact_map
 from graspless_pin.scene import Scene
 from graspless_pin.scene.entry_findings import box_around
 from graspless_pin.scene.state_findings import hand_overlaps

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import rigid, transformed, turned_about
-from graspless_pin.geometry.posing.arms import Arm, arm_above
+from graspless_pin.geometry.posing.finger_joints import Arm, arm_above
 from graspless_pin.geometry.posing.opposing import (
     OpposingPosture,
     carrier_of,

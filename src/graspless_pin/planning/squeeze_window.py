@@ -21,13 +21,13 @@ from graspless_pin.planning.least_change import torques_that_follow
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,
+    JointUnit,
     choice,
     finite_array,
     read_only,
     real_number,
     whole_number,
 )
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import checked_problem
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief

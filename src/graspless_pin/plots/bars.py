@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis, plain_text
-from graspless_pin.problem.joint_units import units_text
+from graspless_pin.problem.checks import units_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import limit_shares
 from graspless_pin.visualization import LIGHT, Role

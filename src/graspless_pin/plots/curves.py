@@ -19,8 +19,7 @@ from graspless_pin.plots.canvas import (
     plain_axis,
     plain_text,
 )
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.joint_units import units_text
+from graspless_pin.problem.checks import FloatArray, units_text
 from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:

@@ -18,9 +18,13 @@ from graspless_pin.bounds import (
 from graspless_pin.errors import ArgumentError
 from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import (
+    FREE_BODY,
     FloatArray,
+    JointUnit,
     all_within,
     checked_inertia,
+    checked_passive_units,
+    checked_units,
     finite_array,
     first_bad,
     per_item,
@@ -29,12 +33,6 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.problem.cones import checked_cone, default_tangents
-from graspless_pin.problem.joint_units import (
-    FREE_BODY,
-    JointUnit,
-    checked_passive_units,
-    checked_units,
-)
 
 AT_REST = 1e-12
 """Sliding speeds up to this are none, m/s."""

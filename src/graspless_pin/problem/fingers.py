@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import (
     FloatArray,
+    JointUnit,
+    checked_units,
     finite_array,
     per_item,
     read_only,
@@ -19,7 +21,6 @@ from graspless_pin.problem.checks import (
     unit_rows,
     whole_number,
 )
-from graspless_pin.problem.joint_units import JointUnit, checked_units
 
 DEFAULT_GAIN = "default"
 """Key of the gains of all joints that are not named, in scenes and robot files."""

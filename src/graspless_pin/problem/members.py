@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.contact_map import contact_map
-from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, JointUnit
+from graspless_pin.problem.quasistatic import QuasistaticProblem, contact_map
 from graspless_pin.records import Brief, unchecked
 
 _IDLE = 1e-12

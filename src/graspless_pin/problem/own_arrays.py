@@ -10,14 +10,15 @@ import numpy as np
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, SMALLEST
 from graspless_pin.problem.arguments import is_too_small
 from graspless_pin.problem.checks import (
+    FREE_BODY,
     FloatArray,
+    JointUnit,
     all_true,
     all_within,
     make_read_only,
     read_only,
 )
 from graspless_pin.problem.cones import checked_cone
-from graspless_pin.problem.joint_units import FREE_BODY, JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.records import unchecked
 

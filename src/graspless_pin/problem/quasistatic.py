@@ -1,4 +1,7 @@
-"""The problem record: contacts, external wrench, joints and limits, and the paper's matrices."""
+"""The problem record: contacts, external wrench, joints and limits, and the paper's matrices.
+
+And the contact frames' view of it, which virtual motions and force programs start from.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import AT_REST, checked_arguments
 from graspless_pin.problem.checks import (
+    FREE_BODY,
     FloatArray,
+    JointUnit,
     read_only,
     real_array,
     squared_lengths,
+    turning,
 )
 from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.problem.derived_inertias import INERTIAS, derived, keep_inertias
-from graspless_pin.problem.joint_units import FREE_BODY, JointUnit, turning
 from graspless_pin.problem.matrices import block_diagonal, cone_blocks, wrench_map
 from graspless_pin.problem.scales import (
     LIMIT_TOLERANCE,
@@ -414,3 +420,26 @@ def checked_problem(problem: object) -> QuasistaticProblem:
         words = what_to_pass("problem", problem, "QuasistaticProblem")
         raise ArgumentError("problem", words)
     return problem
+
+
+def contact_map(problem: QuasistaticProblem) -> FloatArray:
+    """Return [W^T, J] of eq. (22) in contact frames, made once for a problem in use.
+
+    Times [V; -theta_dot] it is the velocity of the object relative to the other body along n, t1,
+    t2; its rows, transposed, are the wrench and the joint torques of unit forces along them.
+
+    Returns:
+        (M, 3, P + L) read-only.
+    """
+    return _MAPS.of(problem)
+
+
+def _assembled(problem: QuasistaticProblem) -> FloatArray:
+    count, passive, joints = problem.contact_count, problem.passive_count, problem.joint_count
+    world = np.empty((count, 3, passive + joints))
+    world[:, :, :passive] = problem.W.T.reshape(count, 3, passive)
+    world[:, :, passive:] = problem.jacobian.reshape(count, 3, joints)
+    return read_only(problem.frames.transpose(0, 2, 1) @ world)
+
+
+_MAPS = Derived(_assembled)

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
-from graspless_pin.problem.joint_units import JointUnit, turning
+from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, squared_lengths, turning
 
 LEAST_LEVER = 1e-12
 """A joint's lever shorter than this share of the longest counts as so long."""

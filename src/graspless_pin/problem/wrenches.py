@@ -6,8 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_array
-from graspless_pin.problem.joint_units import FREE_BODY, JointUnit, turning
+from graspless_pin.problem.checks import (
+    FREE_BODY,
+    FloatArray,
+    JointUnit,
+    finite_array,
+    read_only,
+    real_array,
+    turning,
+)
 from graspless_pin.problem.matrices import wrench_map
 
 

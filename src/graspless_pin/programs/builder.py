@@ -25,19 +25,19 @@ Ends = tuple[ArrayLike, ArrayLike]
 """Lower and upper bounds: a number each, or one for each column."""
 
 
+_UNPLACED = slice(0)
+"""Where rows stand that are not stacked yet."""
+
+
 class _Rows(NamedTuple):
     """Rows of one block before they are stacked."""
 
-    name: str
+    block: Block
     forces: FloatArray | None
     terms: Terms
     low: ArrayLike
     high: ArrayLike
     size: int
-    unit: float | FloatArray
-    sign: Sign
-    shape: tuple[int, ...]
-    places: NDArray[np.int_] | None
     strict: FloatArray | None = None
 
 
@@ -112,9 +112,8 @@ class ProgramBuilder:
     ) -> None:
         """Add equalities ``forces @ x + terms = side``; the arguments are those of `rows`."""
         size = len(side)
-        self._equalities.append(
-            _Rows(name, forces, terms or {}, side, side, size, unit, Sign.ANY, (size,), None)
-        )
+        block = Block(name, _UNPLACED, unit, Sign.ANY, (size,))
+        self._equalities.append(_Rows(block, forces, terms or {}, side, side, size))
 
     def rows(
         self,
@@ -144,11 +143,8 @@ class ProgramBuilder:
         """
         size = len(forces) if forces is not None else len(np.atleast_1d(high))
         sign, least = (Sign.UPPER, -np.inf) if low is None else (Sign.EITHER, low)
-        self._rows.append(
-            _Rows(
-                name, forces, terms or {}, least, high, size, unit, sign, shape or (size,), places
-            )._replace(strict=strict)
-        )
+        block = Block(name, _UNPLACED, unit, sign, shape or (size,), places)
+        self._rows.append(_Rows(block, forces, terms or {}, least, high, size, strict))
 
     def balance(self, terms: Terms | None = None) -> None:
         """Add W f + w_ext = 0 (19), with what added columns contribute: block ``balance``."""
@@ -191,10 +187,8 @@ class ProgramBuilder:
         # Of a second-order cone the two sides are one: what is added to its rows.
         kind = Sign.CONE if cones.second_order else Sign.UPPER
         low = side if cones.second_order else -np.inf
-        part = _Rows(
-            name or cones.name, own, terms, low, side, len(cones.rows), unit, kind,
-            cones.shape, cones.places,
-        )  # fmt: skip
+        block = Block(name or cones.name, _UNPLACED, unit, kind, cones.shape, cones.places)
+        part = _Rows(block, own, terms, low, side, len(cones.rows))
         (self._cones if cones.second_order else self._rows).append(part)
 
     def normal_limits(self, margin: Columns | float, weights: FloatArray | None = None) -> None:
@@ -274,7 +268,7 @@ class ProgramBuilder:
         rows = np.zeros((total, self._size), order="F")
         low, high, blocks, first = np.empty(total), np.empty(total), [], 0
         strict = None if self.forces.coordinates.strictness is None else np.ones(total)
-        for name, forces, terms, least, most, size, unit, sign, shape, places, closely in parts:
+        for block, forces, terms, least, most, size, closely in parts:
             where = slice(first, first + size)
             if forces is not None:
                 rows[where, : self.forces.size] = forces
@@ -284,7 +278,7 @@ class ProgramBuilder:
             low[where], high[where] = least, most
             if strict is not None and closely is not None:
                 strict[where] = closely
-            blocks.append(Block(name, where, unit, sign, shape, places))
+            blocks.append(block._replace(at=where))
             first += size
         boxes = [np.concatenate(box, axis=1) for box in self._boxes]
         bounds, curved = np.concatenate(self._bounds, axis=1), np.concatenate(self._curved)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
+from graspless_pin.algorithms.disturbances import GuaranteedDisturbance
 from graspless_pin.algorithms.solution_proof import written_multipliers
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import SceneError

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.builder import ProgramBuilder, scaled_weights
 from graspless_pin.programs.forces import ForceCoordinates
-from graspless_pin.programs.objectives import Objective
+from graspless_pin.programs.objectives import Objective, scaled_program
 from graspless_pin.programs.program import Block, Columns, Program
 from graspless_pin.report.verify.fields import KEPT, KNOWN_CONES, Part
 from graspless_pin.report.verify.own_objective import OwnObjective

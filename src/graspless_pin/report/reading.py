@@ -30,8 +30,7 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.derived_inertias import INERTIAS, with_derived_inertias
-from graspless_pin.programs.assembly import scaled_program
-from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare, scaled_program
 from graspless_pin.report.proof_data import StatedObjective, cone_data, read_multipliers
 from graspless_pin.report.verify.fields import FORMAT, WHOLE, Part, stacked
 from graspless_pin.report.verify.problem import Problem

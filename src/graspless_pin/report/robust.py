@@ -12,7 +12,7 @@ import numpy as np
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, Samples
 from graspless_pin.algorithms.robust_torques import further_forces
 from graspless_pin.algorithms.tolerances import Tolerances
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import JointUnit
 from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.robust_answer import SHARE_TIME, STIFFNESS, RobustAnswer

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from math import nan
 from typing import Any
 
-from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
-from graspless_pin.algorithms.load_brackets import LoadBracket
+from graspless_pin.algorithms.disturbances import GuaranteedDisturbance
+from graspless_pin.algorithms.robustness import LoadBracket
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import CONSTANT_TORQUES
 from graspless_pin.holding.verdict import (

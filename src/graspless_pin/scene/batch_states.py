@@ -18,9 +18,9 @@ from graspless_pin.caching import Bounded
 from graspless_pin.compiled import core
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
+from graspless_pin.geometry.contact.contact_points import SPEED_TOLERANCE
 from graspless_pin.geometry.contact.distances import solids_of
-from graspless_pin.geometry.contact.motion import SPEED_TOLERANCE
-from graspless_pin.geometry.hand.posed_links import joints_of
+from graspless_pin.geometry.hand.configuration import joints_of
 from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.problem import QuasistaticProblem

@@ -10,9 +10,14 @@ import numpy as np
 from graspless_pin.caching import Latest
 from graspless_pin.errors import SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
+from graspless_pin.geometry.contact.contact_points import (
+    BodyKind,
+    ContactArrays,
+    checked_twist,
+    classified,
+    contacts_that_stay,
+)
 from graspless_pin.geometry.contact.finding import contact_arrays
-from graspless_pin.geometry.contact.motion import checked_twist, classified, contacts_that_stay
 from graspless_pin.records import changed
 from graspless_pin.scene.fields import SceneFields, label_of, place_of
 from graspless_pin.scene.motion_and_contacts import (

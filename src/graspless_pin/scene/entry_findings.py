@@ -8,8 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from graspless_pin.findings import Finding, FindingCode
-from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials
 from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.poses import transformed
 from graspless_pin.problem.checks import FloatArray

@@ -18,8 +18,7 @@ from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.caching import Latest
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding
-from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials, Support
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray, real_number

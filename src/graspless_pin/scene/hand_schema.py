@@ -12,7 +12,7 @@ from graspless_pin.geometry.bodies.decomposition import (
     DecomposeTimeLimit,
     MaxPieces,
 )
-from graspless_pin.geometry.robots.robot_schema import FingerEntry
+from graspless_pin.geometry.robots.files import FingerEntry
 from graspless_pin.intake.fields import (
     ByName,
     Entry,

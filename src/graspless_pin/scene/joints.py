@@ -11,9 +11,8 @@ from graspless_pin.errors import StateError, StateFault
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.controller import DAMPING, Controller
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.problem.fingers import DEFAULT_GAIN
-from graspless_pin.problem.joint_units import JointUnit
 
 
 class ControlledJoints(NamedTuple):

@@ -19,13 +19,11 @@ from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import Finding, Severity, capture, emit
-from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
-from graspless_pin.geometry.hand.assembly import AssembledMounts, assembled_mounts, fields_of
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials
+from graspless_pin.geometry.hand.assembly import AssembledMounts, Mount, assembled_mounts, fields_of
 from graspless_pin.geometry.hand.configuration import independent_rates, joint_positions
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.hand.srdf import named_positions
+from graspless_pin.geometry.hand.reading import named_positions
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.holding.controller import Controller

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.hand.inertial_forces import (
+from graspless_pin.geometry.hand.joint_columns import (
     STILL,
     HandMotions,
     RigidMotion,

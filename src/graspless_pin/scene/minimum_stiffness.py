@@ -39,9 +39,8 @@ from graspless_pin.holding.small_motions import (
     extreme_forces,
     lyapunov_matrix,
 )
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
+from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, read_only, real_number
 from graspless_pin.problem.inertias import hybrid_contacts, moving_joints
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields, checked_scene

@@ -9,8 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
-from graspless_pin.geometry.contact.motion import support_velocities, velocities_at
+from graspless_pin.geometry.contact.contact_points import (
+    BodyKind,
+    ContactArrays,
+    ContactPoint,
+    support_velocities,
+    velocities_at,
+)
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Brief

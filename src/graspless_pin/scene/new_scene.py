@@ -17,11 +17,11 @@ from graspless_pin.findings import FindingCode, capture, emit
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
 from graspless_pin.geometry.hand.actuation import is_placeholder
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.posing.arms import arm_above
+from graspless_pin.geometry.posing.finger_joints import arm_above
 from graspless_pin.geometry.posing.opposing import carrier_of, fingers_that_close
 from graspless_pin.geometry.posing.settling import clear_base, lying_object
 from graspless_pin.geometry.robots.description import RobotDescription

@@ -16,8 +16,7 @@ from graspless_pin.geometry.contact.curvature import normal_jumps
 from graspless_pin.geometry.contact.distances import near_pairs, nearest_separation, separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, meant_lengths, unit_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields

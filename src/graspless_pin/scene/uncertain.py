@@ -22,7 +22,7 @@ from graspless_pin.algorithms.tolerances import Tolerances, tolerances
 from graspless_pin.algorithms.uncertain_members import Weight
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.hand.inertial_forces import STILL
+from graspless_pin.geometry.hand.joint_columns import STILL
 from graspless_pin.holding.controller import Controller
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.uncertainty import PairFigures, Uncertainty
-from graspless_pin.geometry.bodies.materials import Pair
+from graspless_pin.geometry.bodies.object_and_supports import Pair
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray

@@ -11,8 +11,7 @@ from tabulate import tabulate
 
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.joint_units import units_text
+from graspless_pin.problem.checks import FloatArray, units_text
 from graspless_pin.problem.scales import LIMIT_TOLERANCE
 from graspless_pin.solution.certificate import Certificate
 

@@ -16,11 +16,9 @@ from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.findings import Finding, FindingCode, gravest_first
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.programs.assembly import ScaledProgram, scaled_program
+from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.programs.builder import Marginals, marginals
-from graspless_pin.programs.objectives import Algorithm, Objective
+from graspless_pin.programs.objectives import Algorithm, Objective, ScaledProgram, scaled_program
 from graspless_pin.records import changed
 from graspless_pin.solution.certificate import (
     FOUND,

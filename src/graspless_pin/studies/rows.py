@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.findings import Finding, Severity, gravest_first
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import JointUnit
 from graspless_pin.scene.scene import Scene
 
 Row = dict[str, Any]

@@ -13,7 +13,7 @@ import numpy as np
 
 from graspless_pin.algorithms.named_objectives import OBJECTIVES, useless
 from graspless_pin.holding.verdict import Stability, parted
-from graspless_pin.problem.joint_units import units_text
+from graspless_pin.problem.checks import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution

@@ -32,7 +32,7 @@ from graspless_pin.holding.verdict import (
     StabilityKeywords,
 )
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.robust_answer import solution_for_all

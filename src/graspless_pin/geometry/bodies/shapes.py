@@ -28,8 +28,9 @@ from graspless_pin.geometry.bodies.decomposition import (
     MaxPieces,
     convex_pieces,
 )
-from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, HULL_TOLERANCE
 from graspless_pin.geometry.bodies.meshes import (
+    DENSE_MESH,
+    HULL_TOLERANCE,
     MOST_FACES,
     Triangles,
     file_state,

@@ -1,4 +1,4 @@
-"""Convex sets by their support functions, faces and edges: what contact patches are made from.
+"""Convex sets by their support functions, faces and edges, and where two of them touch.
 
 coal finds the nearest points of two bodies reliably, but its support polygons depend on the order
 of the shapes and collapse at zero gap. Here every geometry is one of three sets whose touching
@@ -10,6 +10,14 @@ part in a given direction is known in closed form:
   a sphere.
 
 All coordinates are those of the geometry's own frame, in metres.
+
+Two bodies touch in the polygon that they share, at a gap of either sign and at none. coal's nearest
+points tell where two bodies are close. Direction and points are then found from the bodies' own
+faces, edges and corners: the signed distance of convex bodies is the largest gap that any direction
+leaves between them, so among coal's normal and the normals of the faces at hand the one with the
+largest gap is right. Along it, the face, edge or corner of each body that lies farthest is
+projected onto the contact plane, and their common part is where they touch. A half-space, and a
+sphere on a face, need no coal.
 """
 
 from __future__ import annotations
@@ -17,14 +25,31 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from graspless_pin.caching import Derived
 from graspless_pin.errors import MeshError, SceneError
-from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Polytope, box_of, hull_of
+from graspless_pin.geometry.bodies.collision import (
+    PARALLEL_ANGLE,
+    CollisionBody,
+    Cuboid,
+    Polytope,
+    box_of,
+    hull_of,
+)
+from graspless_pin.geometry.contact.polygons import (
+    Polygon,
+    hull_order,
+    intersection,
+    planar_hull,
+    plane_basis,
+    plane_fit,
+    shared_border,
+)
+from graspless_pin.geometry.poses import unit_vector
 from graspless_pin.problem.checks import FloatArray
 
 RIM_POINTS = 8
@@ -216,3 +241,249 @@ def _convert(geometry: Any) -> ConvexSet:
 
 
 _SETS: Derived[Any, ConvexSet] = Derived(_convert, most=math.inf)
+
+
+_IDENTITY: Any = coal.Transform3s()
+_DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
+_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
+_ATTEMPTS = 5
+_AGREED = 1.0 - 1e-5  # cosine between a face normal and coal's direction
+_SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
+
+
+class Patch(NamedTuple):
+    """The polygon, segment or point at which two bodies touch.
+
+    Attributes:
+        normal: (3,) from the first body to the second, world axes.
+        points: (K, 3) extreme points midway between the bodies, counterclockwise about the normal,
+            world, m.
+        gaps: K signed gaps at the points, m.
+    """
+
+    normal: FloatArray
+    points: FloatArray
+    gaps: list[float]
+
+
+def find_patch(
+    first: CollisionBody,
+    one: ConvexSet,
+    second: CollisionBody,
+    two: ConvexSet,
+    tolerance: float,
+    max_penetration: float,
+) -> Patch | None:
+    """Find where two bodies touch.
+
+    Args:
+        first: Half-space, polytope or curved body.
+        one: The set that it fills.
+        second: The other body; not a half-space.
+        two: The set that it fills.
+        tolerance: Gaps up to this count as touching, m.
+        max_penetration: Overlaps up to this pass for contact, m.
+
+    Returns:
+        The patch; None if the gap is wider than the tolerance.
+
+    Raises:
+        SceneError: The second body is a half-space.
+    """
+    if isinstance(two, Plane):
+        raise SceneError(f"half-space '{second.name}' must come before '{first.name}' in a pair")
+    T, T_second = first.T_world_geometry, second.T_world_geometry
+    R, origin = T[:3, :3], T[:3, 3]
+    R_second = T_second[:3, :3]
+    if isinstance(one, Plane):
+        normal = R @ one.normal
+        subject = two.feature(-(normal @ R_second)) @ R_second.T + T_second[:3, 3]
+        return _on_plane(normal, float(normal @ origin) + one.offset, subject, tolerance)
+    t = (T_second[:3, 3] - origin) @ R
+    if isinstance(one, Polytope) and isinstance(two, Revolved) and two.is_sphere:
+        face, height, on_face = one.highest_face(t)
+        gap = height - two.radius
+        if gap > tolerance:
+            return None
+        if on_face:
+            normal = R @ one.face_normals[face]
+            middle = T_second[:3, 3] - 0.5 * (height + two.radius) * normal
+            return Patch(normal, middle[None], [gap])
+    relative = R.T @ R_second
+    nearest = _Nearest(first, one, second, two, relative, t).find(tolerance, max_penetration)
+    if nearest is None:
+        return None
+    normal, witness, gap = nearest
+    back = -(normal @ relative)
+    window, subject = one.feature(normal), two.feature(back) @ relative.T + t
+    basis = plane_basis(normal)
+    if len(subject) == 1 or len(window) == 1:
+        # Along the direction that leaves the largest gap the point is one of the nearest pair.
+        side = -0.5 if len(subject) == 1 else 0.5
+        points, gaps = (subject if len(subject) == 1 else window) + side * gap * normal, [gap]
+    else:
+        # With nothing in common the bodies meet at the borders of their features. Where all corners
+        # are too far apart, surfaces that bend less than `PARALLEL_ANGLE` touch between them.
+        flat, other = _project(window, basis), _project(subject, basis)
+        polygon = intersection(flat, other) or shared_border(flat, other)
+        feet = np.array([*polygon, basis @ witness]) @ basis
+        low = _heights(one, normal, feet, window, basis)
+        across = (subject - t) @ relative, basis @ relative
+        high = -_heights(two, back, (feet - t) @ relative, *across)
+        middles = feet + (0.5 * (low + high))[:, None] * normal
+        gaps = (high - low).tolist()
+        near = [k for k in range(len(polygon)) if gaps[k] <= tolerance] or [-1]
+        points, gaps = middles[near], [gaps[k] for k in near]
+    return Patch(R @ normal, points @ R.T + origin, gaps)
+
+
+def _on_plane(
+    normal: FloatArray, offset: float, subject: FloatArray, tolerance: float
+) -> Patch | None:
+    heights = subject @ normal - offset
+    gaps = heights.tolist()
+    near = [k for k, gap in enumerate(gaps) if gap <= tolerance]
+    if not near:
+        return None
+    points = (subject - (0.5 * heights)[:, None] * normal)[near]
+    order = hull_order(points, normal) if len(near) > 1 else [0]
+    return Patch(normal, points[order], [gaps[near[k]] for k in order])
+
+
+def _heights(
+    solid: Polytope | Revolved,
+    direction: FloatArray,
+    points: FloatArray,
+    feature: FloatArray,
+    basis: FloatArray,
+) -> FloatArray:
+    """Return how far (K,) a body's surface is from points (K, 3) along a direction, own frame, m.
+
+    Of a hull it is the surface itself. All others touch along a plane or a line, that of the
+    feature (N, 3), which goes on beyond them; ``basis`` (2, 3) spans what is across the direction.
+    """
+    if isinstance(solid, Polytope) and not isinstance(solid, Cuboid):
+        return solid.heights_from(points, direction)
+    flat = feature @ np.vstack([basis, direction]).T
+    over = plane_fit([(u, v, h) for u, v, h in flat.tolist()])
+    return np.array([over((u, v)) for u, v in (points @ basis.T).tolist()]) - points @ direction
+
+
+@dataclass(frozen=True, eq=False)
+class _Nearest:
+    """Search for the direction from one body to the other and a point between them.
+
+    coal's direction is only as good as its distance, and at a gap of a micrometre that is poor. Of
+    all directions the true one leaves the largest gap, so that the faces near the nearest points
+    are tried against it. An overlap along no face is asked for again with the bodies pulled apart,
+    first along their middles, then along the best direction so far: of rims that overlap by a
+    hair, coal may take any direction for the shallowest, while of bodies apart it is sure.
+    """
+
+    first: CollisionBody
+    one: Polytope | Revolved
+    second: CollisionBody
+    two: Polytope | Revolved
+    R: FloatArray
+    t: FloatArray
+
+    def find(
+        self, tolerance: float, max_penetration: float
+    ) -> tuple[FloatArray, FloatArray, float] | None:
+        """Return direction (3,), point (3,) and gap, m; None if the bodies are far apart."""
+        fixed = self._constant_directions()
+        fixed_gaps = self._gaps(fixed)
+        if len(fixed) and float(fixed_gaps.max()) > tolerance:
+            return None
+        middles = unit_vector(self.t + self.R @ self.two.center - self.one.center)
+        best_gap, best, witness = -np.inf, middles, self.t
+        apart = np.zeros(3)
+        for attempt in range(_ATTEMPTS):
+            distance, on_first, on_second, guess = self._ask_coal(apart)
+            if attempt == 0 and distance > tolerance + _DISTANCE_ERROR:
+                return None
+            guess = middles if guess is None else guess
+            near = self._directions_near(on_first, on_second, guess)
+            gaps = np.concatenate([fixed_gaps, self._gaps(near)])
+            k = int((gaps >= gaps.max() - _SAME_GAP).argmax())
+            direction = fixed[k] if k < len(fixed) else near[k - len(fixed)]
+            gain = float(gaps[k]) - best_gap
+            if gain > 0.0:
+                best_gap, best = float(gaps[k]), direction
+                witness = 0.5 * (on_first + on_second)
+            on_a_face = k < len(gaps) - 1 and direction @ guess > _AGREED
+            settled = on_a_face or (attempt >= 2 and gain <= _SAME_GAP)
+            if best_gap >= 0.0 or (settled and best_gap >= -max_penetration):
+                break
+            axis = middles if attempt == 0 else best
+            apart = (_PULLED_APART - float(self._gaps(axis[None])[0])) * axis
+        return (best, witness, best_gap) if best_gap <= tolerance else None
+
+    def _gaps(self, directions: FloatArray) -> FloatArray:
+        """Gap that each direction (K, 3) leaves between the bodies."""
+        return (
+            directions @ self.t
+            - self.two.support_values(-(directions @ self.R))
+            - self.one.support_values(directions)
+        )
+
+    def _constant_directions(self) -> FloatArray:
+        """Directions (K, 3) that are tried wherever the nearest points are."""
+        parts = []
+        if self.one.constant_normals is not None:
+            parts.append(self.one.constant_normals)
+        if self.two.constant_normals is not None:
+            parts.append(-self.two.constant_normals @ self.R.T)
+        return np.concatenate(parts) if parts else np.empty((0, 3))
+
+    def _directions_near(
+        self, on_first: FloatArray, on_second: FloatArray, guess: FloatArray
+    ) -> FloatArray:
+        """Directions (K, 3) to try for nearest points and coal's direction, which comes last."""
+        parts = [guess[None]]
+        crossing = self._across_edges(guess)
+        if crossing is not None:
+            parts.insert(0, crossing[None])
+        if self.two.constant_normals is None:
+            near = self.two.normals_near((on_second - self.t) @ self.R, -(guess @ self.R))
+            parts.insert(0, -near @ self.R.T)
+        if self.one.constant_normals is None:
+            parts.insert(0, self.one.normals_near(on_first, guess))
+        return np.concatenate(parts)
+
+    def _across_edges(self, guess: FloatArray) -> FloatArray | None:
+        """Return common normal of two crossing edges, along the guess; None for other features."""
+        first = self.one.feature(guess)
+        if len(first) != 2:
+            return None
+        second = self.two.feature(-(guess @ self.R))
+        if len(second) != 2:
+            return None
+        edge, other = first[1] - first[0], (second[1] - second[0]) @ self.R.T
+        normal = np.cross(edge, other)
+        length = float(np.linalg.norm(normal))
+        if length <= 1e-3 * np.linalg.norm(edge) * np.linalg.norm(other):
+            return None
+        return np.sign(normal @ guess) * normal / length
+
+    def _ask_coal(
+        self, apart: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray, FloatArray | None]:
+        """Distance, nearest points and direction with the second body moved by ``apart``."""
+        result: Any = coal.DistanceResult()
+        placed = coal.Transform3s(np.ascontiguousarray(self.R), self.t + apart)
+        distance = coal.distance(
+            self.first.geometry, _IDENTITY, self.second.geometry, placed, DISTANCE_REQUEST, result
+        )
+        guess = np.array(result.normal)
+        sure = bool(np.isfinite(guess).all() and guess.any())
+        return (
+            float(distance),
+            np.array(result.getNearestPoint1()),
+            np.array(result.getNearestPoint2()) - apart,
+            unit_vector(guess) if sure else None,
+        )
+
+
+def _project(points: FloatArray, basis: FloatArray) -> Polygon:
+    return planar_hull([(u, v) for u, v in (points @ basis.T).tolist()])

@@ -17,8 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Cuboid, Polytope
+from graspless_pin.geometry.bodies.collision import (
+    PARALLEL_ANGLE,
+    CollisionBody,
+    Cuboid,
+    PlacedBodies,
+    Polytope,
+)
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Cuboid
+from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody, Cuboid
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,
     Plane,

@@ -19,11 +19,16 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Polytope
-from graspless_pin.geometry.contact.convex_sets import ConvexSet, Plane, Revolved, convex_set
+from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody, Polytope
+from graspless_pin.geometry.contact.convex_sets import (
+    ConvexSet,
+    Patch,
+    Plane,
+    Revolved,
+    convex_set,
+    find_patch,
+)
 from graspless_pin.geometry.contact.curvature import radii_of_curvature
-from graspless_pin.geometry.contact.patches import Patch, find_patch
 from graspless_pin.geometry.contact.polygons import plane_basis
 from graspless_pin.problem.checks import FloatArray
 

@@ -26,8 +26,7 @@ from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import read_only, unknown_name
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import JointUnit, read_only, unknown_name
 from graspless_pin.records import Brief, Record
 
 

@@ -18,8 +18,12 @@ from graspless_pin.geometry.bodies.decomposition import (
     Cut,
     convex_pieces,
 )
-from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, hull_corners
-from graspless_pin.geometry.bodies.meshes import scaled_mesh, warn_of_scale
+from graspless_pin.geometry.bodies.meshes import (
+    DENSE_MESH,
+    hull_corners,
+    scaled_mesh,
+    warn_of_scale,
+)
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.records import Record

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.dense_hulls import hull_corners
+from graspless_pin.geometry.bodies.meshes import hull_corners
 from graspless_pin.geometry.bodies.shape import Hull
 from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, MeshShape, Shape, Sphere
 from graspless_pin.geometry.hand.link_shapes import is_flat

@@ -16,29 +16,26 @@ from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation, EffortLimit
 from graspless_pin.geometry.hand.assembly import (
     ControlModes,
+    Mount,
     assembled_mounts,
     displaced_tree,
     hand_fields,
 )
 from graspless_pin.geometry.hand.configuration import (
+    PosedLinks,
+    checked_points,
     independent_positions,
     independent_rates,
     joint_positions,
-)
-from graspless_pin.geometry.hand.fingers import ControlPlan
-from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.hand.posed_links import (
-    PosedLinks,
-    checked_points,
     joints_of,
     posed_links,
 )
+from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_pose, invert, turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
-from graspless_pin.problem.checks import FloatArray, finite_array, unknown_name
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, unknown_name
 from graspless_pin.records import Record, changed
 
 _LONGEST = 80  # characters of a list of fingers

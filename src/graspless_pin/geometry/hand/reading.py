@@ -1,35 +1,41 @@
 """Read a robot: a URDF, a xacro file or an MJCF, with the SRDF that stands beside it.
 
 Files are inert data: XML's entities are refused, and a xacro file, which is a program, is expanded
-in a process of its own. Why no other parser of URDFs is used: see docs/evidence/urdf.md.
+in a process of its own. Why no other parser of URDFs is used: see docs/evidence/urdf.md. An SRDF
+says groups of joints, named states, and pairs of links that may be in each other.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 from graspless_pin.child_process import ChildProcess
-from graspless_pin.errors import CrashError, OverrunError, RobotError
+from graspless_pin.errors import ArgumentError, CrashError, OverrunError, RobotError
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.robot_model import (
     RobotModel,
     check_link_count,
     check_name_lengths,
 )
-from graspless_pin.geometry.hand.srdf import with_srdf
 from graspless_pin.geometry.hand.urdf import robot_of_urdf
 from graspless_pin.geometry.hand.xacro_call import run_xacro
 from graspless_pin.intake.files import (
     FileKind,
     errors_of_text,
+    is_file,
     kind_of_file,
     read_bytes,
     refuse_other_kind,
 )
 from graspless_pin.intake.text import parse_xml
+from graspless_pin.suggestions import names_in_words, nearest_name
 
 URDF = FileKind("URDF", 16, RobotError)
 
@@ -166,3 +172,256 @@ def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, str]:
         inside = sorted(item for item in folder.iterdir() if item.is_dir())
         found |= {item.name: str(item) for item in (*inside, folder)}
     return found
+
+
+_MOST_TOLD = 8
+_SRDF = FileKind("SRDF", 16, RobotError)
+
+
+def with_srdf(
+    robot: RobotModel, urdf: Path, srdf: Path | None, named: AbstractSet[str]
+) -> RobotModel:
+    """Return a robot with what its SRDF says; what it says of others is told, and left out.
+
+    Without a path the SRDF has the URDF's name and stands beside it, or in the folder ``srdf``
+    beside its folder, or there is none. One that nobody has named and that cannot be read is told,
+    and left out.
+
+    Args:
+        robot: The robot, without a prefix.
+        urdf: Its file.
+        srdf: The SRDF; None: it is looked for.
+        named: What else the robot's file names: links and joints above its root link.
+
+    Raises:
+        RobotError: If the SRDF that is named cannot be read.
+
+    Warns:
+        GrasplessPinWarning: If the one that is found cannot be read, or names joints or links that
+            the robot does not have.
+    """
+    if srdf is not None:
+        return _applied(robot, srdf, named)
+    own = f"{urdf.stem}.srdf"
+    for file in (urdf.with_name(own), urdf.parent.parent / "srdf" / own):
+        if is_file(file):
+            break
+    else:
+        return robot
+    try:
+        return _applied(robot, file, named)
+    except RobotError as error:
+        emit(
+            Finding(
+                FindingCode.READER_REMARK,
+                urdf.stem,
+                str(error),
+                "until it can be read, the pairs of links that it disables count as overlaps, and "
+                "its groups and states are unknown",
+            )
+        )
+        return robot
+
+
+def named_positions(
+    states: Mapping[str, Mapping[str, float]],
+    names: list[str],
+    lacking: Mapping[str, str],
+) -> dict[str, float]:
+    """Return the positions of joints in states of SRDFs, later ones over earlier ones.
+
+    Args:
+        states: Positions by state, ``GROUP/STATE`` with the mount's prefix.
+        names: Such names, or ``STATE`` alone for all groups that have it.
+        lacking: See `RobotModel.lacking`.
+
+    Raises:
+        ArgumentError: If there is no such state, it puts a joint somewhere that the robot does not
+            have, or groups disagree about a joint.
+    """
+    positions: dict[str, float] = {}
+    for name in names:
+        meant = [key for key in states if key == name or key.endswith(f"/{name}")]
+        if not meant:
+            raise ArgumentError(
+                "group_states", f"unknown state {name!r} of an SRDF; {names_in_words(name, states)}"
+            )
+        refuse_lacking("group_states", meant, lacking)
+        if not any(states[key] for key in meant):
+            raise ArgumentError(
+                "group_states", f"{name!r} of an SRDF puts no joint of this robot anywhere; take a "
+                f"state of its own joints, {names_in_words(name, states)}"
+            )  # fmt: skip
+        own: dict[str, float] = {}
+        for key in meant:
+            for joint, value in states[key].items():
+                if own.setdefault(joint, value) != value:
+                    raise ArgumentError(
+                        "group_states",
+                        f"{name!r} stands for {', '.join(meant)}, which put joint {joint!r} at "
+                        f"{own[joint]:g} and {value:g}; name one of them",
+                    )
+        positions |= own
+    return positions
+
+
+def refuse_lacking(argument: str, names: Iterable[str], lacking: Mapping[str, str]) -> None:
+    """Refuse groups and states of SRDFs with joints or links that the robot does not have.
+
+    Args:
+        argument: What asks for them.
+        names: Of the groups and states.
+        lacking: See `RobotModel.lacking`.
+
+    Raises:
+        ArgumentError: If there is one.
+    """
+    for name in names:
+        if name in lacking:
+            raise ArgumentError(
+                argument,
+                f"{name!r} of an SRDF needs what the robot does not have: {lacking[name]}; correct "
+                "the SRDF, or do without this name",
+            )
+
+
+def _applied(robot: RobotModel, file: Path, named: AbstractSet[str]) -> RobotModel:
+    with errors_of_text(file, _SRDF):
+        root = parse_xml(read_bytes(file, _SRDF))
+    if root.tag != "robot":
+        raise RobotError(f"{file}: an SRDF starts with <robot>, this file with <{root.tag}>")
+    groups = _Groups(robot, file, root)
+    of_pairs, lacking = _lacking(robot, root, named)
+    told = [*of_pairs, *(f"{words} ({name!r})" for name, words in lacking.items())]
+    if told:
+        more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
+        emit(
+            Finding(
+                FindingCode.READER_REMARK,
+                robot.root,
+                f"{file} names what the robot does not have: {'; '.join(told[:_MOST_TOLD])}{more}",
+                "correct these names: until then such pairs are not disabled, and such groups and "
+                "states cannot be asked for",
+            )
+        )
+    return replace(
+        robot,
+        disabled_pairs=frozenset(
+            frozenset((one.get("link1", ""), one.get("link2", "")))
+            for one in root.findall("disable_collisions")
+        ),
+        # An SRDF of a whole robot may stand beside the URDF of its hand.
+        groups={name: own for name in groups.elements if (own := groups.joints(name))},
+        group_states=_states(robot, file, root),
+        lacking={name: f"{file}: {words}" for name, words in lacking.items()},
+    )
+
+
+def _lacking(
+    robot: RobotModel, root: ET.Element, named: AbstractSet[str]
+) -> tuple[list[str], dict[str, str]]:
+    """Return the unknown links of pairs in words, and what else is unknown by group or state."""
+    known = {
+        "link": [link.name for link in robot.links],
+        "joint": [joint.name for joint in robot.joints],
+    }
+    # A floating base is held where the scene has it.
+    passed = {one.get("name", "") for one in root.findall("virtual_joint")} | {"root_joint", *named}
+
+    def unknown(kind: str, names: Iterable[str]) -> list[str]:
+        told = []
+        for name in dict.fromkeys(names):
+            if name not in passed and name not in known[kind]:
+                near = nearest_name(name, known[kind])
+                told.append(f"{kind} {name!r}" + ("" if near is None else f", meant {near!r}?"))
+        return told
+
+    pairs = root.findall("disable_collisions")
+    of_pairs = unknown("link", (one.get(key, "") for one in pairs for key in ("link1", "link2")))
+    lacking: dict[str, str] = {}
+    for element in (*root.findall("group"), *root.findall("group_state")):
+        name = element.get("name", "")
+        if element.tag == "group_state":
+            name = f"{element.get('group', '')}/{name}"
+        found = [
+            words
+            for kind in known
+            for words in unknown(kind, (
+                part.get("name", "") for part in element.findall(kind)
+                if len(part.get("value", "").split()) <= 1
+            ))
+        ]  # fmt: skip
+        if found:
+            more = f" and {len(found) - _MOST_TOLD} more" if len(found) > _MOST_TOLD else ""
+            lacking[name] = f"{', '.join(found[:_MOST_TOLD])}{more}"
+    return [f"{one} (disable_collisions)" for one in of_pairs], lacking
+
+
+class _Groups:
+    """Groups of an SRDF, which may hold each other."""
+
+    def __init__(self, robot: RobotModel, file: Path, root: ET.Element) -> None:
+        self.elements = {one.get("name", ""): one for one in root.findall("group")}
+        self._file, self._open = file, set[str]()
+        self._above = {joint.child: joint for joint in robot.joints}
+        self._movable = set(robot.movable_joints)
+
+    def joints(self, name: str) -> tuple[str, ...]:
+        """Return the movable joints of a group."""
+        if name in self._open:
+            raise RobotError(f"{self._file}: the group {name!r} holds itself; take it out of there")
+        self._open.add(name)
+        found: list[str] = []
+        for part in self.elements[name]:
+            own = part.get("name", "")
+            match part.tag:
+                case "joint":
+                    found.append(own)
+                case "link" if own in self._above:
+                    found.append(self._above[own].name)
+                case "chain":
+                    found += self._chain(name, part.get("base_link", ""), part.get("tip_link", ""))
+                case "group" if own in self.elements:
+                    found += self.joints(own)
+                case "group":
+                    raise RobotError(
+                        f"{self._file}: the group {name!r} holds {own!r}, which is no group; "
+                        f"{names_in_words(own, self.elements)}"
+                    )
+        self._open.remove(name)
+        return tuple(joint for joint in dict.fromkeys(found) if joint in self._movable)
+
+    def _chain(self, name: str, base: str, tip: str) -> list[str]:
+        chain: list[str] = []
+        link = tip
+        while link != base:
+            if link not in self._above:
+                raise RobotError(
+                    f"{self._file}: the group {name!r} has a chain from link {base!r} to {tip!r}, "
+                    "and the robot has no joints between them; correct the names"
+                )
+            chain.append(self._above[link].name)
+            link = self._above[link].parent
+        return chain[::-1]
+
+
+def _states(robot: RobotModel, file: Path, root: ET.Element) -> dict[str, dict[str, float]]:
+    """Return positions by state; for joints that the robot does not have, see `_lacking`."""
+    movable, states = set(robot.movable_joints), {}
+    for state in root.findall("group_state"):
+        name = f"{state.get('group', '')}/{state.get('name', '')}"
+        positions = {}
+        for joint in state.findall("joint"):
+            own, text = joint.get("name", ""), joint.get("value", "")
+            if own not in movable:
+                continue
+            try:
+                positions[own] = float(text)
+            except ValueError:
+                positions[own] = math.nan
+            if not math.isfinite(positions[own]):
+                raise RobotError(
+                    f"{file}: the state {name!r} puts joint {own!r} at {text!r}; give a number"
+                )
+        states[name] = positions
+    return states

@@ -16,10 +16,10 @@ from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
 from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.actuation import is_placeholder
+from graspless_pin.geometry.hand.assembly import JoinedMounts, Mount, join_mounts, read_model
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh, looked_for
-from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts, read_model
 from graspless_pin.geometry.hand.reading import URDF
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.inspection.listing import describe_efforts

@@ -9,7 +9,7 @@ from pathlib import Path
 from graspless_pin.errors import MeshError, RobotError
 from graspless_pin.findings import capture
 from graspless_pin.geometry.hand.actuation import is_placeholder, spread_names, urdf_efforts
-from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.hand.assembly import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, robot_names

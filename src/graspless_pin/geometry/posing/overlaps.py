@@ -15,8 +15,8 @@ from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, separation, solids_of
 from graspless_pin.geometry.contact.finding import BodyKind
+from graspless_pin.geometry.hand.configuration import posed_links
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.posed_links import posed_links
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.problem.checks import FloatArray, read_only
 
