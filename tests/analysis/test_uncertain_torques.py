@@ -4,7 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.oracles.uncertain_members import BALANCED, drawn, imbalance, unbalanced, yielding
+from tests.core.random_scenes import slope_scene
+from tests.oracles.uncertain_members import (
+    BALANCED,
+    Balance,
+    Members,
+    drawn,
+    imbalance,
+    unbalanced,
+    yielding,
+)
 from tests.oracles.uncertain_modes import RULES, objections
 
 from graspless_pin import (
@@ -154,14 +163,30 @@ def test_the_proof_stands_in_a_document():
     assert not verify_document(document).passed
 
 
+def test_members_of_arrays_are_in_balance():
+    """All of a wrench counts as weight, off the reference point."""
+    given = {"mass": 0.2, "center_of_mass": 0.004, "tilt": 0.03}
+    problem = slope_scene(5, 5)
+    found = minimize_torque(
+        problem, 0.02, uncertainty=Uncertainty(**given), static_friction="coulomb"
+    )
+    assert np.linalg.norm(problem.external_wrench[3:]) > 0.0
+    assert unbalanced(problem, given, found, 60, 5).max() < BALANCED
+
+
 def test_nominal_torques_do_not_serve_the_corners():
-    """So the test above can fail."""
+    """So the tests above can fail; edges tried for many members say the same as for each."""
     scene = load_scene("examples/paper/cuboid_at_rest.yaml")
     torques = scene.solve("torque", margin=0.02, static_friction="coulomb").torques
     rng = np.random.default_rng(0)
     given = {"mass": 0.2, "center_of_mass": 0.01}
-    off = [imbalance(drawn(scene, 6, given, rng, 1.0).problem(scene), torques) for _ in range(20)]
-    assert max(off) > 1e-3
+    some, members = [drawn(scene.gravity, 6, given, rng) for _ in range(40)], Members(scene)
+    off = np.array([imbalance(one.problem(scene), torques) for one in some])
+    wrenches, carried = map(np.array, zip(*map(members.load, some), strict=True))
+    problem = scene.problem()
+    many = Balance(problem).offs(problem.friction, wrenches, torques - carried)
+    assert off.max() > 1e-3 and 5 < (off < BALANCED).sum() < 35
+    np.testing.assert_array_equal(many < BALANCED, off < BALANCED)
 
 
 def test_errors_of_torques_are_borne():
@@ -177,7 +202,9 @@ def test_errors_of_torques_are_borne():
     assert found.max_torque > 1.05 * alone.max_torque
 
 
-@pytest.mark.parametrize(("seed", "rule"), [(49, 0), (49, 2), (40, 1), (40, 3), (21, 0), (34, 4)])
+@pytest.mark.parametrize(
+    ("seed", "rule"), [(49, 0), (49, 2), (40, 1), (40, 3), (21, 0), (34, 4), (58, 0)]
+)
 def test_modes_of_all_corners_and_of_each_against_all_of_them(seed, rule):
     """A slice of `make uncertain`."""
     told, wrong = objections(seed, RULES[rule], 400)

@@ -24,6 +24,7 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.forces import force_coordinates
 
 _CANCELS = 1e-9
+"""Of the load, or of what else there is: what rounding may leave of a figure."""
 
 
 class EarlierForces(NamedTuple):
@@ -79,7 +80,8 @@ def are_served(
         members, commands, options, Limits.of(options), directions=directions, mode=mode,
         enough=margin,
     )  # fmt: skip
-    proven = (margins >= margin * (1.0 - _CANCELS)).all()
+    slack = _CANCELS * max(margin, members[0].problem.scales.force)
+    proven = (margins >= margin - slack).all()
     return bool(proven) and (mode is None or _moves(members, mode, options))
 
 

@@ -50,7 +50,8 @@ class Uncertainty(Brief):
         center_of_mass: (3,) m, how far it may be off along each axis, of the object in a scene
             and of the world for arrays.
         tilt: rad, how far gravity may be off its direction, to all sides, links included.
-        force: (3,) N on the centre of mass that may push along each world axis, either way.
+        force: (3,) N that may push along each world axis, either way, on the centre of mass as it
+            is meant to be.
         moment: (3,) N m about each world axis.
         center_of_mass_radius: m, how far it may be off in any direction, beside that.
         force_radius: N on the centre of mass in any direction, beside `force`.
