@@ -75,6 +75,34 @@ def test_a_weak_verdict_moves_the_object() -> None:
     assert said.moves == "object"
 
 
+def wedged_finger(friction: float) -> QuasistaticProblem:
+    """A cube on a table, and a finger that slides along tan 3 to its side, and is pulled back.
+
+    Along d = (0.316, 0, 0.949) contact forces inside a cone of 0.5 push it on, or hold it back
+    where they press enough: at rest with 3.16 N or more, or it leaves. The table bears 0.8 times
+    9.81 N and more by friction.
+    """
+    corners = [(x, y, -0.05) for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
+    jacobian = np.zeros((15, 1))
+    jacobian[12:, 0] = np.array([1.0, 0.0, 3.0]) / np.sqrt(10.0)
+    return QuasistaticProblem(
+        [*corners, (-0.05, 0.0, -0.04)], [(0.0, 0.0, 1.0)] * 4 + [(1.0, 0.0, 0.0)],
+        [0.0, 0.0, -GRAVITY, 0.0, 0.0, 0.0], jacobian, friction=[friction] * 4 + [0.5],
+        joint_units=["N"], object_inertia=box_inertia(), joint_inertia=[[INERTIA]],
+    )  # fmt: skip
+
+
+def test_a_finger_that_may_leave_moves_no_object_that_stays() -> None:
+    """Friction may keep the finger, or it goes by itself: the object stays in either outcome."""
+    problem, torques = wedged_finger(0.8), [-0.1]
+    said = stability(problem, torques)
+    assert said.status is Stability.STRONG and said.proof is not None
+    assert said.proof.tree is not None
+    wanted = {"rest is an outcome", "rest is the only outcome"}
+    checks = [one for one in checked_document(problem, torques) if one.name in wanted]
+    assert len(checks) == 2 and all(one.passed for one in checks)
+
+
 def test_a_finger_that_shares_an_arm_with_the_other_is_no_proof_of_an_object_at_rest() -> None:
     """Whatever comes out obeys the coupled dynamics: the idle joint pushes the pressing one."""
     said = stability(beside_an_idle_finger(coupling=0.005), [20.0, 0.5])

@@ -22,6 +22,7 @@ from graspless_pin.holding.bounds import (
     least_along,
     outcome_bound,
 )
+from graspless_pin.holding.dynamics import without_free_joints
 from graspless_pin.holding.unstable_motion import find_motion, is_outcome
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem import QuasistaticProblem
@@ -33,6 +34,50 @@ MOVING: tuple[tuple[QuasistaticProblem, tuple[float, ...]], ...] = (
     (pressed_on_wall(), (4.0,)),
     (pressed_on_wall().with_changes(external_wrench=[2.0, 1.0, -9.81, 0.3, 0.1, 0.2]), (3.0,)),
 )
+
+
+def beside_a_leaving_finger(pull: float) -> QuasistaticProblem:
+    """The cube that slides down a slope, and a finger of two joints that leaves its side."""
+    one = MOVING[0][0]
+    jacobian = np.zeros((5, 3, 2))
+    jacobian[4] = [[0.3, 0.0], [0.5, 0.2], [0.0, 1.0]]
+    return QuasistaticProblem(
+        [*one.positions, (0.0, -0.05, 0.0)], [*one.normals, (0.0, 1.0, 0.0)], one.external_wrench,
+        jacobian.reshape(15, 2), friction=0.3, gravity_torques=[pull, -0.2 * pull],
+        object_inertia=one.object_inertia, joint_inertia=[[0.02, 0.005], [0.005, 0.01]],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("pull", [0.1, 1.0, 10.0])
+def test_no_multipliers_prove_less_beside_what_joints_do_by_themselves(pull: float) -> None:
+    dynamics = dynamics_of(beside_a_leaving_finger(pull), (0.0, 0.0))
+    forces = find_motion(dynamics)
+    assert forces is not None and forces[4, 0] == 0.0
+    y = dynamics.motion(forces)
+    u, rng = dynamics.slips(y), np.random.default_rng(1)
+    opened = forces[:, 0] <= 0.0
+    less = without_free_joints(dynamics, opened, 10.0)
+    # The finger's part of the motion is the load's, and the object has no part in it.
+    np.testing.assert_allclose(less.aside[6:], y[6:], atol=1e-12)
+    np.testing.assert_allclose(less.aside[:6], 0.0, atol=1e-12)
+    np.testing.assert_allclose(dynamics.load, less.load + less.aside, atol=1e-15)
+    states, tight = States.unknown(5).changed(4, ContactState.OPEN), np.inf
+    power = float(less.load @ y)
+    assert power >= float((y - less.aside) @ (y - less.aside)) - 1e-12
+    for _ in range(250):
+        size = 10.0 ** rng.uniform(-3.0, 1.0)
+        dual = DualBound(
+            size * rng.normal(size=8), size * rng.normal(size=5), size * rng.normal(size=(5, 2))
+        )
+        goal = rng.normal(size=8), rng.normal(size=(5, 3))
+        loads = forces[:, 0] * rng.uniform(0.0, 1.0, 5)
+        told = _states_of(forces, u, rng)
+        told = told.changed(4, ContactState.OPEN) if rng.random() < 0.5 else states
+        reached = float(goal[0] @ y + (goal[1] * forces).sum())
+        bound = outcome_bound(less, told, loads, dual, goal, 10.0)
+        assert bound >= reached - 1e-9 * max(1.0, abs(reached))
+        tight = min(tight, bound - reached)
+    assert tight < 50.0
 
 
 @pytest.mark.parametrize("case", range(len(MOVING)))
@@ -106,7 +151,10 @@ def test_what_is_remembered_is_found_where_it_proves_something(
     dynamics = dynamics_of(problem, torques)
     count, n, rng = dynamics.contact_count, len(dynamics.load), np.random.default_rng(0)
     own = np.where(dynamics.is_commanded, 0.1 * rng.normal(size=count), 0.0)
-    dynamics = replace(dynamics, spread=0.1 * rng.normal(size=n), commanded_spread=own)
+    dynamics = replace(
+        dynamics, spread=0.1 * rng.normal(size=n), commanded_spread=own,
+        aside=1e-3 * rng.normal(size=n), load=0.9 * dynamics.load,
+    )  # fmt: skip
     loads = np.where(np.arange(count) == count - 1, loaded, 0.0)
     known, duals = OutcomeBounds(dynamics, loads, 10.0), []
     for _ in range(300):  # more than it remembers

@@ -196,6 +196,8 @@ class Bounds:
         loads: Array,
         tolerance: float,
         force_limit: float,
+        aside: Array,
+        leaks: Array,
     ) -> None: ...
     def bound(
         self,

@@ -30,10 +30,12 @@ cdef class Bounds:
     cdef Py_ssize_t count, n
     cdef double tolerance, force_limit
     cdef cnp.ndarray rows, load, mu, commanded, spread, own_spread, loads, reach, left, needed, pay
+    cdef cnp.ndarray aside, leaks
+    cdef bint is_whole
 
     def __init__(
         self, rows, load, friction, commanded, spread, commanded_spread, loads,
-        double tolerance, double force_limit,
+        double tolerance, double force_limit, aside, leaks,
     ):
         cdef cnp.ndarray matrix = as_reals(rows, 3)
         cdef Py_ssize_t k
@@ -44,6 +46,8 @@ cdef class Bounds:
         self.spread = as_vector(spread, self.n)
         self.own_spread = as_vector(commanded_spread, self.count)
         self.loads = as_vector(loads, self.count)
+        self.aside, self.leaks = as_vector(aside, self.n), as_vector(leaks, self.count)
+        self.is_whole = inner(data(self.aside), data(self.aside), self.n) == 0.0
         self.tolerance, self.force_limit = tolerance, force_limit
         self.reach, self.left = empty1(self.count), empty1(self.n)
         self.needed, self.pay = empty1(self.count), empty1(self.count)
@@ -118,14 +122,17 @@ cdef class Bounds:
         const double* motion, const double* normal, const double* kappa, const double* p,
         const double* q, double enough,
     ) noexcept nogil:
-        """The bound; without q, infinite once it is above ``enough`` with terms of forces alone."""
+        """The bound; without q, infinite once it is above ``enough`` with terms of forces alone.
+
+        Where something is left aside, later terms may be below zero.
+        """
         cdef Py_ssize_t k, j, n = self.n, marked = 0
         cdef const double* own
         cdef double* v = data(self.left)
         cdef double c[3]
         cdef double bound = inner(motion, data(self.load), n), gain, low, high, arc, nu, wrong
         cdef double rise = inner(motion, data(self.spread), n), slack = 0.0, power
-        cdef double size, along, best, beta, ball, unpaid
+        cdef double size, along, best, beta, ball, unpaid, square, least, leak = 0.0
         cdef bint held
         for k in range(self.count):
             own = data(self.rows) + 3 * k * n
@@ -140,8 +147,9 @@ cdef class Bounds:
             high = data(self.commanded)[k] if held else self.force_limit
             if states[k] != OPEN:
                 bound += gain * (high if gain > 0.0 else low)
+                leak += self.force_limit * data(self.leaks)[k]
             rise += gain * data(self.own_spread)[k]
-        if q == NULL and bound > enough:
+        if q == NULL and self.is_whole and bound > enough:
             return INFINITY
         for j in range(n):
             v[j] = p[j] - motion[j]
@@ -170,11 +178,16 @@ cdef class Bounds:
         bound += self.tolerance * slack + fmax(rise, 0.0)
         # Slips are paid for by a larger beta, or by their length.
         size, along, best = sqrt(inner(v, v, n)), inner(v, data(self.load), n), INFINITY
+        bound += inner(v, data(self.aside), n) + inner(motion, data(self.aside), n)
+        square = inner(data(self.load), data(self.load), n) + 4.0 * leak
+        least = size / fmax(sqrt(square), 1e-9)
         for k in range(-1, marked):
-            beta = size if k < 0 else data(self.needed)[k]
-            if k >= 0 and not size < beta < INFINITY:
+            beta = least if k < 0 else data(self.needed)[k]
+            if k >= 0 and not least < beta < INFINITY:
                 continue
-            ball = 0.25 * (size * size / beta + 2.0 * along + beta) if beta > 0.0 else 0.0
+            ball = 0.0
+            if beta > 0.0:
+                ball = 0.25 * (size * size / beta + 2.0 * along + beta * square)
             unpaid = 0.0
             for j in range(marked):
                 if data(self.needed)[j] > beta:

@@ -6,6 +6,7 @@ v = p - lambda + sum_l (nu_l a_n,l + A_t,l^T kappa_l),
     p.y + q.f <= lambda.h + sum_l c_l.f_l + max_y [v.y + beta (h.y - |y|^2)]
                  - sum_l (kappa_l.u_t,l + beta mu_l f_n,l |u_t,l|),
 
+(plus terms of what joints do by themselves, `dynamics.without_free_joints`),
 because y = A^T f + h, |y|^2 + sum mu f_n |u_t| <= h.y, and nu_l u_n,l >= 0 where nu_l >= 0 or
 u_n,l = 0. The terms of one contact are bounded over what its state leaves: forces of its cone or of
 the arc opposite to its slip, f_n >= its smallest load, u_t in the arc of its slip.
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.compiled import core
-from graspless_pin.holding.dynamics import Dynamics
+from graspless_pin.holding.dynamics import Dynamics, leaks
 from graspless_pin.holding.least_squares import least_squares
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
@@ -34,6 +35,8 @@ _EXACT = 1e-15
 """Gains per newton up to this are left: a million loads make little of them."""
 _CLOSING = 1e-13
 """Scaled acceleration: what rounding leaves of rows that depend on each other is a hundredth."""
+_STILL = 1e-9
+"""A load that is smaller than this counts as so large."""
 _REMEMBERED = 256
 """Multipliers that are tried again."""
 _REPAIRS = 4
@@ -232,22 +235,33 @@ def outcome_bound(
     wrong = np.where(sticking, 0.0, np.maximum(-least_along(dual.tangential, *arc), 0.0))
     power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_spread, 0.0))
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
-    return bound + _least_sum(wrong, power, longest, v, dynamics.load)
+    bound += float((v + dual.motion) @ dynamics.aside)
+    leak = force_limit * float(leaks(dynamics, dynamics.aside)[~opened].sum())
+    return bound + _least_sum(wrong, power, longest, v, dynamics.load, leak)
 
 
 def _least_sum(
-    wrong: FloatArray, power: FloatArray, longest: FloatArray, v: FloatArray, load: FloatArray
+    wrong: FloatArray,
+    power: FloatArray,
+    longest: FloatArray,
+    v: FloatArray,
+    load: FloatArray,
+    leak: float,
 ) -> float:
-    """Return the least of max_y v.y + beta (h.y - |y|^2), beta >= wrong / power, and of slips.
+    """Return the least of max_y v.y + beta (h.y + leak - |y|^2), and of slips.
+
+    Of all beta >= wrong / power.
 
     A slip is paid for by its length where that costs less than a larger beta.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.where(wrong > 0.0, wrong / power, 0.0)
     size, along = float(np.linalg.norm(v)), float(v @ load)
+    square = float(load @ load) + 4.0 * leak
+    least = size / max(np.sqrt(square), _STILL)
     best = np.inf
-    for beta in {size, *needed[(needed > size) & (needed < np.inf)].tolist()}:
-        ball = 0.25 * (size * size / beta + 2.0 * along + beta) if beta > 0.0 else 0.0
+    for beta in {least, *needed[(needed > least) & (needed < np.inf)].tolist()}:
+        ball = 0.25 * (size * size / beta + 2.0 * along + beta * square) if beta > 0.0 else 0.0
         best = min(best, ball + float(longest[needed > beta].sum()))
     return best
 
@@ -270,7 +284,7 @@ class OutcomeBounds:
             self._compiled = core.Bounds(
                 dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
                 dynamics.spread, dynamics.commanded_spread, loads, closing_tolerance(dynamics),
-                force_limit,
+                force_limit, dynamics.aside, leaks(dynamics, dynamics.aside),
             )  # fmt: skip
 
     def bound(self, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]) -> float:
@@ -294,12 +308,12 @@ class OutcomeBounds:
         self._tangentials[place] = dual.tangential
         self._proven.append(dual)
 
-    def with_loads(self, loads: FloatArray) -> OutcomeBounds:
-        """Return the same with larger smallest normal forces: what is remembered proves no less."""
-        larger = OutcomeBounds(self._dynamics, loads, self._force_limit)
+    def changed(self, dynamics: Dynamics, loads: FloatArray) -> OutcomeBounds:
+        """Return the same of other dynamics and loads: what is remembered is tried there, too."""
+        other = OutcomeBounds(dynamics, loads, self._force_limit)
         for dual in self._proven:
-            larger.remember(dual)
-        return larger
+            other.remember(dual)
+        return other
 
     def proving(self, states: States, goal: FloatArray, enough: float) -> DualBound | None:
         """Return remembered multipliers with which p.y is at most ``enough``; None: there are none.

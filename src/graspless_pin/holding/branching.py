@@ -153,8 +153,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
         is_over: Tells after so many of these nodes whether the search has to end.
     """
     root = _Node(-1, ContactState.FREE, States.unknown(dynamics.contact_count), relaxation)
-    goal = dynamics.load, np.zeros((dynamics.contact_count, 3))
-    threshold = dynamics.resolution**2
+    nothing = np.zeros((dynamics.contact_count, 3))
     search, nodes, given_up = TreeSearch([root]), 0, 0
     for _, node in search:
         if is_over(nodes):
@@ -163,7 +162,9 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             node, is_covered = _closed(dynamics, node)
             if is_covered:
                 continue
-        relaxation = node.taken()
+        relaxation = node.taken().without_free_joints(node.states.are(ContactState.OPEN))
+        goal, aside = (relaxation.dynamics.load, nothing), relaxation.dynamics.aside
+        threshold = relaxation.enough(node.states)
         node.dual = relaxation.bounds.proving(node.states, goal[0], threshold)
         if node.dual is not None:
             continue
@@ -173,16 +174,16 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             if node.loads:
                 relaxation = relaxation.with_loads(node.loads)
         relaxed = relaxation.solve(node.states, goal)
-        y, forces = goal[0] * 0.0, goal[1]
+        y, forces = aside, nothing
         if relaxed is not None:
             if relaxed.bound <= threshold:
                 node.dual = relaxed.dual
                 relaxation.bounds.remember(relaxed.dual)
                 continue
-            motion = _near(dynamics, relaxed)
+            y, forces = relaxed.y + aside, relaxed.forces
+            motion = _near(dynamics, relaxed, y)
             if motion is not None:
                 return Branched(None, motion, nodes, len(search))
-            y, forces = relaxed.y, relaxed.forces
         contact, parts = split(dynamics, relaxation.loads, node.states, y, forces)
         was_closed = node.states.state[contact] is not ContactState.FREE
         node.children = [
@@ -224,12 +225,12 @@ def _forces_none(state: ContactState, was_closed: bool) -> bool:
     return state is ContactState.OPEN or (state is ContactState.SLIPPING and was_closed)
 
 
-def _near(dynamics: Dynamics, relaxed: Relaxed) -> FloatArray | None:
-    """Return a moving outcome near the best point of a relaxation."""
-    if relaxed.load_left < 0.5 or dynamics.point_acceleration(relaxed.y) <= dynamics.limit:
+def _near(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> FloatArray | None:
+    """Return a moving outcome near the best point of a relaxation, whose motion is y."""
+    if relaxed.load_left < 0.5 or dynamics.point_acceleration(y) <= dynamics.limit:
         return None
-    power = float(dynamics.load @ relaxed.y)
-    gaps = coulomb_gaps(dynamics, relaxed.forces, dynamics.slips(relaxed.y))
+    power = float(dynamics.load @ y)
+    gaps = coulomb_gaps(dynamics, relaxed.forces, dynamics.slips(y))
     if float(gaps.sum()) > NEAR * power:
         return None
     return polish(dynamics, relaxed.forces)

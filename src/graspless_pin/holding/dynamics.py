@@ -37,7 +37,7 @@ class Dynamics:
         rows: (M, 3, n) A: along n, t1, t2 of each contact; n = P + joints that are no hybrid
             finger's. The normal row of a commanded contact is zero: its force is in the load.
         pushes: (M, 3, n) B: A, but along n - mu v/|v| and zeros where a contact slides.
-        load: (n,) h; zero where there is none.
+        load: (n,) h; zero where there is none. Less what is left aside.
         friction: (M,) coefficients; zero where a contact slides: its friction is in B.
         commanded: (M,) normal forces that hybrid fingers command, scaled; NaN elsewhere.
         acceleration: (P + L, n) from y to accelerations of object and joints.
@@ -52,6 +52,7 @@ class Dynamics:
         spread: (n,) loads are h + theta spread for any theta from 0 to 1, of those outcomes that
             have |y|^2 + sum mu f_n |u_t| <= h.y; zero: one load.
         commanded_spread: (M,) what theta adds to commanded forces, scaled.
+        aside: (n,) what joints do by themselves, and y is without; see `without_free_joints`.
     """
 
     rows: FloatArray
@@ -67,6 +68,7 @@ class Dynamics:
     limit: float
     spread: FloatArray
     commanded_spread: FloatArray
+    aside: FloatArray
 
     @property
     def contact_count(self) -> int:
@@ -216,6 +218,7 @@ def scaled_dynamics(
         limit,
         np.zeros_like(h),
         np.zeros(count),
+        np.zeros_like(h),
     )
 
 
@@ -238,6 +241,53 @@ def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
         spread=ratio * load - dynamics.load,
         commanded_spread=np.nan_to_num(ratio * commanded - dynamics.commanded),
     )
+
+
+_DEPENDENT = 1e-13
+"""Of the largest singular value: rows with less depend on the others."""
+_LEAST_ASIDE = 1e-7
+"""Scaled accelerations of joints by themselves up to this are not left aside."""
+_TINY = 1e-12
+"""Of the largest entry of what is left aside: smaller ones are rounding."""
+_LEAK = 0.1
+"""Of the power that counts as rest: what contacts may do along what is left aside."""
+
+
+def without_free_joints(
+    dynamics: Dynamics, opened: NDArray[np.bool_], force_limit: float
+) -> Dynamics:
+    """Return the dynamics less what joints do by themselves while some contacts are open.
+
+    In motions z in which the object stays, and no contact but open ones takes part, every outcome
+    has z.y = z.h. With w the part of h along them, y' = y - w has y' = A^T f + h - w and
+    |y'|^2 + sum mu f_n |u_t| = (h - w).y': a finger that leaves does not hide what the object does.
+
+    Args:
+        dynamics: The scaled dynamics of one load.
+        opened: (M,) contacts that are open.
+        force_limit: Normal forces are at most this, scaled.
+    """
+    whole, passive = dynamics.load + dynamics.aside, len(dynamics.levers)
+    aside = np.zeros_like(whole)
+    if len(whole) > passive and not dynamics.spread.any():
+        rows = np.vstack([dynamics.rows[~opened].reshape(-1, len(whole)),
+                          dynamics.acceleration[:passive]])  # fmt: skip
+        lengths = np.linalg.norm(rows, axis=1)
+        rows = rows[lengths > 0.0] / lengths[lengths > 0.0, None]
+        _, sizes, turns = np.linalg.svd(rows)
+        free = turns[int((sizes > _DEPENDENT * sizes.max()).sum()) :]
+        part = free.T @ (free @ whole)
+        part[np.abs(part) < _TINY * np.abs(part).max()] = 0.0
+        leak = force_limit * leaks(dynamics, part)[~opened].sum()
+        if np.linalg.norm(part) > _LEAST_ASIDE and leak < _LEAK * dynamics.resolution**2:
+            aside = part
+    return replace(dynamics, load=whole - aside, aside=aside)
+
+
+def leaks(dynamics: Dynamics, aside: FloatArray) -> FloatArray:
+    """Return the (M,) power of each contact along what is left aside, for a unit normal force."""
+    moved = np.linalg.norm(dynamics.rows @ aside, axis=1)
+    return np.sqrt(1.0 + dynamics.friction**2) * moved
 
 
 LEAST_LOAD = 1e-4

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import OutcomeBounds, States, kinematic_dual, repaired
-from graspless_pin.holding.dynamics import Dynamics
+from graspless_pin.holding.dynamics import Dynamics, leaks, without_free_joints
 from graspless_pin.holding.verdict import ContactState, DualBound, LoadProof
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
@@ -81,10 +81,14 @@ _HOPELESS = 1e-3
 """Of the goal: where the best point has more, splitting contacts tells more than tangents do."""
 _STILL = 1e-9
 """Power of a point, in its square, below which the way to rest tells nothing."""
+_SAME = 1e-12
+"""Scaled accelerations that differ by no more are the same."""
 _MORE, _LEAST = 1.05, 1e-6
 """Times the load that is known, and of the load: what has to be proven for it to be worth it."""
 _ROUNDING = 1e-13
 """Of the largest multiplier: smaller ones are none."""
+_ROUNDED = 5e-7
+"""Scaled force: what rounding may take from a proof that holds up to a million loads."""
 _PENALTY = 2.0
 """Of the share of the load that is taken away; any is sound: outcomes take none away."""
 FORCE_LIMIT = 1e6
@@ -113,11 +117,13 @@ class Relaxed:
 
 
 class _Tally:
-    """How many linear programs relaxations of the same dynamics have solved."""
+    """What relaxations of the same bodies share: how many linear programs, and their dynamics."""
 
     def __init__(self) -> None:
         """Begin at none."""
         self.count = 0
+        self.dynamics: dict[bytes, Dynamics] = {}
+        """Without free joints, by the contacts that are open."""
 
 
 class Relaxation:
@@ -173,6 +179,10 @@ class Relaxation:
         self._simplex.add_rows(dynamics, h, h)
         normal = np.zeros((count, size))
         normal[:, :n] = rows[:, 0]
+        # Open contacts do not part by what joints do by themselves where load is taken away.
+        moved = rows[:, 0] @ self.dynamics.aside
+        self._moved = np.where(np.abs(moved) > _SAME, moved, 0.0)
+        normal[:, -1] = -self._moved
         self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
         power = np.zeros((1, size))
         power[0, :n] = h
@@ -209,7 +219,7 @@ class Relaxation:
         """
         self._enter(states, elastic=True)
         best: Relaxed | None = None
-        enough = self.dynamics.resolution**2
+        enough = self.enough(states)
         splits = states.are(ContactState.FREE, ContactState.CLOSED).any()
         for answer in self._answers(goal):
             relaxed = self._read(answer, states, goal, enough)
@@ -248,7 +258,7 @@ class Relaxation:
                     asked &= normal > worth
                     break
             if best is not None and -best.bound > worth[contact]:
-                force = -best.bound * self.dynamics.force_unit
+                force = (-best.bound - _ROUNDED) * self.dynamics.force_unit
                 found.append(LoadProof(contact, float(force), best.dual))
         return found
 
@@ -274,10 +284,29 @@ class Relaxation:
         loads = self.loads.copy()
         for one in proofs:
             loads[one.contact] = one.force / self.dynamics.force_unit
-        larger = Relaxation(self.dynamics, loads, self.force_limit)
-        larger._tally = self._tally
-        larger.bounds = self.bounds.with_loads(loads)
-        return larger
+        return self._changed(self.dynamics, loads)
+
+    def without_free_joints(self, opened: NDArray[np.bool_]) -> Relaxation:
+        """Return the relaxation of what joints do not do by themselves while contacts are open."""
+        key = opened.tobytes()
+        dynamics = self._tally.dynamics.get(key)
+        if dynamics is None:
+            dynamics = without_free_joints(self.dynamics, opened, self.force_limit)
+            self._tally.dynamics[key] = dynamics
+        if np.abs(dynamics.aside - self.dynamics.aside).max() <= _SAME:
+            return self
+        return self._changed(dynamics, self.loads)
+
+    def enough(self, states: States) -> float:
+        """Return the power up to which nothing moves, less what contacts do along what is aside."""
+        still = leaks(self.dynamics, self.dynamics.aside)[~states.are(ContactState.OPEN)]
+        return self.dynamics.resolution**2 - self.force_limit * float(still.sum())
+
+    def _changed(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
+        other = Relaxation(dynamics, loads, self.force_limit)
+        other._tally = self._tally
+        other.bounds = self.bounds.changed(dynamics, loads)
+        return other
 
     def _drop(self) -> None:
         """Take away the rows of the last states; the tangents found there hold for all."""
@@ -299,7 +328,8 @@ class Relaxation:
         n, count = self._n, self._m
         h, commanded = self.dynamics.load, self.dynamics.is_commanded
         lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
-        lb[:n], ub[:n] = 0.5 * h - 0.5, 0.5 * h + 0.5
+        radius = 0.5 * float(np.linalg.norm(h))
+        lb[:n], ub[:n] = 0.5 * h - radius, 0.5 * h + radius
         opened = states.are(ContactState.OPEN)
         low, high = lb[n : self._slip].reshape(count, 3), ub[n : self._slip].reshape(count, 3)
         low[:, 0] = 0.0
@@ -313,7 +343,7 @@ class Relaxation:
         may_part = states.are(ContactState.FREE, ContactState.OPEN) | commanded
         self._simplex.set_sides(
             np.arange(n, n + count, dtype=np.int32),
-            np.where(commanded | states.closes, -np.inf, 0.0),
+            np.where(commanded | states.closes, -np.inf, -self._moved),
             np.where(may_part | states.closes, np.inf, 0.0),
         )
         self._set_slips(states)
@@ -356,7 +386,7 @@ class Relaxation:
             touching = power / square * y
         else:
             away = y - 0.5 * h
-            touching = 0.5 * h + 0.5 * away / float(np.linalg.norm(away))
+            touching = 0.5 * h + 0.5 * np.linalg.norm(h) / np.linalg.norm(away) * away
         row = np.zeros((1, self._size))
         row[0, : self._n] = h - 2.0 * touching
         row[0, self._slip : self._spread] = -self._power[self._loaded]

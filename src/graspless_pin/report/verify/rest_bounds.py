@@ -8,6 +8,9 @@ most
 
     lambda.h + sum c.f + v.y + beta (h.y - |y|^2) - sum (kappa.u_t + beta mu f_n |u_t|) - nu.u_n.
 
+What joints do by themselves while contacts are open, w, may be left aside: then y' = y - w has
+y' = A^T f + h - w, and |y'|^2 + sum mu f_n |u_t| = (h - w).y' less what contact forces do along w.
+
 Where the load is any from one to another, h + theta s, those outcomes are looked at that have
 |y|^2 + sum mu f_n |u_t| <= h.y, and lambda.h is the largest of lambda.(h + theta s).
 """
@@ -23,6 +26,8 @@ from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.problem import Problem
 
 _LONG = np.longdouble
+_LEAST_LOAD = 1e-9
+"""A load that is smaller than this counts as so large."""
 
 
 class Kind(StrEnum):
@@ -50,6 +55,7 @@ class RestDynamics:
         points: (M + k, 3, n) from y to accelerations, m/s^2, of `Problem.points`.
         passive: P.
         spread: (n,) s, what theta from 0 to 1 adds to the load; zero: there is one load.
+        aside: (n,) w, what joints do by themselves and y is without; the load is less by it.
     """
 
     rows: np.ndarray
@@ -62,6 +68,7 @@ class RestDynamics:
     points: np.ndarray
     passive: int
     spread: np.ndarray
+    aside: np.ndarray
 
     @property
     def reach(self) -> float:
@@ -137,7 +144,54 @@ def rest_dynamics(
     friction = np.where(problem.slides, 0.0, problem.mu)
     return RestDynamics(rows / alpha, acting[:, :, kept] @ back / alpha, h / size, friction,
                     commanded * alpha / size, size / alpha, accelerations, points, passive,
-                    np.zeros_like(h))  # fmt: skip
+                    np.zeros_like(h), np.zeros_like(h))  # fmt: skip
+
+
+_DEPENDENT, _TINY = 1e-13, 1e-12
+"""Of the largest singular value, and of the largest entry of w: smaller ones are rounding."""
+_LEAST_ASIDE = 1e-7
+"""Scaled accelerations up to this are not left aside."""
+_LEAK = 0.1
+"""Of the power of rest: what contacts may do along what is left aside."""
+
+
+def without_free_joints(
+    dynamics: RestDynamics, opened: np.ndarray, still: float, force_limit: float
+) -> RestDynamics:
+    """Return the dynamics without what joints do by themselves while some contacts are open.
+
+    That is the part of the load along motions in which no passive coordinate and no other contact
+    takes part. Any w is sound, as `leaked` counts what they do all the same.
+
+    Args:
+        dynamics: The scaled dynamics, of which nothing is left aside yet.
+        opened: (M,) contacts that are open.
+        still: The power up to which nothing moves, scaled.
+        force_limit: Normal forces are at most this, scaled.
+    """
+    passive, size = dynamics.passive, len(dynamics.load)
+    if size == passive or dynamics.spread.any():
+        return dynamics
+    rows = dynamics.rows[~opened].reshape(-1, size)
+    rows = np.concatenate([rows, dynamics.accelerations[:passive]])
+    lengths = np.linalg.norm(rows, axis=1)
+    rows = rows[lengths > 0.0] / lengths[lengths > 0.0, None]
+    _, sizes, turns = np.linalg.svd(rows)
+    free = turns[int((sizes > _DEPENDENT * sizes.max()).sum()) :]
+    w = free.T @ (free @ dynamics.load)
+    w[np.abs(w) < _TINY * np.abs(w).max()] = 0.0
+    changed = replace(dynamics, load=dynamics.load - w, aside=w)
+    if np.linalg.norm(w) <= _LEAST_ASIDE or leaked(changed, opened, force_limit) >= _LEAK * still:
+        return dynamics
+    return changed
+
+
+def leaked(dynamics: RestDynamics, opened: np.ndarray, force_limit: float) -> float:
+    """Return the most that contacts which are not open do along what is left aside, scaled."""
+    w, rows = dynamics.aside.astype(_LONG), dynamics.rows[~opened].astype(_LONG)
+    moved = np.abs(rows @ w) + tolerances.lost(np.abs(rows) @ np.abs(w))
+    share = np.sqrt(1.0 + dynamics.friction[~opened] ** 2)
+    return float(force_limit * (share * np.linalg.norm(moved, axis=1)).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,18 +317,30 @@ def largest_goal(
     size += np.abs(p).sum() + np.abs(motion).sum() + np.abs(nu) @ np.abs(rows[:, 0]).sum(axis=1)
     size += (np.abs(kappa)[:, :, None] * np.abs(rows[:, 1:])).sum()
     size += np.where(sticks, 0.0, np.linalg.norm(kappa, axis=1)) @ lengths
-    bound += _paid(wrong, mu * least, wrong * lengths, v, dynamics.load)
+    bound += (v + motion) @ dynamics.aside
+    size += (np.abs(v) + np.abs(motion)) @ np.abs(dynamics.aside)
+    leak = leaked(dynamics, none, force_limit) if dynamics.aside.any() else 0.0
+    bound += _paid(wrong, mu * least, wrong * lengths, v, dynamics.load, leak)
     return float(bound + tolerances.lost(size))
 
 
 def _paid(
-    wrong: np.ndarray, power: np.ndarray, longest: np.ndarray, v: np.ndarray, h: np.ndarray
+    wrong: np.ndarray,
+    power: np.ndarray,
+    longest: np.ndarray,
+    v: np.ndarray,
+    h: np.ndarray,
+    leak: float,
 ) -> np.longdouble:
-    """Return the least over beta of max_y [v.y + beta (h.y - |y|^2)], and of slips not paid for."""
-    size, best = np.linalg.norm(v), _LONG(np.inf)
+    """Return the least over beta of max_y [v.y + beta (h.y + leak - |y|^2)], and of unpaid slips.
+
+    A slip that beta does not pay for costs what the longest one does.
+    """
+    best = _LONG(np.inf)
+    size = np.linalg.norm(v) / np.maximum(np.sqrt(h @ h + 4.0 * leak), _LEAST_LOAD)
     needed = np.where(power > 0.0, wrong / np.where(power > 0.0, power, 1.0), np.inf)
     needed = np.where(wrong > 0.0, needed, 0.0)
     for beta in (size, *needed[(needed > size) & np.isfinite(needed)]):
-        ball = ((v + beta * h) ** 2).sum() / (4.0 * beta) if beta > 0.0 else 0.0
+        ball = ((v + beta * h) ** 2).sum() / (4.0 * beta) + beta * leak if beta > 0.0 else 0.0
         best = min(best, ball + longest[needed > beta].sum())
     return best

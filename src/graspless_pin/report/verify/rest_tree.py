@@ -24,6 +24,8 @@ from graspless_pin.report.verify.rest_bounds import (
     RestDynamics,
     RestMultipliers,
     largest_goal,
+    leaked,
+    without_free_joints,
 )
 from graspless_pin.report.verify.rest_load import RestLoad
 
@@ -118,15 +120,19 @@ class RestWalk:
         dynamics: The scaled dynamics.
         loads: (M,) normal forces that every outcome has at least, scaled.
         force_limit: Normal forces that the proof has to reach, scaled.
-        bound: The largest h.y that the leaves leave.
+        still: The power up to which nothing moves, scaled.
+        bound: The largest h.y that the leaves leave, without what joints do by themselves.
         leaves: How many there were.
+        known: The dynamics without free joints, by the contacts that are open.
     """
 
     dynamics: RestDynamics
     loads: np.ndarray
     force_limit: float
+    still: float
     bound: float = 0.0
     leaves: int = 0
+    known: dict[bytes, RestDynamics] = field(default_factory=dict)
 
     def walk(self, root: RestNode) -> None:
         """Go through all nodes.
@@ -169,7 +175,7 @@ class RestWalk:
         """Return smallest normal forces with those that a node proves, each with those before."""
         for contact, force, multipliers in node.loads:
             proven = least_force(
-                self.dynamics, states, loads, (contact, multipliers), self.force_limit
+                self._dynamics(states), states, loads, (contact, multipliers), self.force_limit
             )
             if np.isfinite(proven):
                 least = min(force / self.dynamics.force_unit, proven)
@@ -180,10 +186,23 @@ class RestWalk:
     def _leaf(self, node: RestNode, states: KnownStates, loads: np.ndarray) -> None:
         if node.bound is None:
             raise NoProofError("a leaf has no multipliers")
-        goal = self.dynamics.load, np.zeros(self.dynamics.rows.shape[:2])
-        proven = largest_goal(self.dynamics, states, loads, node.bound, goal, self.force_limit)
+        own = self._dynamics(states)
+        goal = own.load, np.zeros(own.rows.shape[:2])
+        proven = largest_goal(own, states, loads, node.bound, goal, self.force_limit)
+        if own.aside.any():
+            proven += leaked(own, states.are(Kind.OPEN), self.force_limit)
         self.leaves += 1
         self.bound = max(self.bound, proven) if np.isfinite(proven) else np.inf
+
+    def _dynamics(self, states: KnownStates) -> RestDynamics:
+        """Return the dynamics without what joints do by themselves in some states."""
+        opened = states.are(Kind.OPEN)
+        key = opened.tobytes()
+        if key not in self.known:
+            self.known[key] = without_free_joints(
+                self.dynamics, opened, self.still, self.force_limit
+            )
+        return self.known[key]
 
     def _forced(
         self, child: RestNode, states: KnownStates, loads: np.ndarray
@@ -360,11 +379,11 @@ def tree(
         limits: Of accelerations, m/s^2, and of normal forces, N.
     """
     unit, (still, most_force) = dynamics.force_unit, limits
-    walk = RestWalk(dynamics, loads / unit, most_force / unit)
+    most = (still / dynamics.reach) ** 2
+    walk = RestWalk(dynamics, loads / unit, most_force / unit, most)
     try:
         walk.walk(read_rest_tree(proof, dynamics))
     except NoProofError as error:
         return holds(name, passed=False, detail=str(error))
-    most = (still / dynamics.reach) ** 2
     shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most:.3g} (scaled)"
     return holds(name, walk.bound <= (1.0 + tolerances.SHARE) * most, shown)
