@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import read_document, solution_document
 from graspless_pin.report.robust import robust_text
 from graspless_pin.report.verify import verify_document
+from graspless_pin.scene import robust_answer as robust_answers
 from graspless_pin.scene.robust_answer import robust_answer
 from graspless_pin.scene.serialization import plain
 
@@ -54,7 +56,10 @@ def document(cuboid: Path) -> dict[str, Any]:
     return read_document(target)
 
 
-def test_the_answer_is_the_torques_for_the_whole_set(cuboid: Path) -> None:
+def test_the_answer_is_the_torques_for_the_whole_set(
+    cuboid: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robust_answers, "CORNER_TIME", 1.0)
     result = run("solve", cuboid, *ASKED)
     scene = load_scene(cuboid)
     options: dict[str, Any] = {"margin": 0.1, "static_friction": "coulomb"}
@@ -378,6 +383,30 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert "corners" in result.stderr
     far = run("solve", stating(tmp_path, CUBOID, uncertainty={"center_of_mass": 3.0}))
     assert far.exit_code == 2 and "scene.yaml: uncertainty: center_of_mass" in far.stderr
+
+
+def test_the_verdict_is_asked_at_the_corners(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it says of the heavy and the light box is what scenes of these masses say."""
+    scene = load_scene(EXAMPLES / "box_between_walls.yaml")
+    file = stating(tmp_path, EXAMPLES / "box_between_walls.yaml", uncertainty={"mass": 0.1})
+    target = tmp_path / "solution.json"
+    result = run("solve", file, *ASKED, "--json", target)
+    assert result.exit_code == 0
+    told = read_document(target)["uncertainty"]["at_corners"]
+    torques = list(read_document(target)["uncertainty"]["torques"].values())
+    assert [one["words"] for one in told["corners"]] == ["mass -10 %", "mass +10 %"]
+    for share, corner in zip((0.9, 1.1), told["corners"], strict=True):
+        made = scene.object.with_mass(share * scene.object.mass)
+        verdict = scene.with_changes(object=made).stability(torques)
+        assert corner["holding"] == str(verdict.holding) == told["holding"]
+    assert re.search(rf"mass \+10 % +{told['holding']}", result.stdout)
+    assert "Between the corners nothing is proven about rest." in words(result.stdout)
+    monkeypatch.setattr(robust_answers, "CORNER_TIME", 0.0)
+    late = run("solve", file, *ASKED)
+    assert late.exit_code == 0 and "2 corners more could not be asked about" in words(late.stdout)
+    assert "at the corners" not in words(run("solve", file, *ASKED, "--no-verdict").stdout)
 
 
 def test_torques_that_guarantee_rest_at_each_corner(tmp_path: Path) -> None:

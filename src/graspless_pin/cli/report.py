@@ -18,7 +18,12 @@ from graspless_pin.cli.outcome import (
     under_controller,
 )
 from graspless_pin.cli.simulate import simulated_words
-from graspless_pin.cli.solve import proven_and_verdict, proven_answer, solved
+from graspless_pin.cli.solve import (
+    judged_at_corners,
+    proven_and_verdict,
+    proven_answer,
+    solved,
+)
 from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
@@ -166,6 +171,8 @@ def _case(
         if answer is not None:
             answer = proven_answer(answer)
             solution = answer.solution.of_source(scene)
+            if verdict_nodes is not None:
+                answer = judged_at_corners(scene, answer)
         if verdict_nodes is not None and (answer is None or answer.found):
             solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
         echo_findings(solution.findings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -133,6 +134,7 @@ def solve_scene(
         if answer is not None and not no_verdict:
             answer = proven_answer(answer)
             solution = answer.solution.of_source(loaded)
+            answer = judged_at_corners(loaded, answer, verdict_nodes)
         if not no_verdict and (answer is None or answer.found):
             solution, verdict, note = proven_and_verdict(loaded, solution, verdict_nodes)
         echo_findings(solution.findings)
@@ -214,6 +216,15 @@ def proven_answer(answer: RobustAnswer) -> RobustAnswer:
         # Without torques it has its explanation, which would take long to be worked out.
         solution, _ = accepted(answer.robust.solution if answer.found else answer.solution)
     return replace(answer, robust=replace(answer.robust, solution=solution))
+
+
+def judged_at_corners(scene: Scene, answer: RobustAnswer, nodes: int | None = None) -> RobustAnswer:
+    """Return an answer with verdicts on the corners of its set, where there are any to be had."""
+    from graspless_pin.scene.robust_answer import with_corner_verdicts
+
+    with waiting_for("looking for verdicts at the corners"), suppress(ArgumentError):
+        return with_corner_verdicts(scene, answer, nodes)
+    return answer
 
 
 def _forces(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:

@@ -12,18 +12,22 @@ import numpy as np
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, Samples
 from graspless_pin.algorithms.robust_torques import further_forces
 from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.holding.verdict import Holding
 from graspless_pin.problem.checks import JointUnit
 from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.scene.robust_answer import SHARE_TIME, STIFFNESS, RobustAnswer
+from graspless_pin.scene.member_verdicts import MemberVerdicts
+from graspless_pin.scene.robust_answer import CORNER_TIME, SHARE_TIME, STIFFNESS, RobustAnswer
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.solution.tables import COLUMNS, counted, figure, torque_size
+from graspless_pin.solution.tables import COLUMNS, Table, counted, figure, torque_size
 
 _STILL = 1e-9
 """rad (m): joints that give way by less do not."""
 _OPEN = 2e-3
 """Shares of a set that are served, and not served, are told as one where they are nearer."""
+_MOST_ROWS = 16
+"""Of the table of verdicts at corners."""
 _AS_GOOD = 1e-4
 """Of a value: a bound that is nearer is told as the same."""
 
@@ -32,6 +36,11 @@ def robust_text(answer: RobustAnswer) -> str:
     """Return which torques serve the set, or why none do, with the scene's nominal ones beside."""
     sentences = robust_sentences(answer)
     lines = [fill(one, COLUMNS, break_on_hyphens=False) for one in sentences]
+    judged = answer.at_corners
+    if judged is not None and 0 < len(judged.verdicts) <= _MOST_ROWS:
+        each = zip(judged.members, judged.verdicts, strict=True)
+        rows = [(member.words, str(one.holding)) for member, one in each]
+        lines += ["", str(Table(rows, ["corner", "the object there"])), ""]
     if not answer.found:
         each = (f"- {words}" for words in conflict_words(answer.robust))
         lines[2:2] = [fill(one, COLUMNS, subsequent_indent="  ") for one in each]
@@ -66,15 +75,34 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     if robust.rest is not None:
         told.append(
             f"Rest is the only outcome at each of {len(robust.rest.corners)} corners "
-            f"({counted(robust.rest.tried, 'set')} of torques tried); between them nothing is "
-            "proven of it."
+            f"({counted(robust.rest.tried, 'set')} of torques tried)."
         )
+    if answer.at_corners is not None:
+        told += _corner_words(answer.at_corners)
     if robust.feedback is not None and robust.largest_deflection > _STILL:
         told.append(
             "With the stiffness of the controller joints give way by up to "
             f"{robust.largest_deflection:.2g} rad (m): the largest torque counts what that adds."
         )
     return told
+
+
+def _corner_words(judged: MemberVerdicts) -> list[str]:
+    """Return which verdicts there are at the corners, what is said of the worst, and what not."""
+    told, said = [], [str(one.holding) for one in judged.verdicts]
+    if said and set(said) == {str(Holding.HOLDS)}:
+        told.append(f"At the corners of the set the object stays: holds at {len(said)}.")
+    elif said:
+        counts = ", ".join(f"{word} at {said.count(word)}" for word in dict.fromkeys(said))
+        worst = judged.members[judged.worst].words
+        why = judged.verdicts[judged.worst].message
+        told.append(f"Does it stay at the corners of the set? {counts}; the worst, {worst}: {why}.")
+    if judged.left_out:
+        told.append(
+            f"{counted(judged.left_out, 'corner')} more could not be asked about in "
+            f"{CORNER_TIME:g} s; in Python `scene.stability_of_members` takes its time."
+        )
+    return [*told, "Between the corners nothing is proven about rest."]
 
 
 def conflict_words(robust: RobustSolution) -> list[str]:
@@ -179,8 +207,8 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         ``jacobian`` of those whose contacts are elsewhere, and ``forces`` of those that
         the joined problem does not hold; None: modes differ from corner to corner), or with a
         ``policy`` the corners of that, with ``bounding``, the members of the solution, ``conflict``
-        (numbers of members), ``served_share`` and ``unserved_share``, ``with_feedback``, and
-        ``nominal``.
+        (numbers of members), ``served_share`` and ``unserved_share``, ``at_corners``
+        (verdicts; None: not asked), ``with_feedback``, and ``nominal``.
         Figures that do not exist are None.
     """
     robust, nominal, found = answer.robust, answer.nominal, answer.found
@@ -207,6 +235,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         "conflict": list(robust.conflict),
         "served_share": answer.served_share,
         "unserved_share": answer.unserved_share,
+        "at_corners": None if answer.at_corners is None else _corner_data(answer.at_corners),
         "with_feedback": None
         if with_feedback is None
         else {
@@ -220,6 +249,18 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
             "found": nominal.found,
             **_summary(nominal, robust.joint_names),
         },
+    }
+
+
+def _corner_data(judged: MemberVerdicts) -> dict[str, Any]:
+    """Return the verdicts on corners: these stand without their proofs."""
+    return {
+        "holding": str(judged.holding),
+        "left_out": judged.left_out,
+        "corners": [
+            {"words": member.words, "holding": str(one.holding), "message": one.message}
+            for member, one in zip(judged.members, judged.verdicts, strict=True)
+        ],
     }
 
 

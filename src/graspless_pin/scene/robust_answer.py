@@ -15,12 +15,15 @@ from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.programs.analysis_objectives import at_torques
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief, changed
+from graspless_pin.scene.member_verdicts import MemberVerdicts, verdicts_of_members
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.uncertain import stated_by
 from graspless_pin.solution import Status, TorqueSolution
 
 SHARE_TIME = 20.0  # s
 """For the share of a set that is served."""
+CORNER_TIME, CORNER_NODES = 20.0, 300
+"""Seconds for the verdicts on all corners, and sets of outcomes that each may look at."""
 STIFFNESS = 1.0  # N m/rad
 """Of the joints, where it is told what feedback adds: whether it serves a set is so for any."""
 
@@ -40,6 +43,7 @@ class RobustAnswer(Brief):
         unserved_share: The smallest share for which no torques were found: it is farther from
             `served_share` than a thousandth where the time for it ended; NaN where it is not known.
         with_feedback: What joint stiffness of `STIFFNESS` makes of it; None: it was not asked.
+        at_corners: Whether the object stays at the corners of the set; None: it was not asked.
     """
 
     uncertainty: Uncertainty
@@ -49,6 +53,7 @@ class RobustAnswer(Brief):
     served_share: float
     unserved_share: float = math.nan
     with_feedback: RobustSolution | None = None
+    at_corners: MemberVerdicts | None = None
 
     @property
     def found(self) -> bool:
@@ -126,6 +131,29 @@ def _share_of(
 
     found = largest_share(scene.problem(), within, robust, limits)
     return found.served, found.failing
+
+
+def with_corner_verdicts(
+    scene: Scene, answer: RobustAnswer, node_limit: int | None = None
+) -> RobustAnswer:
+    """Return an answer with what happens at the corners of its set, as far as found in time.
+
+    Args:
+        scene: The scene.
+        answer: Torques for all that is not known of it.
+        node_limit: Sets of outcomes that each verdict may look at; None: `CORNER_NODES`.
+    """
+    robust = answer.robust
+    if not answer.found:
+        return answer
+    if robust.rest is not None:  # asked already, one that was often lost first
+        each = zip(robust.rest.corners, robust.rest.verdicts, strict=True)
+        known = sorted(each, key=lambda one: one[0])
+        members = tuple(robust.members[number] for number, _ in known)
+        return replace(answer, at_corners=MemberVerdicts(members, tuple(one for _, one in known)))
+    nodes = CORNER_NODES if node_limit is None else node_limit
+    found = verdicts_of_members(scene, robust, time_limit=CORNER_TIME, node_limit=nodes)
+    return replace(answer, at_corners=found)
 
 
 def solution_for_all(
