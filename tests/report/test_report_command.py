@@ -65,13 +65,15 @@ def test_how_hard_the_hand_may_squeeze(tmp_path):
     assert len(section.all("svg")) == 3
 
 
-def test_how_far_each_may_be_off(tmp_path):
+def test_how_far_each_may_be_off(tmp_path, monkeypatch):
+    monkeypatch.setattr("graspless_pin.cli.tolerances.ATTAINABLE_TIME", 2.0)
     target, ball = tmp_path / "report.html", SPHERE.parents[1] / "allegro_sphere_on_slope.yaml"
     options = ("--no-ranges", "--no-verdict", "--tolerances")
     assert run(ball, "-o", target, "--controller", "1", *options).exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
     section = page.section("off")
     assert "torques that the joints' stiffness adds to" in section.text
+    assert "Attainable is what torques bear that are chosen for" in section.text
     assert re.search(r"centre of mass [\d.]+ cm [\d.]+ cm \[", section.text)
     titles = [one.text for one in section.all("title")]
     assert len(titles) == 3 and titles[0].startswith("How far the centre of mass may be off")

@@ -43,8 +43,8 @@ _FARTHEST = 100.0
 """Of what there is: larger sizes are not looked at."""
 _NEAR = 1e-4
 """Of what there is: no bracket is made narrower."""
-_KEPT = 8
-"""Members of earlier sets that the next search begins with."""
+_KEPT = 16
+"""Members that were in conflict in earlier sets and that the next search begins with."""
 _LAST = 0.999
 """Of a largest size at which nothing would be left of friction or torques."""
 _SIDES = 32
@@ -178,12 +178,10 @@ class AttainableSearch:
                 members, Torque(0.0), self.options, self.limits, directions=self.directions,
                 begin=[place for place in begin if place < len(members)],
             )  # fmt: skip
-            # Sets have their corners in one order: those that mattered do so in the next, too.
+            # Sets have their corners in one order: who was in conflict may be so in the next, too.
             number = {id(one): place for place, one in enumerate(members)}
-            needed = found.joined_members
-            if not found.found:
-                needed = [found.members[place] for place in found.conflict]
-            begin[:] = sorted({0, *(number[id(one)] for one in needed), *begin[:_KEPT]})
+            fought = [number[id(found.members[place])] for place in found.conflict]
+            begin[:] = dict.fromkeys([0, *fought, *begin][:_KEPT])
             stated = Uncertainty(tilt=size if sets.of_tilt else 0.0)
             return replace(found, uncertainty=stated, weight=self.weight, feedback=self.stiffness)
 
