@@ -366,6 +366,23 @@ def test_other_commands_take_the_same_torques(cuboid: Path) -> None:
     assert np.linalg.norm(stated["push"]["direction"]) == pytest.approx(1.0)
 
 
+def test_what_other_torques_would_bear_stands_beside(
+    cuboid: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here no time is left for it: what given torques bear is told all the same."""
+    monkeypatch.setattr("graspless_pin.cli.tolerances.ATTAINABLE_TIME", 0.0)
+    target = cuboid.with_name("off.json")
+    result = run("tolerances", cuboid, *ASKED[:2], "--attainable", "--json", target)
+    assert result.exit_code == 0 and "attainable" in result.stdout
+    told = json.loads(target.read_text(encoding="utf-8"))["tolerances"]
+    assert result.stdout.count("left open by time") >= len(told) - 1  # no mass is the least
+    for one in told:
+        beside = one["attainable"]
+        assert beside["borne"] == one["borne"] > 0.0
+        assert len(beside["torques"]) == 2
+        assert beside["in_time"] is (one["borne"] == 1.0)
+
+
 def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1, "frction": 0.1})
     result = run("solve", file)

@@ -210,7 +210,7 @@ def tolerances(
         fingers: The finger of each joint that belongs to one, for a controller that names them.
         quantities: Which to tell of; others take no time.
         attainable: Whether to tell, too, how far each may be off if torques are chosen for it.
-        options: See `SolveOptions.parse`.
+        options: See `SolveOptions.parse`; `time_limit` is that of all attainable ones together.
 
     Raises:
         ArgumentError: If an option is not known or a shape wrong.
@@ -237,7 +237,8 @@ def tolerances(
     stiffness = None
     if feedback is not None:
         stiffness = joint_stiffness(problem, feedback, fingers)
-    search = _Search(problem, given, stiffness, how, options)
+    options.pop("time_limit", None)  # of the attainable ones
+    search = _Search(problem, given, stiffness, SolveOptions.parse(**options), options)
     if search.fails(0.0 * search.rest.external_wrench):
         raise NoSolutionError("No contact forces balance the load under these torques.")
     wanted = [choice(Quantity, "quantities", one) for one in quantities]
