@@ -26,8 +26,6 @@ from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.problem import Problem
 
 _LONG = np.longdouble
-_LEAST_LOAD = 1e-9
-"""A load that is smaller than this counts as so large."""
 
 
 class Kind(StrEnum):
@@ -147,10 +145,6 @@ def rest_dynamics(
                     np.zeros_like(h), np.zeros_like(h))  # fmt: skip
 
 
-_DEPENDENT, _TINY = 1e-13, 1e-12
-"""Of the largest singular value, and of the largest entry of w: smaller ones are rounding."""
-_LEAST_ASIDE = 1e-7
-"""Scaled accelerations up to this are not left aside."""
 _LEAK = 0.1
 """Of the power of rest: what contacts may do along what is left aside."""
 
@@ -177,11 +171,14 @@ def without_free_joints(
     lengths = np.linalg.norm(rows, axis=1)
     rows = rows[lengths > 0.0] / lengths[lengths > 0.0, None]
     _, sizes, turns = np.linalg.svd(rows)
-    free = turns[int((sizes > _DEPENDENT * sizes.max()).sum()) :]
+    free = turns[int((sizes > tolerances.FREE_RANK * sizes.max()).sum()) :]
     w = free.T @ (free @ dynamics.load)
-    w[np.abs(w) < _TINY * np.abs(w).max()] = 0.0
+    w[np.abs(w) < tolerances.FREE_ENTRY * np.abs(w).max()] = 0.0
     changed = replace(dynamics, load=dynamics.load - w, aside=w)
-    if np.linalg.norm(w) <= _LEAST_ASIDE or leaked(changed, opened, force_limit) >= _LEAK * still:
+    if (
+        np.linalg.norm(w) <= tolerances.LEAST_ASIDE
+        or leaked(changed, opened, force_limit) >= _LEAK * still
+    ):
         return dynamics
     return changed
 
@@ -337,7 +334,7 @@ def _paid(
     A slip that beta does not pay for costs what the longest one does.
     """
     best = _LONG(np.inf)
-    size = np.linalg.norm(v) / np.maximum(np.sqrt(h @ h + 4.0 * leak), _LEAST_LOAD)
+    size = np.linalg.norm(v) / np.maximum(np.sqrt(h @ h + 4.0 * leak), tolerances.LEAST_LOAD)
     needed = np.where(power > 0.0, wrong / np.where(power > 0.0, power, 1.0), np.inf)
     needed = np.where(wrong > 0.0, needed, 0.0)
     for beta in (size, *needed[(needed > size) & np.isfinite(needed)]):

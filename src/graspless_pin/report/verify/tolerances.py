@@ -50,6 +50,13 @@ BEARING = 5e-5
 """Of the load: contacts that bear less guide no motion."""
 MOTION_RANK = 1e-7
 """Of the largest singular value: directions with less are motions without slip."""
+FREE_RANK, FREE_ENTRY = 1e-13, 1e-12
+"""Of the largest singular value, and of the largest entry: smaller ones count as zero in what
+joints do by themselves. What contacts do along it is counted whatever it is."""
+LEAST_ASIDE = 1e-7
+"""Scaled accelerations of joints by themselves that are worth leaving aside."""
+LEAST_LOAD = 1e-9
+"""Scaled: multipliers are first tried as if the load were no smaller than this."""
 PROJECTED = 1e-14
 """Of the length of a combination of velocities: what rounding may hide of its projection."""
 COARSEST, FINEST = 0.01, 1e-6
