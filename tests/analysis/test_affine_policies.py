@@ -197,6 +197,22 @@ def test_a_motion_that_no_contact_resists_bears_no_ball():
     assert held.max_torque >= held.bound * (1.0 - 1e-6)
 
 
+def test_least_torques_of_nothing_reach_their_bound():
+    """A box on a floor bears small pushes by itself: zero to rounding is not left open."""
+    corners = [[x, y, -0.03] for x in (-0.03, 0.03) for y in (-0.03, 0.03)]  # m
+    problem = QuasistaticProblem(
+        positions=[*corners, [0.0, 0.0, 0.03]],
+        normals=[[0.0, 0.0, 1.0]] * 4 + [[0.0, 0.0, -1.0]],
+        friction=0.5,
+        external_wrench=[0.0, 0.0, -3.0, 0.0, 0.0, 0.0],
+        jacobian=np.eye(15, 1, -14),
+        torque_limits=([-5.0], [5.0]),
+    )
+    found = solved(problem, Uncertainty(force_radius=0.2), margin=0.0)
+    assert found.max_torque == pytest.approx(0.0, abs=1e-6)
+    assert found.status is Status.OPTIMAL
+
+
 def test_the_largest_margin_of_a_ball():
     problem = contacts_alone("paper/cuboid_at_rest")
     unknown = Uncertainty(force_radius=0.4)

@@ -17,11 +17,12 @@ from graspless_pin.errors import NoSolutionError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Member
+from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution
 
 _CLOSED = 1e-6
-"""Of a value: a bound that is no farther from it is reached."""
+"""Of a value, or of what the load makes: a bound that is no farther from it is reached."""
 
 
 class Coverage(StrEnum):
@@ -145,7 +146,9 @@ class RobustSolution(Brief):
             return Status.STRONG
         if self.policy is None:
             return status
-        closed = abs(self.value - self.bound) <= _CLOSED * abs(self.value)
+        problem = self.members[0].problem
+        unit = self.solution.objective.unit(problem, force_coordinates(problem))
+        closed = abs(self.value - self.bound) <= _CLOSED * max(abs(self.value), unit)
         return status if closed and self.solution.found else Status.LIMIT_REACHED
 
     @property
