@@ -159,7 +159,7 @@ def test_mistakes():
     on_slope = Uncertainty(contact_position=[0.0, 0.0, 0.002, 0.002, 0.002, 0.002])
     samples = maximize_margin(scene.problem(), uncertainty=on_slope).samples
     assert samples is not None and samples.solved == 50
-    with pytest.raises(ArgumentError, match="not beside balls"):
+    with pytest.raises(ArgumentError, match="cannot be sampled with a set with balls"):
         scene.solve(uncertainty=Uncertainty(contact_position=0.002, force_radius=0.1))
     with pytest.raises(ArgumentError, match=r"may be off by 2 m, .* m large; give metres"):
         scene.solve(uncertainty=Uncertainty(contact_position=2.0))

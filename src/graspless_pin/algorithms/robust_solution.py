@@ -142,8 +142,6 @@ class RobustSolution(Brief):
     def status(self) -> Status:
         """What is known of the joined problem; of a policy, whether it reaches the bound."""
         status = self.solution.status
-        if self.rest is not None and self.rest.kept:
-            return Status.STRONG
         if self.policy is None:
             return status
         problem = self.members[0].problem

@@ -108,10 +108,11 @@ def solve_robust(
     unknowns = unknowns_of(problem, uncertainty, of_corners, weight, members)
     aims = isinstance(objective, Margin | Torque | TorqueShare)
     if radii.any() and (unknowns.count or not aims):
-        beside = "balls and with too many corners" if unknowns.count else "objectives of one's own"
+        beside = "a set with balls or too many corners" if unknowns.count else "such an objective"
         raise ArgumentError(
             "contact_position",
-            f"is sampled beside corners and for margin and torque alone, and not beside {beside}",
+            f"cannot be sampled with {beside}; leave it out, or the radii, or ask for margin or "
+            "torque",
         )
     if unknowns.count:
         found = torques_by_policy(

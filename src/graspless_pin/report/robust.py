@@ -53,9 +53,10 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     robust = answer.robust
     if not answer.found:
         return _why_none(answer)
+    covered = "all of it" if robust.samples is None else "all of it but where contacts are"
     told = [
         f"Not known exactly: {answer.uncertainty}.",
-        f"Torques for all of it: {_figures(robust, answer)}, proven for {robust.proven_for}; as it "
+        f"Torques for {covered}: {_figures(robust, answer)}, proven for {robust.proven_for}; as it "
         f"is meant to be {_figures(answer.nominal, answer)}.",
     ]
     samples = robust.samples

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from graspless_pin.algorithms.options import Limits, RequiredStability, SolveOptions
@@ -22,7 +23,7 @@ from graspless_pin.solution import Status, TorqueSolution
 
 SHARE_TIME = 20.0  # s
 """For the share of a set that is served."""
-CORNER_TIME, CORNER_NODES = 20.0, 300
+CORNER_TIME, CORNER_NODES = 20.0, 1000
 """Seconds for the verdicts on all corners, and sets of outcomes that each may look at."""
 STIFFNESS = 1.0  # N m/rad
 """Of the joints, where it is told what feedback adds: whether it serves a set is so for any."""
@@ -93,16 +94,18 @@ def robust_answer(
         asked = {**options, **further}
         return scene.solve(algorithm, uncertainty=unknown.scaled(share), **asked)
 
-    robust = solved()
+    robust, weak = solved(), RequiredStability.WEAK.value
     nominal = scene.solve(algorithm, **options)
     if robust.found:
         _, how = scene.asked(algorithm, **options)
         return RobustAnswer(unknown, robust, nominal, _held(scene, robust, how), 1.0)
     share, unserved, with_feedback = math.nan, math.nan, None
     if robust.status not in (Status.NOT_FOUND_IN_LIMIT, Status.STRONG_NOT_FOUND):
-        share, unserved = _share_of(scene, solved, robust, share_time, options.get("time_limit"))
+        # Which part is served is a question of forces; rest is asked of torques for all of it.
+        of_part = partial(solved, stability=weak)
+        share, unserved = _share_of(scene, of_part, robust, share_time, options.get("time_limit"))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
-            with_feedback = solved(feedback=STIFFNESS)
+            with_feedback = of_part(feedback=STIFFNESS)
     return RobustAnswer(unknown, robust, nominal, None, share, unserved, with_feedback)
 
 

@@ -51,7 +51,8 @@ def strong_for_members(
         solved: Finds the best torques for the set.
 
     Returns:
-        What was found, with status STRONG and the verdicts in `rest`, or with STRONG_NOT_FOUND.
+        What was found, with the verdicts in `rest`: with status STRONG, with that of the best
+        torques where these keep rest themselves, or with STRONG_NOT_FOUND.
     """
     limits, problem = Limits.of(options), problem_of(scene)
     options = replace(options, stability=RequiredStability.WEAK)

@@ -32,6 +32,11 @@ from graspless_pin.report.verify.values import (
     word,
 )
 
+_AS_STATED = {
+    "at_corners": "verdicts on the corners",
+    "nominal": "the figures of the scene as it is meant to be",
+}
+"""What nothing in the document proves."""
 _ARRAYS = ("frames", "limit", "v")
 
 
@@ -82,6 +87,12 @@ def uncertainty_checks(
         *_further(members[held:], held, problem, stated, nested, constant=constant),
         _torques(document, stated, nested, problem),
         *_figures(stated, nested),
+        _bound(stated, nested),
+        *(
+            given(words, "as stated")
+            for key, words in _AS_STATED.items()
+            if stated.get(key) is not None
+        ),
         _covers(stated, nested, joined, problem.count),
     ]
     proven = run(nested)
@@ -291,6 +302,18 @@ def _figures(stated: dict[str, Any], nested: dict[str, Any]) -> list[Check]:
         told, own = (number(entry(one, key, "uncertainty"), key) for one in (stated, nested))
         checks.append(agrees(f"{key} for all members", told, own, tolerances.SAME * abs(own)))
     return checks
+
+
+def _bound(stated: dict[str, Any], nested: dict[str, Any]) -> Check:
+    """Compare what no torques are better than with what the joined problem proves."""
+    name = "what no torques for all members are better than"
+    told = entry(stated, "bound", "uncertainty")
+    proven = entry(entry(nested, "certificate", "proof"), "bound", "certificate")
+    if told is None or proven is None:
+        return given(name, "not stated")
+    own = number(proven, "bound")
+    same = agrees(name, number(told, "bound"), own, tolerances.SAME * abs(own))
+    return same if same.passed else given(name, "of another program, which is not stated")
 
 
 def _covers(
