@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
-from benchmarks.grip_runs import FINGER_MOVED, MARGIN, run_of
+from benchmarks.grip_runs import FINGER_MOVED, MARGIN, NODES, run_of
 from benchmarks.real_grips import HANDS, KEPT, objects, place
 from graspless_pin import Controller, Holding, Scene, Uncertainty, load_scene
 from graspless_pin.algorithms.robust_solution import Coverage
@@ -42,8 +42,6 @@ LEAST_STIFFNESS, TIMES_NEEDED, MOST_DEFLECTION = 5.0, 2.0, 2e-3
 """N m/rad, times what the nominal torques need, and rad by which joints give way at most at the
 set's corners: objects that roll go along with them, and count as held up to 0.5 degrees. The
 controller has the largest stiffness of the three."""
-NODES = 300
-"""Sets of outcomes that a verdict looks at: ten verdicts a grip."""
 BORDER = 0.5
 """How many figures of a member are at an end of their interval."""
 COULOMB: dict[str, Any] = {"static_friction": "coulomb"}

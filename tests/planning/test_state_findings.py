@@ -207,7 +207,7 @@ def test_states_that_loops_leave_alone_are_refused_for_deep_links_all_the_same(m
     """What loops prove of them spares the search for overlaps, and hides none."""
     scene, rng = example("trihand_pivot_box"), np.random.default_rng(3)
     evaluator = Evaluator(scene)
-    spread = rng.uniform(-1.0, 1.0, (80, len(evaluator.joint_names)))
+    spread = rng.uniform(-1.0, 1.0, (200, len(evaluator.joint_names)))
     q = np.clip(evaluator.configuration() + spread, *evaluator.joint_limits)
     posed = batch_states.PlainProblems(scene).at(q)
     assert posed is not None
