@@ -136,7 +136,7 @@ def _check_blocks(solution: TorqueSolution, program: Program, blocks: dict[str, 
     if is_round or twice or not (bounded and {"balance", "faces"} <= blocks.keys()):
         why = "does not keep the balance, the cones and the limits of normal forces"
         if is_round:
-            why = "has round cones"
+            why = "has round cones (pyramids, cone: edges, have a document)"
         elif twice:
             why = f"has two blocks of the name '{twice[0]}'"
         raise ArgumentError(
