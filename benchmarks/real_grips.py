@@ -43,7 +43,7 @@ HANDS = (
 EFFORT = 1.0
 """N m (N) of actuators whose limit the robot's files do not tell."""
 MASS = 0.3  # kg
-SEED, CANDIDATES, RANKS = 11, 60, 4
+SEED, CANDIDATES, RANKS = 11, 60, 6
 BELOW, ABOVE = 0.67, 1.5
 """Times the feedback that is said to be needed."""
 WITHIN, WITHIN_ON_MESH = 1.2, 2.0
