@@ -138,6 +138,8 @@ def _spoilt(document: dict[str, Any], what: str) -> dict[str, Any]:
             stated["proof"]["contacts"][8]["position"][0] += 1e-3
         case "wider limits":
             stated["proof"]["joints"][0]["upper"] *= 2.0
+        case "a bound that these torques pass":
+            stated["bound"] = 1.01 * stated["max_torque"]
         case "a force":
             stated["proof"]["contacts"][5]["force"][1] += 1e-3
         case "the torques themselves":
@@ -152,11 +154,26 @@ def _spoilt(document: dict[str, Any], what: str) -> dict[str, Any]:
         "the largest torque", "fewer members", "a member's own balance", "shared torques",
         "other contacts", "wider limits", "a force", "the torques themselves",
         "the load of a member that was served without being solved for", "its forces",
+        "a bound that these torques pass",
     ],
 )  # fmt: skip
 def test_the_checker_sees_what_is_not_so(document: dict[str, Any], what: str) -> None:
     assert verify_document(document).passed
     assert not verify_document(_spoilt(document, what)).passed
+
+
+def test_the_checker_tells_what_it_takes_as_given(document: dict[str, Any]) -> None:
+    """No proof stands behind verdicts at corners, nominal figures or another bound."""
+    weaker = copy.deepcopy(document)
+    weaker["uncertainty"]["bound"] *= 0.9
+    weaker["uncertainty"]["at_corners"] = {"holding": "holds"}
+    before, after = (
+        {one.name for one in verify_document(each).checks if one.given}
+        for each in (document, weaker)
+    )
+    assert "the figures of the scene as it is meant to be" in before
+    bound = "what no torques for all members are better than"
+    assert after - before == {bound, "verdicts on the corners"}
 
 
 @pytest.mark.parametrize("key", ["members", "found", "proof", "feedback", "torques", "coverage"])
@@ -323,6 +340,8 @@ def test_where_no_torques_serve_the_set(tmp_path: Path) -> None:
     assert (
         f"As it is meant to be: margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in said
     )
+    run("solve", file, *ASKED, "--stability", "strong", "--no-verdict", "--json", target)
+    assert read_document(target)["uncertainty"]["served_share"] == pytest.approx(share, abs=2e-3)
     stated["members"][0]["external_wrench"][2] *= 1.01
     assert not verify_document(document).passed
 
@@ -439,6 +458,11 @@ def test_torques_that_guarantee_rest_at_each_corner(tmp_path: Path) -> None:
     assert "all members: the torques are guaranteed" in left
     assert verify_document(document).passed
     ball = stating(tmp_path, BALL, uncertainty={"mass": 0.2, "center_of_mass": 0.005})
+    stiff = run(
+        "solve", ball, *ASKED, "--controller", "2", "--stability", "strong", "--json", target
+    )
+    assert stiff.exit_code == 0  # the best torques keep rest themselves
+    assert verify_document(read_document(target)).passed
     soft = run("solve", ball, *ASKED, "--controller", "0.2", "--stability", "strong")
     assert soft.exit_code == 3
     assert "none were found of which rest is the only outcome" in words(soft.stdout)

@@ -172,7 +172,7 @@ def served_share(
 ) -> float:
     """Return the largest share of a set's figures, about the same middle, that torques serve.
 
-    By bisection over nested sets, to a thousandth.
+    To a thousandth; members in conflict tell which smaller sets are not served either.
 
     Args:
         problem: The nominal one.

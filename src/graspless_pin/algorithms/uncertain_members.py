@@ -151,7 +151,6 @@ def members_of(
         ArgumentError: If the set has too many corners, or asks for what the problem does not tell.
     """
     count, joints = problem.contact_count, problem.joint_count
-    of_load = uncertainty.is_of_load
     weight = known_weight(problem, uncertainty, weight)
     friction = each_of("friction", uncertainty.friction, count, "contacts")
     factors, offsets = errors_of(problem, uncertainty)
@@ -182,13 +181,7 @@ def members_of(
         one[row] for one, row in zip((*figures, ends["torque_offset"]), picked, strict=True)
     )
     mass = mass[:, 0]
-    wrench = np.tile(problem.external_wrench, (len(mass), 1))
-    if of_load:
-        wrench += weight.wrench(mass, off, down) + np.hstack([force, moment])
-        wrench -= weight.wrench(0.0, np.zeros(3), weight.down)
-    carried = problem.gravity_torques + np.zeros((len(mass), joints))
-    if weight.links is not None:
-        carried += (down - weight.down) @ weight.links.T
+    wrench, carried = _loads(problem, weight, mass, off, down, np.hstack([force, moment]))
     points = np.hstack([wrench, carried - offset])
     if uncertainty.center_of_mass_radius > 0.0:  # equal loads may differ in what weighs
         points = np.hstack([points, weight.pull(mass, down)])
@@ -244,15 +237,30 @@ def member_at(
         base: The problem with the member's friction and limits; None: the nominal one's.
         kilograms: The nominal mass, where words tell masses in kg; NaN: in shares.
     """
-    wrench, tilted = problem.external_wrench, corner.down - weight.down
+    push = np.concatenate([corner.force, corner.moment])
+    load = _loads(problem, weight, corner.mass, corner.center_of_mass, corner.down, push)
+    loaded = under_load(base or problem, *load)
+    words = _words(problem, corner, kilograms, corner.down - weight.down, factor, offset)
+    return Member(loaded, 1.0 + factor, offset, words, corner)
+
+
+def _loads(
+    problem: QuasistaticProblem,
+    weight: Weight,
+    mass: ArrayLike,
+    off: FloatArray,
+    down: FloatArray,
+    push: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return wrenches (..., P), and what carries the links (..., L), with (...,) figures off."""
+    wrench = problem.external_wrench + np.zeros((*np.shape(mass), 1))
     if problem.passive_count == 6:
         nominal = weight.wrench(0.0, np.zeros(3), weight.down)
-        own = weight.wrench(corner.mass, corner.center_of_mass, corner.down)
-        wrench = wrench + (own - nominal) + np.concatenate([corner.force, corner.moment])
-    links = np.zeros((problem.joint_count, 3)) if weight.links is None else weight.links
-    loaded = under_load(base or problem, wrench, problem.gravity_torques + links @ tilted)
-    words = _words(problem, corner, kilograms, tilted, factor, offset)
-    return Member(loaded, 1.0 + factor, offset, words, corner)
+        wrench = wrench + (weight.wrench(mass, off, down) - nominal) + push
+    carried = problem.gravity_torques + np.zeros((*np.shape(mass), 1))
+    if weight.links is not None:
+        carried = carried + (down - weight.down) @ weight.links.T
+    return wrench, carried
 
 
 def errors_of(

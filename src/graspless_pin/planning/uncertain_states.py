@@ -66,8 +66,8 @@ class UncertainStateSolver(StateSolver):
                 "are given beside an uncertainty, for which they have no gradients; give one",
             )
         options.need_weak(
-            "an uncertainty is about forces that may balance",
-            "leave it out, and ask `Scene.stability_of_members` of an answer's `robust`",
+            "verdicts at all corners take too long in many states",
+            "leave it out, and ask `Scene.solve` for it in those that matter",
         )
         _check_figures(configurations.scene, uncertainty)
         super().__init__(configurations, objective, options, checks)

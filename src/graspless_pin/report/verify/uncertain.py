@@ -87,7 +87,7 @@ def uncertainty_checks(
         *_further(members[held:], held, problem, stated, nested, constant=constant),
         _torques(document, stated, nested, problem),
         *_figures(stated, nested),
-        _bound(stated, nested),
+        _bound(stated, nested, joined),
         *(
             given(words, "as stated")
             for key, words in _AS_STATED.items()
@@ -304,15 +304,19 @@ def _figures(stated: dict[str, Any], nested: dict[str, Any]) -> list[Check]:
     return checks
 
 
-def _bound(stated: dict[str, Any], nested: dict[str, Any]) -> Check:
+def _bound(stated: dict[str, Any], nested: dict[str, Any], joined: Problem) -> Check:
     """Compare what no torques are better than with what the joined problem proves."""
     name = "what no torques for all members are better than"
-    told = entry(stated, "bound", "uncertainty")
-    proven = entry(entry(nested, "certificate", "proof"), "bound", "certificate")
+    told, certificate = entry(stated, "bound", "uncertainty"), nested["certificate"]
+    proven, gap = (entry(certificate, key, "certificate") for key in ("bound", "gap"))
     if told is None or proven is None:
         return given(name, "not stated")
-    own = number(proven, "bound")
-    same = agrees(name, number(told, "bound"), own, tolerances.SAME * abs(own))
+    bound, own = number(told, "bound"), number(proven, "bound")
+    sign = 1.0 if joined.maximizes else -1.0
+    reached = own - sign * number(gap, "gap")
+    if sign * (bound - reached) < -tolerances.objective(joined, own, reached):
+        return holds(name, passed=False, detail=f"{bound:.6g}, and these reach {reached:.6g}")
+    same = agrees(name, bound, own, tolerances.SAME * abs(own))
     return same if same.passed else given(name, "of another program, which is not stated")
 
 
