@@ -1,6 +1,8 @@
 from .algorithms.attainable_tolerances import AttainableTolerance as AttainableTolerance
+from .algorithms.comparison import MinimumFriction as MinimumFriction
 from .algorithms.comparison import RuleComparison as RuleComparison
 from .algorithms.comparison import compare_rules as compare_rules
+from .algorithms.comparison import minimum_friction as minimum_friction
 from .algorithms.comparison import solve_each_mode as solve_each_mode
 from .algorithms.disturbances import DisturbanceMargin as DisturbanceMargin
 from .algorithms.disturbances import GuaranteedDisturbance as GuaranteedDisturbance
@@ -18,8 +20,6 @@ from .algorithms.gradients import margin_sensitivity as margin_sensitivity
 from .algorithms.gradients import optimum_gradients as optimum_gradients
 from .algorithms.margin_torque_curve import MarginTorqueCurve as MarginTorqueCurve
 from .algorithms.margin_torque_curve import margin_torque_curve as margin_torque_curve
-from .algorithms.minimum_friction import MinimumFriction as MinimumFriction
-from .algorithms.minimum_friction import minimum_friction as minimum_friction
 from .algorithms.options import SolveOptions as SolveOptions
 from .algorithms.robust_solution import Coverage as Coverage
 from .algorithms.robust_solution import RobustSolution as RobustSolution
@@ -68,10 +68,10 @@ from .problem.fingers import ControlMode as ControlMode
 from .problem.fingers import FingerContacts as FingerContacts
 from .problem.fingers import JointSpace as JointSpace
 from .problem.fingers import assemble_joint_space as assemble_joint_space
+from .problem.matrices import body_wrench_matrix as body_wrench_matrix
+from .problem.matrices import force_first as force_first
+from .problem.matrices import moment_first as moment_first
 from .problem.quasistatic import QuasistaticProblem as QuasistaticProblem
-from .problem.wrenches import body_wrench_matrix as body_wrench_matrix
-from .problem.wrenches import force_first as force_first
-from .problem.wrenches import moment_first as moment_first
 from .programs.builder import ProgramBuilder as ProgramBuilder
 from .programs.forces import ForceCoordinates as ForceCoordinates
 from .programs.forces import ForceRows as ForceRows

@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 from tests.oracles.uncertain_members import BALANCED, Balance, imbalance, yielding
 
 from graspless_pin import QuasistaticProblem, load_scene, minimize_torque, tolerances
-from graspless_pin.algorithms.quantities import Quantity
+from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.report.robust import tolerances_data
 
 COULOMB: dict[str, Any] = {"static_friction": "coulomb"}

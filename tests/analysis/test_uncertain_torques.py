@@ -28,7 +28,7 @@ from graspless_pin import (
     served_share,
 )
 from graspless_pin.algorithms import robust_torques, uncertain_members
-from graspless_pin.algorithms.member_margins import member_margins
+from graspless_pin.algorithms.joined_optimum import member_margins
 from graspless_pin.algorithms.options import NO_LIMITS, SolveOptions
 from graspless_pin.algorithms.uncertain_members import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError

@@ -11,7 +11,7 @@ from graspless_pin import (
     minimize_torque,
     tolerances,
 )
-from graspless_pin.algorithms.quantities import Quantity
+from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError, NoSolutionError
 
 COULOMB = "coulomb"

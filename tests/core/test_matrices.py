@@ -9,7 +9,7 @@ from scenes import random_problem, scene
 from graspless_pin import QuasistaticProblem
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.cones import projected_tangents
-from graspless_pin.problem.wrenches import force_first, moment_first
+from graspless_pin.problem.matrices import force_first, moment_first
 
 SEEDS = st.integers(0, 10_000)
 RT10 = np.sqrt(10.0)

@@ -14,15 +14,13 @@ from graspless_pin import (
     Status,
     maximize_margin,
 )
-from graspless_pin.algorithms import branch_and_bound as searching
-from graspless_pin.algorithms import search
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms import search, searching
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
-from graspless_pin.algorithms.searching import search_modes
+from graspless_pin.algorithms.searching import branch_and_bound, search_modes
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin, Torque

@@ -12,7 +12,7 @@ from tests.cli.cli_tools import PAPER, run
 from graspless_pin import Scene, Stability, StabilityVerdict, Status, TorqueSolution, load_scene
 from graspless_pin.holding.verdict import DualBound, OutcomeSet
 from graspless_pin.report import solution_document
-from graspless_pin.report.accepted import accepted
+from graspless_pin.report.document import accepted
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution.certificate import ModeProof, SolutionProof
 

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.linalg import null_space
 
 from graspless_pin.algorithms.options import Limits, SolveOptions
-from graspless_pin.algorithms.quantities import MOST_TILT, Quantity
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.robust_torques import torques_for_members
 from graspless_pin.algorithms.served_share import ServedSize, largest_served
@@ -25,7 +24,7 @@ from graspless_pin.algorithms.uncertain_members import (
     members_of,
     nominal_member,
 )
-from graspless_pin.algorithms.uncertainty import Uncertainty
+from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertainty
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.members import (

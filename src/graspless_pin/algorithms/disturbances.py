@@ -23,8 +23,8 @@ from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
+from graspless_pin.problem.matrices import load_words
 from graspless_pin.problem.scales import passive_levers
-from graspless_pin.problem.wrenches import load_words
 from graspless_pin.programs.analysis_objectives import Disturbance
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status

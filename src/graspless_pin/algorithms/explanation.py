@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms.comparison import smallest_factor
 from graspless_pin.algorithms.formulation import formulate, formulated
-from graspless_pin.algorithms.minimum_friction import smallest_factor
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.searching import branch_and_bound
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import (
@@ -31,7 +31,7 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit, units_text
-from graspless_pin.problem.wrenches import load_words
+from graspless_pin.problem.matrices import load_words
 from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin

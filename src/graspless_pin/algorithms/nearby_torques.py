@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.common_mode import common_motions
-from graspless_pin.algorithms.member_margins import member_margins
+from graspless_pin.algorithms.joined_optimum import common_motions, member_margins
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.errors import UndecidedMotionError

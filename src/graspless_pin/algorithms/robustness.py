@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.certificate import LoadLine, Unproven
 from graspless_pin.holding.dynamics import with_joints_held
-from graspless_pin.holding.load_intervals import LoadLine, Unproven
 from graspless_pin.holding.stability import stability, undecided_verdict
 from graspless_pin.holding.verdict import (
     COARSEST_RESOLUTION,

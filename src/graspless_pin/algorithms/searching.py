@@ -1,5 +1,14 @@
 """Search over the modes in the way that the options ask for.
 
+Best-first branch and bound over parts of all modes, driven by kinematic conflicts, as of Land and
+Doig (Econometrica 28(3), 1960). The conflicts play the part of combinatorial Benders cuts (Codato
+and Fischetti, Oper. Res. 54(4), 2006): an infeasible set of kinematic conditions tells which
+decisions cannot stand together. A node is a part of all modes, and its program the relaxation with
+the friction that they allow. If no feasible mode admits the friction of its optimum, the kinematics
+name a conflict: items "contact l virtually slides with sign s along t_m" and "contact l is
+selected" that exclude each other. At least one of them must give way, and each child lets another
+one. A document's proof bounds and splits the same parts (`solution_proof`).
+
 Search by listing: the relaxation first, then every maximal mode.
 """
 
@@ -7,20 +16,125 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.direction_search import search_directions
-from graspless_pin.algorithms.options import Limits, Search, SolveOptions
+from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
+from graspless_pin.algorithms.options import NO_LIMITS, Limits, Search, SolveOptions
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,
+    best_first,
+    closeness,
     finished,
     relaxation,
     undecided,
 )
 from graspless_pin.errors import OverrunError, UndecidedMotionError
 from graspless_pin.modes.kinematics import feasible_modes
-from graspless_pin.modes.rules import SlidingMode
-from graspless_pin.solvers import Outcome
+from graspless_pin.modes.rules import SignRule, SlidingMode
+from graspless_pin.solvers import Answer, Outcome
+
+_GUESS_EVERY = 8
+"""A mode is guessed at the first conflict and at each so many after it."""
+_GUESSES = 3
+
+
+def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchResult:
+    """Find the optimum over all feasible modes with a proven bound.
+
+    Args:
+        state: The search to run.
+        limits: When to stop.
+    """
+    answer = relaxation(state)
+    if isinstance(answer, SearchResult):
+        return answer
+    tree = ModeTree(state.formulation, state.rules)
+    every = ModePart.every_mode(state.formulation.problem, state.rules)
+
+    def expand(part: ModePart, before: float) -> tuple[float, list[ModePart] | None]:
+        state.oracle.kinematic_programs += int(part.selected.any())
+        if tree.exclusion(part) is not None:
+            return before, []
+        answer = state.solve(*tree.bounds(part))
+        state.nodes += 1
+        if answer.outcome is Outcome.FAILED:
+            return max(before, answer.bound), None
+        children = _children(state, tree, part, answer)
+        return (answer.bound if children is None else _level(before, answer.bound)), children
+
+    root = answer.bound, _children(state, tree, every, answer)
+    result, state.cover = best_first(state, limits, root, expand, state.closed)
+    return result
+
+
+def _level(before: float, bound: float) -> float:
+    """Return the proven bound by which the children of a node come in turn.
+
+    Where a mode is as good as the relaxation, the bounds of all nodes are equal but for rounding,
+    which would lead the search from one to another instead of down to an answer.
+
+    Args:
+        before: The one of the node itself.
+        bound: What its program proves.
+    """
+    return bound if bound > before + 0.5 * closeness(before) else before
+
+
+def _guess(state: SearchState, answer: Answer) -> None:
+    """Look for a good mode near the friction of an answer: often it is as good as the answer.
+
+    An interior-point optimum has friction everywhere, so where many forces are optimal its own
+    friction is rarely the one that a motion stands behind.
+    """
+    for _ in range(_GUESSES):
+        mode = state.oracle.heuristic_mode(answer.x)
+        if mode is None or mode == state.mode:
+            return  # it is the best already
+        guess = state.solve(*state.formulation.bounds_of(mode))
+        if guess.outcome is not Outcome.SOLVED or guess.value >= state.best_value:
+            return
+        state.keep(guess, mode)
+        if state.closed(answer.bound):
+            return
+        answer = guess
+
+
+def _children(
+    state: SearchState, tree: ModeTree, part: ModePart, answer: Answer
+) -> list[ModePart] | None:
+    """Keep the optimum of a part if a mode admits it; otherwise split the part.
+
+    None where nothing in the part is better than what was kept, or it cannot be split; no children
+    where it holds no mode.
+    """
+    if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
+        return None
+    x = tree.within(part, answer.x)
+    found = state.oracle.mode_for(x)
+    state.modes_examined += 1
+    if isinstance(found, SlidingMode):
+        if state.accept(answer, found):
+            return None
+        found = None
+    elif state.modes_examined % _GUESS_EVERY == 1:
+        _guess(state, answer)
+        if state.closed(answer.bound):
+            return None
+    # What else the part knows of its modes may exclude them, where the friction alone does not.
+    conflict = state.oracle.conflict_for(x, part) if found is None else found
+    split = tree.split(part, x, conflict)
+    if split is None:
+        # It is one mode, which has a motion behind it, and the answer is its own program's.
+        state.oracle.is_clear, state.oracle.witness = False, None
+        state.accept(answer, part.mode, x)
+        return None
+    children = split[1]
+    if state.rules.sign is SignRule.EXACT:
+        # Where a contact may slide along one tangent alone, contacts would be released in vain, one
+        # after the other: those children that turn friction come first. The last one is visited
+        # first.
+        children = sorted(children, key=lambda child: -np.count_nonzero(child.released))
+    return children
 
 
 def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:

@@ -17,9 +17,8 @@ from graspless_pin.algorithms.attainable_tolerances import (
     AttainableTolerance,
 )
 from graspless_pin.algorithms.disturbances import disturbance_margin
-from graspless_pin.algorithms.member_margins import member_margins
+from graspless_pin.algorithms.joined_optimum import member_margins
 from graspless_pin.algorithms.options import NO_LIMITS, SolveKeywords, SolveOptions
-from graspless_pin.algorithms.quantities import MOST_TILT, Quantity
 from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
@@ -28,7 +27,7 @@ from graspless_pin.algorithms.uncertain_members import (
     nominal_member,
     weight_of_arrays,
 )
-from graspless_pin.algorithms.uncertainty import Uncertainty
+from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertainty
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem

@@ -1,10 +1,14 @@
-"""The members of an uncertain set that prove something of it: the corners of its boxes."""
+"""The members of an uncertain set that prove something of it: the corners of its boxes.
+
+Beside them members whose contacts are not where they are meant to be, drawn at random.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from math import cos, pi, prod, sin
@@ -16,7 +20,7 @@ from graspless_pin.algorithms.uncertainty import Uncertainty, each_of
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.members import Corner, Member
+from graspless_pin.problem.members import Corner, Member, feedback_torques
 from graspless_pin.problem.scales import coordinate_units
 from graspless_pin.records import Brief, changed
 
@@ -195,8 +199,7 @@ def members_of(
         for k in kept:
             corner = Corner(float(mass[k]), off[k], down[k], force[k], moment[k], along)
             kilograms = weight.mass if uncertainty.mass_offset > 0.0 else math.nan
-            words = _words(problem, corner, kilograms, corner.down - weight.down, factor, offset[k])
-            words = _with_effort(words, effort)
+            words = _words(problem, weight, corner, kilograms, factor, offset[k], effort)
             loaded = under_load(own, wrench[k], carried[k])
             found.append(Member(loaded, 1.0 + factor, offset[k], words, corner))
     return tuple(found)
@@ -240,7 +243,7 @@ def member_at(
     push = np.concatenate([corner.force, corner.moment])
     load = _loads(problem, weight, corner.mass, corner.center_of_mass, corner.down, push)
     loaded = under_load(base or problem, *load)
-    words = _words(problem, corner, kilograms, corner.down - weight.down, factor, offset)
+    words = _words(problem, weight, corner, kilograms, factor, offset)
     return Member(loaded, 1.0 + factor, offset, words, corner)
 
 
@@ -291,11 +294,11 @@ def part_of_corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> Un
         uncertainty: The set.
     """
     part = changed(uncertainty, force_radius=0.0, moment_radius=0.0)
-    none = np.zeros(())
     errors = sum(map(np.count_nonzero, errors_of(problem, uncertainty)))
-    if (errors > MOST_ERRORS and uncertainty.has_balls) or _corners(problem, part) > MOST_MEMBERS:
-        part = changed(part, torque=none, torque_offset=none)
-        if _corners(problem, part) > MOST_MEMBERS:
+    corners = prod(_corner_counts(problem, part).values())
+    if (errors > MOST_ERRORS and uncertainty.has_balls) or corners > MOST_MEMBERS:
+        part = changed(part, torque=np.zeros(()), torque_offset=np.zeros(()))
+        if prod(_corner_counts(problem, part).values()) > MOST_MEMBERS:
             part = changed(part, force=np.zeros(3), moment=np.zeros(3))
     return part
 
@@ -375,13 +378,10 @@ def _corner_counts(problem: QuasistaticProblem, uncertainty: Uncertainty) -> dic
     return counts | {"tilt": 2 * _SIDES if uncertainty.tilt > 0.0 else 1}
 
 
-def _corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> int:
-    return prod(_corner_counts(problem, uncertainty).values())
-
-
 def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
     """Refuse sets with too many corners, before any of them is made."""
-    counts, corners = _corner_counts(problem, uncertainty), _corners(problem, uncertainty)
+    counts = _corner_counts(problem, uncertainty)
+    corners = prod(counts.values())
     if corners > MOST_MEMBERS:
         told = ", ".join(f"{name} {count}" for name, count in counts.items() if count > 1)
         raise ArgumentError(
@@ -391,28 +391,23 @@ def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
         )
 
 
-def _with_effort(words: str, effort: FloatArray) -> str:
-    if not effort.any():
-        return words
-    lack = f"effort limits {-100.0 * effort.max():.3g} %"
-    return lack if words == "nominal" else f"{words}, {lack}"
-
-
 def _words(
     problem: QuasistaticProblem,
+    weight: Weight,
     corner: Corner,
     kilograms: float,
-    tilted: FloatArray,
     factor: FloatArray,
     offset: FloatArray,
+    effort: FloatArray | None = None,
 ) -> str:
     heavier = f"{100.0 * corner.mass:+.3g} %"
     if not math.isnan(kilograms):
         heavier = f"{corner.mass * kilograms:+.3g} kg ({heavier})"
     told = [f"mass {heavier}"] if corner.mass else []
     for name, value, unit in (
-        ("centre of mass", corner.center_of_mass, "m"), ("gravity", tilted, "of its size"),
-        ("push", corner.force, "N"), ("moment", corner.moment, "N m"),
+        ("centre of mass", corner.center_of_mass, "m"),
+        ("gravity", corner.down - weight.down, "of its size"), ("push", corner.force, "N"),
+        ("moment", corner.moment, "N m"),
         ("kinetic friction", corner.kinetic[problem.is_sliding], "of each"),
     ):  # fmt: skip
         if value.any():
@@ -426,4 +421,80 @@ def _words(
             if x
         ]
         told += [f"torques of {', '.join(named)}"] if named else []
+    if effort is not None and effort.any():
+        told.append(f"effort limits {-100.0 * effort.max():.3g} %")
     return ", ".join(told) or "nominal"
+
+
+def contact_radii(
+    problem: QuasistaticProblem, uncertainty: Uncertainty, slopes: FloatArray | None
+) -> FloatArray:
+    """Return (M,) m, how far each contact may be off within its tangent plane.
+
+    Args:
+        problem: The nominal one.
+        uncertainty: The set.
+        slopes: See `moved_members`.
+
+    Raises:
+        ArgumentError: If there are figures for another number of contacts or by name, or it is not
+            known what moved contacts do to the load or to joints.
+    """
+    radii = each_of(
+        "contact_position", uncertainty.contact_position, problem.contact_count, "contacts"
+    )
+    moved = radii > 0.0
+    if moved.any() and problem.wrench_matrix is not None:
+        raise ArgumentError(
+            "contact_position", "is of one free object, and the problem has a wrench_matrix"
+        )
+    if slopes is None and problem.jacobian.reshape(len(radii), -1)[moved].any():
+        raise ArgumentError(
+            "contact_position",
+            "moves contacts of joints, and arrays do not tell their Jacobian elsewhere; ask it of "
+            "a scene, or give 0 for these contacts",
+        )
+    return radii
+
+
+def moved_members(
+    members: Sequence[Member],
+    radii: FloatArray,
+    slopes: FloatArray | None,
+    rng: np.random.Generator,
+    count: int,
+    *,
+    stiffness: FloatArray | None = None,
+    far: bool = False,
+) -> list[Member]:
+    """Return members, drawn at random, with all contacts moved at random.
+
+    Normals stay, and so does how fast contacts slide.
+
+    Args:
+        members: Those to draw from, with contacts where they are meant to be.
+        radii: (M,) m, how far each contact may be off within its tangent plane.
+        slopes: (3, 3M, L) what the Jacobian gains where contacts are moved along each world axis,
+            per m; None: nothing.
+        rng: What draws.
+        count: How many.
+        stiffness: (L,) of joints with feedback, N m/rad (N/m); None: there is none.
+        far: Whether contacts are as far off as they may be; else evenly spread.
+    """
+    drawn = []
+    for number in rng.integers(len(members), size=count).tolist():
+        member = members[number]
+        problem = member.problem
+        angles = rng.uniform(0.0, 2.0 * np.pi, len(radii))
+        off = radii * (1.0 if far else np.sqrt(rng.uniform(size=len(radii))))
+        within = off[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        moved = np.einsum("lij,lj->li", problem.tangents, within)
+        jacobian = problem.jacobian
+        if slopes is not None:
+            jacobian = jacobian + np.einsum("kal,ak->al", slopes, np.repeat(moved, 3, axis=0))
+        elsewhere = problem.with_changes(positions=problem.positions + moved, jacobian=jacobian)
+        told = f"contacts moved by up to {1000.0 * off.max():.3g} mm"
+        words = told if member.words == "nominal" else f"{member.words}, {told}"
+        own = None if stiffness is None else feedback_torques(elsewhere, stiffness)
+        drawn.append(replace(member, problem=elsewhere, words=words, moved=moved, directions=own))
+    return drawn

@@ -210,7 +210,7 @@ def solved_scene(
 
 def proven_answer(answer: RobustAnswer) -> RobustAnswer:
     """Return an answer as far as the document of its joined problem proves it."""
-    from graspless_pin.report.accepted import accepted
+    from graspless_pin.report.document import accepted
 
     with waiting_for("checking the proof for all members"):
         # Without torques it has its explanation, which would take long to be worked out.
@@ -252,7 +252,7 @@ def proven_and_verdict(
         nodes: Sets of outcomes that the verdict may look at; None: `BRIEF_NODE_LIMIT`. There may
             be no verdict to be had.
     """
-    from graspless_pin.report.accepted import accepted
+    from graspless_pin.report.document import accepted
 
     limit = BRIEF_NODE_LIMIT if nodes is None else nodes
     verdict, missing = None, ""

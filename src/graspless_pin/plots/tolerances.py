@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspless_pin.algorithms.quantities import Quantity
 from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError
 from graspless_pin.plots.canvas import axes_for, plain_axis
 from graspless_pin.problem.checks import FloatArray

@@ -1,13 +1,25 @@
-"""The paper's matrices from contact arrays: one block a contact."""
+"""The paper's matrices from contact arrays: one block a contact; wrenches, and loads in words.
+
+This package has forces first in wrenches, some others have moments first.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import (
+    FREE_BODY,
+    FloatArray,
+    JointUnit,
+    finite_array,
+    read_only,
+    real_array,
+    turning,
+)
 
 # p @ _CROSS, as a (3, 3) matrix, times f is the moment p x f.
 _CROSS = np.zeros((3, 3, 3))
@@ -80,3 +92,144 @@ def block_diagonal(blocks: list[FloatArray]) -> FloatArray:
         matrix[3 * row : 3 * row + 3, column : column + block.shape[1]] = block
         column += block.shape[1]
     return read_only(matrix)
+
+
+def moment_first(wrench: ArrayLike) -> FloatArray:
+    """Reorder [force; moment], as everywhere in this package, to [moment; force].
+
+    The reference point and the axes stay as they are. A twist is reordered in the same way, from
+    [linear; angular] to [angular; linear].
+
+    Args:
+        wrench: (6,), or (N, 6) for several, N and N m.
+
+    Returns:
+        A copy of the same shape with moments first, as in Drake.
+
+    Raises:
+        ArgumentError: If the shape is another one or an entry is not a number.
+
+    Examples:
+        >>> from graspless_pin import moment_first
+        >>> moment_first([4.0, 5.0, 6.0, 0.1, 0.2, 0.3])
+        array([0.1, 0.2, 0.3, 4. , 5. , 6. ])
+    """
+    return _halves_swapped(wrench)
+
+
+def force_first(wrench: ArrayLike) -> FloatArray:
+    """Reorder [moment; force] to [force; moment], as everywhere in this package.
+
+    The reference point and the axes stay as they are: an external wrench also has to be about the
+    object's centre of mass and in world axes.
+
+    Args:
+        wrench: (6,), or (N, 6) for several, N m and N.
+
+    Returns:
+        A copy of the same shape with forces first.
+
+    Raises:
+        ArgumentError: If the shape is another one or an entry is not a number.
+
+    Examples:
+        >>> from graspless_pin import force_first
+        >>> force_first([0.1, 0.2, 0.3, 4.0, 5.0, 6.0])
+        array([4. , 5. , 6. , 0.1, 0.2, 0.3])
+    """
+    return _halves_swapped(wrench)
+
+
+def load_words(load: FloatArray, units: tuple[JointUnit, ...], *, joined: str) -> str:
+    """Return a load on passive coordinates: what is in N, and what is in N m.
+
+    Args:
+        load: (P,) N and N m.
+        units: P units.
+        joined: What stands between the two.
+    """
+    turns = turning(units)
+    force, moment = np.round(load[~turns], 4) + 0.0, np.round(load[turns], 5) + 0.0
+    words = [f"force {force.tolist()} N"] if force.size else []
+    words += [f"moment {moment.tolist()} N m"] if moment.size else []
+    return joined.join(words)
+
+
+def _halves_swapped(wrench: ArrayLike) -> FloatArray:
+    try:
+        rows = np.ndim(wrench) == 2
+    except ValueError:  # rows of several lengths: the check below says so
+        rows = False
+    array = real_array("wrench", wrench, (None, 6) if rows else (6,))
+    return np.roll(array, 3, axis=-1)
+
+
+def body_wrench_matrix(points: ArrayLike, bodies: ArrayLike, centers: ArrayLike) -> FloatArray:
+    """Return the map from contact forces to the wrenches on several free bodies.
+
+    Args:
+        points: (M, 3) contact points in world axes, m.
+        bodies: (M, 2) numbers of the body that the contact's force acts on, into which its normal
+            points, and of the one that bears the reaction; -1: none of them, that is a support or
+            a finger.
+        centers: (B, 3) points that the bodies' moments are about, m: their centres of mass, if the
+            inertia is block diagonal.
+
+    Returns:
+        (6B, 3M) read-only, the `wrench_matrix` of a `QuasistaticProblem` whose external wrench
+        and inertia are those of body 0, then of body 1 and so on.
+
+    Raises:
+        ArgumentError: Naming the argument, the index and the value that is wrong.
+
+    Examples:
+        A brick of 1 kg lies on another one, which lies on the ground.
+
+        >>> import numpy as np
+        >>> from graspless_pin import QuasistaticProblem, body_wrench_matrix
+        >>> corners = np.array([[x, y, 0.0] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+        >>> points = np.vstack([corners, corners + [0.0, 0.0, 0.06]])  # m
+        >>> bodies = [[0, -1]] * 4 + [[1, 0]] * 4
+        >>> W = body_wrench_matrix(points, bodies, [[0.0, 0.0, 0.03], [0.0, 0.0, 0.09]])
+        >>> weights = [0.0, 0.0, -9.8, 0.0, 0.0, 0.0] * 2  # N, N m
+        >>> problem = QuasistaticProblem(
+        ...     points, [[0.0, 0.0, 1.0]] * 8, weights, friction=0.5, wrench_matrix=W
+        ... )
+        >>> problem.passive_count
+        12
+    """
+    at = finite_array("points", points, (None, 3))
+    about = finite_array("centers", centers, (None, 3))
+    given = finite_array("bodies", bodies, (len(at), 2))
+    _check_numbers(given, len(about))
+    matrix = np.zeros((len(about), len(FREE_BODY), len(at), 3))
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        for contact in np.flatnonzero(given[:, side] >= 0.0).tolist():
+            body = int(given[contact, side])
+            matrix[body, :, contact] = sign * wrench_map(at[contact : contact + 1] - about[body])
+    return read_only(matrix.reshape(len(FREE_BODY) * len(about), 3 * len(at)) + 0.0)
+
+
+def _check_numbers(bodies: FloatArray, count: int) -> None:
+    """Refuse what are no pairs of bodies.
+
+    Raises:
+        ArgumentError: Naming the index and the value.
+    """
+    known = f"0 to {count - 1}" if count > 1 else "0" if count else "nothing, as centers has no row"
+    least = np.array([0.0, -1.0])
+    bad = (bodies != np.round(bodies)) | (bodies < least) | (bodies >= count)
+    if bad.any():
+        row, column = (int(index) for index in np.argwhere(bad)[0])
+        may = f"{known}{', or -1 for none of them' if column else ''}"
+        rule = f"it must be a whole number, {may}"
+        raise ArgumentError(
+            "bodies", f"is {bodies[row, column]:g} at index {(row, column)}; {rule}"
+        )
+    same = bodies[:, 0] == bodies[:, 1]
+    if same.any():
+        row = int(np.argmax(same))
+        raise ArgumentError(
+            "bodies",
+            f"at index {row} is {bodies[row].astype(int).tolist()}: a body does not touch itself",
+        )

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from graspless_pin.algorithms.batch_optimum import LoadSweep, are_for
+from graspless_pin.algorithms.comparison import minimum_friction
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
-from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
 from graspless_pin.findings import Finding

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from graspless_pin.algorithms.named_objectives import useless
-from graspless_pin.algorithms.quantities import Quantity
 from graspless_pin.algorithms.robust_solution import RobustSolution
+from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import (
     ArgumentError,

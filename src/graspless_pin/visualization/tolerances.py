@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from graspless_pin.algorithms.quantities import Quantity
 from graspless_pin.algorithms.tolerances import Tolerance, Tolerances
+from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.visualization.picture import Mesh, Picture, Role, across_gravity
 from graspless_pin.visualization.primitives import Solid, ball_surface, bar_surface
