@@ -20,6 +20,7 @@ from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import read_document, solution_document
 from graspless_pin.report.robust import robust_text
 from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.fields import FIELDS
 from graspless_pin.scene import robust_answer as robust_answers
 from graspless_pin.scene.robust_answer import robust_answer
 from graspless_pin.scene.serialization import plain
@@ -103,6 +104,8 @@ def test_the_document_holds_set_members_and_proof(cuboid: Path, document: dict[s
     assert [one["words"] for one in stated["members"]] == [one.words for one in robust.members]
     assert stated["conflict"] == [] and stated["served_share"] == 1.0
     assert stated["nominal"]["max_torque"] < 0.9 * stated["max_torque"]
+    assert stated.keys() <= FIELDS["uncertainty"].keys()
+    assert all(one.keys() <= FIELDS["member"].keys() for one in stated["members"])
     checked = verify_document(document)
     assert checked.proven
     names = [one.name for one in checked.checks]

@@ -10,7 +10,8 @@ from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque, optimize
 from graspless_pin.report.verify.bounds import proven_bound
-from graspless_pin.report.verify.reading import read_forces, read_problem, stated_multipliers
+from graspless_pin.report.verify.problem import Forces
+from graspless_pin.report.verify.reading import read_problem, stated_multipliers
 
 COULOMB = {
     "margin": lambda: maximize_margin(scene("up"), static_friction="coulomb"),
@@ -50,8 +51,8 @@ def test_no_multipliers_prove_more_than_the_optimum(name):
         document = documented(COULOMB[name]())
     problem = read_problem(document)
     columns, blocks = (problem.own.values, problem.own.rows.blocks) if problem.own else (None, ())
-    rows = [contact["force"] for contact in document["contacts"]]
-    best = problem.objective(read_forces(rows, problem, "forces", columns))
+    rows = np.array([contact["force"] for contact in document["contacts"]])
+    best = problem.objective(Forces(problem, rows, columns))
     free = np.ones((problem.count, 2, 2), dtype=bool)
     stated = document["proof"]["nodes"][0]["multipliers"]
     own = stated_multipliers(stated, problem, "own")

@@ -11,14 +11,14 @@ from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.forces import force_checks, residual
 from graspless_pin.report.verify.problem import Forces, Problem
-from graspless_pin.report.verify.reading import read_forces, read_problem
+from graspless_pin.report.verify.reading import read_problem
 
 ONE = np.eye(6)
 
 
 def answer(document) -> tuple[Problem, Forces]:
     problem = read_problem(document)
-    return problem, read_forces([c["force"] for c in document["contacts"]], problem, "forces")
+    return problem, Forces(problem, np.array([c["force"] for c in document["contacts"]]))
 
 
 def pushed(problem: Problem, forces: Forces, size: float) -> Problem:

@@ -1,8 +1,8 @@
 """The fields of a document: one table for who writes them, who reads them and who checks them.
 
 Shapes are in M contacts, L joints, P passive coordinates and r corners of a cone; in parts of their
-own n scaled accelerations, d small motions, c joints that carry touching links and k columns of an
-objective.
+own n scaled accelerations, d small motions, c joints that carry touching links, k columns of an
+objective, K members of an uncertain set, and D figures that forces are affine in.
 """
 
 from __future__ import annotations
@@ -219,8 +219,8 @@ FIELDS: dict[str, dict[str, Field]] = {
         "joints": _list(_part("joint"), "joint {0}"), "certificate": _part("certificate"),
         "multipliers": _part("multipliers"), "explanation": _TEXT, "proof": _part("proof"),
         "guarantee": _part("guarantee"), "stability": _part("stability"),
-        "holding": _part("holding"), "disturbances": _part("disturbances"), "uncertainty": _ANY,
-        "provenance": _ANY,
+        "holding": _part("holding"), "disturbances": _part("disturbances"),
+        "uncertainty": _part("uncertainty"), "provenance": _ANY,
     },
     "rules": {
         "sign_rule": _words("strict", "exact", "nonzero"),
@@ -355,5 +355,33 @@ FIELDS: dict[str, dict[str, Field]] = {
         "failure": _part("stability"), "forces": _shaped("M", 3), "no_rest": _shaped("P + L"),
     },
     "end": {"magnitude": _NUMBER, "rest_forces": _shaped("M", 3), "proof": _part("rest proof")},
+    "uncertainty": {
+        "stated": _ANY, "status": _TEXT, "message": _TEXT, "words": _ANY, "found": _TRUTH,
+        "coverage": _words("whole_set", "corners", "sampled"), "samples": _part("samples"),
+        "margin": _NUMBER, "max_torque": _NUMBER, "max_torque_unit": _UNIT, "bound": _NUMBER,
+        "torques": _ANY, "feedback": _ANY, "largest_deflection": _ANY,
+        "members": _list(_part("member"), "member {0}", 1), "policy": _part("policy"),
+        "bounding": _list(_part("member"), "bounding member {0}", 1), "conflict": _ANY,
+        "served_share": _ANY, "unserved_share": _ANY, "at_corners": _ANY, "with_feedback": _ANY,
+        "nominal": _ANY,
+        "proof": Field("the document of the joined problem", lambda value, *_: value),
+    },
+    "samples": {
+        **dict.fromkeys(("count", "served", "solved"), _whole(0, MOST)),
+        "where_meant": _words("whole_set", "corners"),
+    },
+    "member": {
+        "words": _TEXT, "external_wrench": _shaped("P"), "friction": _shaped("M"),
+        **dict.fromkeys(("gravity_torques", "torque_factors", "torque_offsets"), _shaped("L")),
+        "moved": _shaped("M", 3), "jacobian": _shaped("M", 3, "L"), "forces": _shaped("M", 3),
+    },
+    "policy": {
+        "words": _ANY, "loads": _shaped("K", "P", "D"),
+        "balls": _list(_whole(0, "D"), "a ball of {1}", "D", "D"),
+        "joints": _list(_index("L", -1), "a joint of {1}", "D", "D"), "shares": _shaped("L"),
+        "offsets": _shaped("L"), "forces": _shaped("K", "M", 3),
+        "slopes": _shaped("K", "M", 3, "D"), "errors": _shaped("L", "D"),
+        "directions": _shaped("L", "w"),
+    },
 }  # fmt: skip
 """By part. What no check reads may be anything."""

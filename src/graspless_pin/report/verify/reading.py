@@ -12,7 +12,7 @@ import numpy as np
 from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.fields import KNOWN_CONES, SIZED, WHOLE, Part, stacked
 from graspless_pin.report.verify.own_objective import read_own_objective
-from graspless_pin.report.verify.problem import Forces, Problem, faces_between
+from graspless_pin.report.verify.problem import Problem, faces_between
 from graspless_pin.report.verify.values import MOST, array, entry, items
 
 
@@ -160,13 +160,6 @@ def read_mode(document: object, problem: Problem) -> tuple[np.ndarray, np.ndarra
     """(M,) contacts that the stated mode selects, and (M, 2) their signs."""
     contacts = problem.part(document)["contacts"]
     return stacked(contacts, "selected"), stacked(contacts, "signs")
-
-
-def read_forces(
-    rows: object, problem: Problem, where: str, columns: np.ndarray | None = None
-) -> Forces:
-    """Return forces that stand in a document, with the columns of the objective's own."""
-    return Forces(problem, array(rows, (problem.count, 3), where), columns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,10 @@
 That these are the corners of the stated set is taken as given. What is checked is that the joined
 problem is made of them, and what its own document proves. With a policy, affine forces prove the
 torques, and the joined problem of a few further members what none are better than.
+
+Affine forces of member k are f_k + F_k d, for all d in a product of unit balls. A linear function
+of d is farthest from its value at d = 0 by the lengths of its coefficients in each ball. What d
+does to the loads, and by how much torques may be off, is taken as given, as the members are.
 """
 
 from __future__ import annotations
@@ -14,22 +18,17 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.affine import policy_checks
+from graspless_pin.report.verify.fields import Part, stacked
 from graspless_pin.report.verify.forces import against_mode, residual
 from graspless_pin.report.verify.outcome import GUARANTEED, Check, agrees, given, holds, within
-from graspless_pin.report.verify.problem import Problem
-from graspless_pin.report.verify.reading import read_forces, read_mode, read_problem
+from graspless_pin.report.verify.problem import Forces, Problem
+from graspless_pin.report.verify.reading import read_mode, read_problem
 from graspless_pin.report.verify.values import (
     MOST,
     array,
     entry,
     items,
     number,
-    short_text,
-    text,
-    truth,
-    whole,
-    word,
 )
 
 _AS_STATED = {
@@ -38,6 +37,9 @@ _AS_STATED = {
 }
 """What nothing in the document proves."""
 _ARRAYS = ("frames", "limit", "v")
+_OF_MEMBER = (
+    "external_wrench", "friction", "gravity_torques", "torque_factors", "torque_offsets"
+)  # fmt: skip
 
 
 def uncertainty_checks(
@@ -53,30 +55,31 @@ def uncertainty_checks(
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.
     """
-    stated, where = document.get("uncertainty"), "uncertainty"
+    whole = problem.part(document)
+    stated = whole.get("uncertainty")
     if stated is None:
         return []
-    members = items(entry(stated, "members", where), f"members of {where}", 1, MOST)
-    for index, one in enumerate(members):
-        text(entry(one, "words", f"member {index}"), f"words of member {index}")
-    found = truth(entry(stated, "found", where), f"found of {where}")
+    members = stated["members"]
+    for one in members:
+        one["words"]  # refuses what is none
     checks = [given("the members", f"{len(members)} of the set, as stated")]
-    if not found:
+    if not stated["found"]:
         return [*checks, _of_this(document, stated, members, problem)]
-    nested = entry(stated, "proof", where)
-    constant = entry(stated, "feedback", where) is None
+    nested, constant = stated["proof"], stated.maybe("feedback") is None
     if not isinstance(nested, dict) or "uncertainty" in nested:
         raise ValueError("proof of uncertainty is no document of a joined problem")
     joined = read_problem(nested)
+    proof = joined.part(nested)
+    by_joint, joints = stated["torques"], whole["joints"]
+    torques = np.array([number(entry(by_joint, one["name"], "torques"), "a torque")
+                        for one in joints])  # fmt: skip
     if stated.get("policy") is not None:
-        each = [_member(one, index, problem) for index, one in enumerate(members)]
-        bounding = items(entry(stated, "bounding", where), f"bounding of {where}", 1, MOST)
-        bound = number(entry(nested["certificate"], "bound", "certificate"), "bound")
-        told = number(entry(stated, "bound", where), "bound")
-        checks += policy_checks(document, stated, problem, each)
+        each = [_member(one, problem) for one in members]
+        bound = proof["certificate"]["bound"]
+        checks += policy_checks(stated, problem, each, [torques, stacked(joints, "torque")])
         proven = [
-            _is_joined(joined, problem, bounding, constant=constant),
-            agrees("stated", told, bound, tolerances.SAME * abs(bound)),
+            _is_joined(joined, problem, stated["bounding"], constant=constant),
+            agrees("stated", stated["bound"], bound, tolerances.SAME * abs(bound)),
             *run(nested),
         ]
         return [*checks, *(replace(one, name=f"bound: {one.name}") for one in proven)]
@@ -84,10 +87,10 @@ def uncertainty_checks(
     checks += [
         *_samples(stated, members, problem),
         _is_joined(joined, problem, members[:held], constant=constant),
-        *_further(members[held:], held, problem, stated, nested, constant=constant),
-        _torques(document, stated, nested, problem),
-        *_figures(stated, nested),
-        _bound(stated, nested, joined),
+        *_further(members[held:], problem, stated, nested, torques, constant=constant),
+        _torques(torques, joints, proof, problem),
+        *_figures(stated, proof),
+        _bound(stated, proof, joined),
         *(
             given(words, "as stated")
             for key, words in _AS_STATED.items()
@@ -106,32 +109,33 @@ def uncertainty_checks(
     return [*checks, *(replace(one, name=f"all members: {one.name}") for one in proven)]
 
 
-def _of_this(
-    document: dict[str, Any], stated: dict[str, Any], members: list[Any], joined: Problem
-) -> Check:
+def _of_this(document: dict[str, Any], stated: Part, members: list[Part], joined: Problem) -> Check:
     """Whether a document of the joined problem is that of the members, with the same answer."""
     wrenches, coefficients = (
-        [number for one in members for number in items(entry(one, key, "a member"), key, 1, MOST)]
+        [one for part in members
+         for one in items(entry(part.stated, key, part.where), key, 1, MOST)]
         for key in ("external_wrench", "friction")
-    )
-    same = [entry(stated, key, "uncertainty") == document[key] for key in ("status", "found")]
+    )  # fmt: skip
+    same = [stated[key] == document[key] for key in ("status", "found")]
     same += [_near(joined.w[: len(wrenches)], array(wrenches, (len(wrenches),), "wrenches"))]
     same += [_near(joined.mu, array(coefficients, (len(coefficients),), "friction"))]
     return holds("this is the problem of the members", all(same), f"{stated['status']:.60}")
 
 
-def _is_joined(joined: Problem, problem: Problem, members: list[Any], *, constant: bool) -> Check:
+def _is_joined(joined: Problem, problem: Problem, members: list[Part], *, constant: bool) -> Check:
     """Whether a problem is that of members which share their torques."""
     count, contacts, name = len(members), problem.count, "the joined problem is made of the members"
     if joined.count != count * contacts:
         return holds(name, passed=False, detail=f"{joined.count} contacts")
     size, joints = len(problem.w), len(problem.units)
-    each = [_member(one, index, problem) for index, one in enumerate(members)]
+    each = [_member(one, problem) for one in members]
     same = [_near(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
             for key in _ARRAYS]  # fmt: skip
     same += [_near(joined.p, np.concatenate([problem.p + one["moved"] for one in each]))]
     same += [_near(joined.mu, np.concatenate([one["friction"] for one in each]))]
-    same += [_near(joined.w[: count * size], np.concatenate([one["wrench"] for one in each]))]
+    same += [
+        _near(joined.w[: count * size], np.concatenate([one["external_wrench"] for one in each]))
+    ]
     # The balance of each member by itself.
     passive = joined.passive.reshape(count, contacts, 3, -1)
     for k in range(count):
@@ -139,8 +143,7 @@ def _is_joined(joined: Problem, problem: Problem, members: list[Any], *, constan
         same.append(_near(passive[k, :, :, own], _elsewhere(problem, each[k]).passive))
         others = np.delete(passive[k, :, :, : count * size], np.r_[own], axis=2)
         same.append(not others.any())
-    maps = [one["jacobian"] / one["factors"] for one in each]
-    carried = [(one["gravity"] - one["offsets"]) / one["factors"] for one in each]
+    maps, carried = [_map(one) for one in each], [_carried(one) for one in each]
     driven = 1 if constant else count
     if len(joined.units) != driven * joints:
         return holds(name, passed=False, detail=f"{len(joined.units)} joints")
@@ -179,11 +182,11 @@ def _shares_torques(
 
 
 def _further(
-    members: list[Any],
-    held: int,
+    members: list[Part],
     problem: Problem,
-    stated: dict[str, Any],
+    stated: Part,
     nested: dict[str, Any],
+    torques: np.ndarray,
     *,
     constant: bool,
 ) -> list[Check]:
@@ -195,11 +198,8 @@ def _further(
     if not members:
         return []
     name, detail = "the torques serve all other members", f"{len(members)} members"
-    if any(entry(one, "forces", "a member") is None for one in members):
+    if any(one.maybe("forces") is None for one in members):
         return [given("all other members", f"{detail}, in modes that are not stated")]
-    by_joint, where = entry(stated, "torques", "uncertainty"), "uncertainty"
-    torques = np.array([number(one, "a torque") for one in by_joint.values()])
-    margin, most = (number(entry(stated, key, where), key) for key in ("margin", "max_torque"))
     mode = None
     if not problem.coulomb:
         selected, signs = read_mode(nested, read_problem(nested))
@@ -207,16 +207,15 @@ def _further(
     levers = np.abs(problem.J).max(axis=(0, 1), initial=0.0)
     loaded = levers > tolerances.IDLE * levers.max(initial=0.0)
     worst = 0.0
-    for index, one in enumerate(members, held):
-        each = _member(one, index, problem)
+    for one in members:
+        each = _member(one, problem)
         own = replace(
-            _elsewhere(problem, each),
-            w=each["wrench"], mu=each["friction"], J=each["jacobian"] / each["factors"],
-            gravity=(each["gravity"] - each["offsets"]) / each["factors"],
-            own=None, algorithm="margin", e0=margin,
+            _elsewhere(problem, each), w=each["external_wrench"], mu=each["friction"],
+            J=_map(each), gravity=_carried(each), own=None, algorithm="margin", e0=stated["margin"],
         )  # fmt: skip
-        forces = read_forces(one["forces"], own, f"forces of member {index}")
-        off = np.abs(forces.torques - torques) if constant else np.abs(forces.torques) - most
+        forces = Forces(own, one["forces"])
+        off = np.abs(forces.torques)
+        off = np.abs(forces.torques - torques) if constant else off - stated["max_torque"]
         worst = max(
             worst,
             residual(own, forces),
@@ -226,23 +225,26 @@ def _further(
     return [within(name, worst, tolerances.SHARE, f"(scaled), {detail}")]
 
 
-def _member(stated: Any, index: int, problem: Problem) -> dict[str, np.ndarray]:
-    joints, where = (len(problem.units),), f"member {index}"
-    shapes = {"external_wrench": problem.w.shape, "friction": problem.mu.shape}
-    shapes |= dict.fromkeys(("gravity_torques", "torque_factors", "torque_offsets"), joints)
-    found = {key: array(entry(stated, key, where), shape, f"{key} of {where}")
-             for key, shape in shapes.items()}  # fmt: skip
+def _member(stated: Part, problem: Problem) -> dict[str, np.ndarray]:
+    """Return what is so of a member, by key; contacts that are not said to be moved stay."""
+    found = {key: stated[key] for key in _OF_MEMBER}
     if (found["torque_factors"] <= 0.0).any():
-        raise ValueError(f"torque_factors of {where} must be positive")
-    names = ("wrench", "friction", "gravity", "factors", "offsets")
-    own = dict(zip(names, found.values(), strict=True))
+        raise ValueError(f"torque_factors of {stated.where} must be positive")
     if stated.get("moved") is None:
-        return own | {"moved": np.zeros_like(problem.p), "jacobian": problem.J}
+        return found | {"moved": np.zeros_like(problem.p), "jacobian": problem.J}
     if problem.given is not None:
-        raise ValueError(f"{where} has contacts moved, and the document a wrench_matrix")
-    moved = {"moved": problem.p.shape, "jacobian": problem.J.shape}
-    return own | {key: array(entry(stated, key, where), shape, f"{key} of {where}")
-                  for key, shape in moved.items()}  # fmt: skip
+        raise ValueError(f"{stated.where} has contacts moved, and the document a wrench_matrix")
+    return found | {key: stated[key] for key in ("moved", "jacobian")}
+
+
+def _map(member: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the Jacobian of what is commanded, (M, 3, L)."""
+    return member["jacobian"] / member["torque_factors"]
+
+
+def _carried(member: dict[str, np.ndarray]) -> np.ndarray:
+    """Return what is commanded without contact forces, (L,)."""
+    return (member["gravity_torques"] - member["torque_offsets"]) / member["torque_factors"]
 
 
 def _elsewhere(problem: Problem, member: dict[str, np.ndarray]) -> Problem:
@@ -250,22 +252,19 @@ def _elsewhere(problem: Problem, member: dict[str, np.ndarray]) -> Problem:
     return replace(problem, p=problem.p + member["moved"])
 
 
-def _samples(stated: dict[str, Any], members: list[Any], problem: Problem) -> list[Check]:
+def _samples(stated: Part, members: list[Part], problem: Problem) -> list[Check]:
     """Whether contacts are moved as is stated; those that were tried later are not stated."""
-    samples, where = stated.get("samples"), "samples of uncertainty"
+    samples = stated.get("samples")
     if samples is None:
         return []
-    off = entry(entry(stated, "stated", "uncertainty"), "contact_position", "stated")
+    off = entry(stated["stated"], "contact_position", "stated")
     named = [*off.values()] if isinstance(off, dict) else off if isinstance(off, list) else [off]
     most = max(number(one, "contact_position") for one in named)
-    moved = [_member(one, index, problem)["moved"] for index, one in enumerate(members)]
+    moved = [_member(one, problem)["moved"] for one in members]
     across = max(np.abs(np.einsum("lj,lj->l", one, problem.frames[:, 0])).max() for one in moved)
     farthest = max(np.linalg.norm(one, axis=1).max() for one in moved)
     good = across <= tolerances.SAME * most and farthest <= (1.0 + tolerances.SAME) * most
-    solved, served, count = (
-        whole(entry(samples, key, where), f"{key} of {where}", 0, MOST)
-        for key in ("solved", "served", "count")
-    )
+    solved, served, count = (samples[key] for key in ("solved", "served", "count"))
     told = sum(one.any() for one in moved)
     detail = f"{told} members with contacts moved by up to {1000.0 * farthest:.3g} mm"
     return [
@@ -274,60 +273,45 @@ def _samples(stated: dict[str, Any], members: list[Any], problem: Problem) -> li
     ]
 
 
-def _torques(
-    document: dict[str, Any], stated: dict[str, Any], nested: dict[str, Any], problem: Problem
-) -> Check:
+def _torques(torques: np.ndarray, joints: list[Part], proof: Part, problem: Problem) -> Check:
     """Whether the document's torques are those for all members."""
-    by_joint = entry(stated, "torques", "uncertainty")
-    names = [short_text(entry(one, "name", "a joint"), "a name") for one in document["joints"]]
-    proven, own, told = (
-        np.array([number(value, "a torque") for value in values])
-        for values in (
-            [entry(one, "torque", "a joint") for one in nested["joints"][: len(names)]],
-            [entry(one, "torque", "a joint") for one in document["joints"]],
-            [entry(by_joint, name, "torques") for name in names],
-        )
-    )
-    sizes = problem.joint_scale
-    off = max(float((np.abs(one - own) / sizes).max(initial=0.0)) for one in (proven, told))
-    good = off <= tolerances.SHARE
-    return holds("the torques are those for all members", good, f"{off:.2e} (scaled)")
+    proven = stacked(proof["joints"][: len(joints)], "torque")
+    off = np.abs([proven, torques] - stacked(joints, "torque")) / problem.joint_scale
+    most = float(off.max(initial=0.0))
+    good = most <= tolerances.SHARE
+    return holds("the torques are those for all members", good, f"{most:.2e} (scaled)")
 
 
-def _figures(stated: dict[str, Any], nested: dict[str, Any]) -> list[Check]:
+def _figures(stated: Part, proof: Part) -> list[Check]:
     """Whether the figures that are stated are those of the joined problem."""
-    same = [entry(stated, key, "uncertainty") == nested.get(key) for key in ("status", "found")]
+    same = [stated[key] == proof[key] for key in ("status", "found")]
     checks = [holds("status for all members", all(same), f"{stated['status']:.60}")]
     for key in ("margin", "max_torque"):
-        told, own = (number(entry(one, key, "uncertainty"), key) for one in (stated, nested))
+        told, own = stated[key], proof[key]
         checks.append(agrees(f"{key} for all members", told, own, tolerances.SAME * abs(own)))
     return checks
 
 
-def _bound(stated: dict[str, Any], nested: dict[str, Any], joined: Problem) -> Check:
+def _bound(stated: Part, proof: Part, joined: Problem) -> Check:
     """Compare what no torques are better than with what the joined problem proves."""
     name = "what no torques for all members are better than"
-    told, certificate = entry(stated, "bound", "uncertainty"), nested["certificate"]
-    proven, gap = (entry(certificate, key, "certificate") for key in ("bound", "gap"))
-    if told is None or proven is None:
+    bound = stated.maybe("bound")
+    own, gap = (proof["certificate"].maybe(key) for key in ("bound", "gap"))
+    if bound is None or own is None:
         return given(name, "not stated")
-    bound, own = number(told, "bound"), number(proven, "bound")
     sign = 1.0 if joined.maximizes else -1.0
-    reached = own - sign * number(gap, "gap")
+    reached = own - sign * gap
     if sign * (bound - reached) < -tolerances.objective(joined, own, reached):
         return holds(name, passed=False, detail=f"{bound:.6g}, and these reach {reached:.6g}")
     same = agrees(name, bound, own, tolerances.SAME * abs(own))
     return same if same.passed else given(name, "of another program, which is not stated")
 
 
-def _covers(
-    stated: dict[str, Any], nested: dict[str, Any], joined: Problem, contacts: int
-) -> Check:
+def _covers(stated: Part, nested: dict[str, Any], joined: Problem, contacts: int) -> Check:
     """Whether the loads between corners are served: in one mode, or under plain Coulomb."""
-    coverage = entry(stated, "coverage", "uncertainty")
+    coverage = stated["coverage"]
     if coverage == "sampled":  # where contacts are meant to be, more is claimed
-        coverage = entry(entry(stated, "samples", "uncertainty"), "where_meant", "samples")
-    coverage = word(coverage, "coverage", ("whole_set", "corners"))
+        coverage = stated["samples"]["where_meant"]
     if coverage == "corners" or joined.coulomb:
         return holds("coverage", passed=True, detail=coverage)
     selected, signs = read_mode(nested, joined)
@@ -339,3 +323,174 @@ def _covers(
 def _near(one: np.ndarray, other: np.ndarray) -> bool:
     size = float(np.abs(other).max(initial=0.0))
     return one.shape == other.shape and bool((np.abs(one - other) <= tolerances.SAME * size).all())
+
+
+class AffineForces:
+    """What a document says of affine forces, and what they prove.
+
+    Attributes:
+        commands: (K, L) N m (N) at d = 0.
+        largest: (L,) the largest |command| in any member.
+        margin: That all forces keep, N.
+        value: Of the objective, in its unit.
+    """
+
+    def __init__(
+        self, stated: Part, problem: Problem, members: list[dict[str, np.ndarray]]
+    ) -> None:
+        """Read the arrays.
+
+        Args:
+            stated: What stands under ``policy``.
+            problem: Contacts and joints.
+            members: What is so of each.
+
+        Raises:
+            ValueError: If a key is missing, or a value of a wrong type or size.
+        """
+        balls = items(entry(stated.stated, "balls", stated.where), "balls", 1, MOST)
+        stated = stated.sized(K=len(members), D=len(balls))
+        self.balls, self.joints = (np.array(stated[key]) for key in ("balls", "joints"))
+        self.loads, self.errors, self.forces, self.slopes, self.shares, self.offsets = (
+            stated[key] for key in ("loads", "errors", "forces", "slopes", "shares", "offsets")
+        )
+        rows, L = entry(stated.stated, "directions", stated.where), len(problem.units)
+        self.directions = None
+        if rows is not None:
+            first = items(rows, "directions", L, L)[:1]
+            width = sum(len(items(one, "a direction", 0, MOST)) for one in first)
+            self.directions = stated.sized(w=width)["directions"]
+        self.problem, self.members = problem, members
+        factors = np.array([one["torque_factors"] for one in members])
+        carried = np.array([one["gravity_torques"] - one["torque_offsets"] for one in members])
+        made = np.einsum("lij,kli->kj", problem.J, self.forces)
+        self.commands = (made + carried) / factors
+        turned = np.einsum("lij,klid->kjd", problem.J, self.slopes)
+        self.added = turned / factors[..., None] - self.errors
+        # Constant torques are those of the first member.
+        driven = slice(None) if self.directions is not None else slice(1)
+        self.room = self.most(self.added[driven]) if self.directions is not None else 0.0
+        self.driven = self.commands[driven]
+        self.largest = (np.abs(self.driven) + self.room).max(axis=0)
+        self.margin = min(map(self._margin, range(len(members))))
+
+    def most(self, parts: np.ndarray) -> np.ndarray:
+        """Return (...,) the most that (..., D) coefficients add for any d."""
+        return np.sum(
+            [np.linalg.norm(parts[..., self.balls == one], axis=-1) for one in set(self.balls)],
+            axis=0,
+        )
+
+    def _margin(self, k: int) -> float:
+        own = replace(self.problem, mu=self.members[k]["friction"])
+        local = np.einsum("lij,lj->li", own.frames, self.forces[k])
+        slopes = np.einsum("lij,ljd->lid", own.frames, self.slopes[k])
+        room, normal = self.most(slopes[:, 0]), local[:, 0]
+        least = [float((normal - room).min()), float((own.limit - normal - room).min())]
+        for c in np.flatnonzero(own.cone).tolist():
+            rows = own.faces(c)
+            least.append(-float((rows @ local[c] + self.most(rows @ slopes[c])).max()))
+        return min(least)
+
+    @property
+    def value(self) -> float:
+        """Of the objective, in its unit."""
+        if self.problem.is_margin:
+            return self.margin
+        if not self.problem.by_limits:
+            return float(self.largest.max(initial=0.0))
+        up, down = self.problem.shared
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(up > 0.0, (self.driven + self.room) / up, 0.0)
+            shares = np.maximum(shares, np.where(down > 0.0, (self.room - self.driven) / down, 0.0))
+        return float(shares.max(initial=0.0))
+
+    def checks(self) -> list[Check]:
+        """Return whether forces balance, friction can be so, and torques are those of all."""
+        problem, scale = self.problem, self.problem.joint_scale
+        passive = problem.passive.reshape(-1, len(problem.w)).T
+        flat = self.slopes.reshape(*self.forces.shape[:1], -1, len(self.balls))
+        wrenches = np.array([one["external_wrench"] for one in self.members])
+        left = np.abs(self.forces.reshape(len(flat), -1) @ passive.T + wrenches)
+        left += self.most(passive @ flat + self.loads)
+        bare = max(map(self._bare, range(len(flat))))
+        named, counts = np.unique(self.joints[self.joints >= 0], return_counts=True)
+        alone = np.bincount(self.balls)[self.balls[self.joints >= 0]]
+        own = np.arange(len(self.errors))[:, None] == self.joints
+        proper = bool((counts == 1).all() and (alone == 1).all() and (self.errors >= 0.0).all())
+        proper &= not (self.errors[~own].any() or self.loads[:, :, self.joints >= 0].any())
+        lack = self.shares * self.largest + self.offsets - self.errors.sum(axis=1)
+        low, high = tolerances.torque_limits(problem)
+        beyond = np.maximum(self.driven + self.room - problem.upper - high,
+                            problem.lower - low - self.driven + self.room)  # fmt: skip
+        return [
+            given("loads and errors", f"{len(self.balls)} of them, {len(named)} of joints"),
+            within("balance", float((left / problem.passive_scale).max()), tolerances.SHARE,
+                   "of the load"),
+            within("forces without a cone", bare / problem.force, tolerances.SHARE, "of the load"),
+            within("margin lacks", problem.e0 - self.margin, tolerances.force(problem), "N"),
+            self._same_commands(),
+            holds("errors are those of joints", proper, f"{len(named)} joints"),
+            within("errors lack", float((lack / scale).max(initial=0.0)), tolerances.SHARE, ""),
+            holds("torque limits", not (beyond > 0.0).any(), f"{beyond.max(initial=0.0):.2e}"),
+        ]  # fmt: skip
+
+    def _bare(self, k: int) -> float:
+        """Return how far forces are from what contacts without a cone can bear, N."""
+        own = replace(self.problem, mu=self.members[k]["friction"])
+        along, off = own.directions, ~own.cone
+        normals = own.frames[:, 0]
+        apart = self.forces[k] - along * (normals * self.forces[k]).sum(axis=1)[:, None]
+        turned = np.einsum("lj,ljd->ld", normals, self.slopes[k])
+        slopes = self.slopes[k] - along[:, :, None] * turned[:, None]
+        return float((np.abs(apart) + self.most(slopes))[off].max(initial=0.0))
+
+    def _same_commands(self) -> Check:
+        """Whether all members have the same commands, but for what feedback adds."""
+        levers, note = np.abs(self.problem.J).max(axis=(0, 1), initial=0.0), ""
+        shared = np.eye(len(levers))[levers > tolerances.IDLE * levers.max(initial=0.0)]
+        if self.directions is not None:
+            columns, sizes, _ = np.linalg.svd(self.directions)
+            shared = columns[:, int((sizes > tolerances.SAME * sizes.max(initial=0.0)).sum()) :].T
+            note = "; what feedback adds is given"
+        off = np.abs((self.commands - self.commands[0]) @ shared.T)
+        off = (off + self.most(shared @ self.added)) @ np.abs(shared)
+        most = float((off / self.problem.joint_scale).max(initial=0.0))
+        check = within("all members have the same commands", most, tolerances.SHARE, "")
+        return replace(check, detail=check.detail + note)
+
+
+def policy_checks(
+    stated: Part,
+    problem: Problem,
+    members: list[dict[str, np.ndarray]],
+    torques: list[np.ndarray],
+) -> list[Check]:
+    """Return the checks of forces that are affine in what is unknown.
+
+    Args:
+        stated: What stands under ``uncertainty``.
+        problem: Contacts and joints.
+        members: What is so of each corner.
+        torques: (L,) each, of the set and of the document, N m (N).
+
+    Raises:
+        ValueError: If a key is missing, or a value of a wrong type or size.
+    """
+    affine = AffineForces(stated["policy"], problem, members)
+    off = np.abs(affine.commands[0] - torques) / problem.joint_scale
+    checks = affine.checks()
+    checks += [
+        within("the torques are those for all members", float(off.max(initial=0.0)),
+               tolerances.SHARE, "(scaled)"),
+        agrees("margin", stated["margin"], affine.margin, tolerances.force(problem), "N"),
+        agrees("max_torque", stated["max_torque"], float(affine.largest.max(initial=0.0)),
+               float(tolerances.SHARE * problem.joint_scale.max(initial=0.0))),
+    ]  # fmt: skip
+    status, bound = stated["status"], stated["bound"]
+    closed = abs(affine.value - bound) <= 2.0 * tolerances.SHARE * abs(affine.value)
+    known = status == "limit_reached" or (closed and status in ("optimal", "optimal_in_mode"))
+    checks.append(holds("status", known, f"{status:.60}, {affine.value:.9g}, bound {bound:.9g}"))
+    if not problem.coulomb:
+        checks.append(Check("one mode", None, "that friction opposes a sliding is not in it"))
+    return [replace(one, name=f"affine forces: {one.name}") for one in checks]
