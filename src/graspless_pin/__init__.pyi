@@ -1,4 +1,5 @@
 from .algorithms.attainable_tolerances import AttainableTolerance as AttainableTolerance
+from .algorithms.attainable_tolerances import served_share as served_share
 from .algorithms.comparison import MinimumFriction as MinimumFriction
 from .algorithms.comparison import RuleComparison as RuleComparison
 from .algorithms.comparison import compare_rules as compare_rules
@@ -25,7 +26,6 @@ from .algorithms.robust_solution import Coverage as Coverage
 from .algorithms.robust_solution import RobustSolution as RobustSolution
 from .algorithms.robustness import Robustness as Robustness
 from .algorithms.robustness import robustness as robustness
-from .algorithms.served_share import served_share as served_share
 from .algorithms.tolerances import Tolerance as Tolerance
 from .algorithms.tolerances import Tolerances as Tolerances
 from .algorithms.tolerances import tolerances as tolerances

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from graspless_pin import Uncertainty, load_scene, minimize_torque, served_share
-from graspless_pin.algorithms import served_share as module
+from graspless_pin.algorithms import attainable_tolerances as module
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.robust_torques import solve_robust

@@ -376,11 +376,7 @@ def _lacks(
     commanded = chosen[0].commanded(
         chosen[0].problem.J.T @ solution.contact_forces[: chosen[0].problem.contact_count].ravel()
     )
-    mode = None
-    if solution.given_mode is not None:  # what is proven in one mode has to hold in that one
-        size = chosen[0].problem.contact_count
-        given = solution.given_mode
-        mode = SlidingMode(given.selection[:size], given.signs[:size])
+    mode = _of_member(solution.given_mode, chosen[0])  # what is proven in one has to hold in it
     margins = member_margins(
         others,
         commanded,
@@ -393,6 +389,12 @@ def _lacks(
     )
     lacks = needed - margins
     return np.where(lacks > 0.5 * AS_GOOD * force, lacks, 0.0)
+
+
+def _of_member(mode: SlidingMode | None, first: Member) -> SlidingMode | None:
+    """Return the mode of the first member of those that a mode is of; None: there is none."""
+    size = first.problem.contact_count
+    return None if mode is None else SlidingMode(mode.selection[:size], mode.signs[:size])
 
 
 def _found_limits(
@@ -424,15 +426,10 @@ def further_forces(robust: RobustSolution) -> FloatArray | None:
     """
     solution, first = robust.solution, robust.members[0]
     others = robust.members[len(robust.contact_forces) :]
-    mode, coulomb = solution.given_mode, solution.rules.static_friction is StaticFriction.COULOMB
-    if others and mode is None and not coulomb:
+    mode = _of_member(solution.given_mode, first)
+    if others and mode is None and solution.rules.static_friction is not StaticFriction.COULOMB:
         return None
-    directions = None
-    if robust.feedback is not None:
-        directions = feedback_torques(first.problem, robust.feedback)
-    if mode is not None:
-        size = first.problem.contact_count
-        mode = SlidingMode(mode.selection[:size], mode.signs[:size])
+    directions = feedback_torques(first.problem, robust.feedback)
     most = _found_limits(first.problem, solution, solution.objective)
     found = []
     for member in others:

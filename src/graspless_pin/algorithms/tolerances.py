@@ -27,7 +27,7 @@ from graspless_pin.algorithms.uncertain_members import (
     nominal_member,
     weight_of_arrays,
 )
-from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertainty
+from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertainty, polygon
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
@@ -40,6 +40,8 @@ from graspless_pin.solution.active_limits import limiting_contacts
 _CLOSE = 0.01
 """Of a bracket: how near what is borne and what fails have to be."""
 _ROUNDS = 12
+_AROUND = 16
+"""Directions in the plane that are looked at first."""
 _CORNER_ROUNDS = 3
 _CERTAIN = 1e-6
 """Of the load: a margin that is not below minus this is none that failed."""
@@ -233,9 +235,7 @@ def tolerances(
     how = SolveOptions.parse(**options)
     given = finite_array("torques", torques, (problem.joint_count,))
     weight = weight_of_arrays(problem) if weight is None else weight
-    stiffness = None
-    if feedback is not None:
-        stiffness = joint_stiffness(problem, feedback, fingers)
+    stiffness = None if feedback is None else joint_stiffness(problem, feedback, fingers)
     options.pop("time_limit", None)  # of the attainable ones
     search = _Search(problem, given, stiffness, SolveOptions.parse(**options), options)
     if search.fails(0.0 * search.rest.external_wrench):
@@ -263,7 +263,7 @@ class _Search:
     ) -> None:
         self.problem, self.torques, self.how, self.options = problem, torques, how, options
         self.member, self.stiffness = nominal_member(problem), stiffness
-        self.directions = None if stiffness is None else feedback_torques(problem, stiffness)
+        self.directions = feedback_torques(problem, stiffness)
         self.rest = under_commands(self.member, torques, self.directions)
         self.convex = how.rules.static_friction is StaticFriction.COULOMB
 
@@ -377,7 +377,7 @@ class _Search:
             axes: (k, 3) orthonormal directions of the change.
             loads: (k, Q) what one unit along each makes.
         """
-        ways = _ring() if len(axes) == 2 else _sphere()
+        ways = polygon(_AROUND) if len(axes) == 2 else _sphere()
         times = self._rays(ways @ loads)
         borne = 0.0
         for _ in range(_ROUNDS):
@@ -435,11 +435,6 @@ class _Search:
         way = read_only(change / size) if size > 0.0 and quantity is Quantity.TILT else None
         deflection = 0.0 if self.stiffness is None else np.nan
         return Tolerance(quantity, low, high, way, deflection=deflection)
-
-
-def _ring(count: int = 16) -> FloatArray:
-    angles = 2.0 * np.pi * np.arange(count) / count
-    return np.array([np.cos(angles), np.sin(angles)]).T
 
 
 def _corners(ends: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from math import cos, pi, prod, sin
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.uncertainty import Uncertainty, each_of
+from graspless_pin.algorithms.uncertainty import Uncertainty, each_of, polygon
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -351,8 +351,7 @@ def gravities(weight: Weight, tilt: float) -> FloatArray:
             "tilt", "turns the links' weight, which arrays do not tell; ask it of a scene"
         )
     across = np.linalg.svd(down[None])[2][1:]
-    angles = 2.0 * pi * np.arange(_SIDES) / _SIDES
-    ring = (sin(tilt) / cos(pi / _SIDES)) * np.array([np.cos(angles), np.sin(angles)]).T @ across
+    ring = (sin(tilt) / cos(pi / _SIDES)) * polygon(_SIDES) @ across
     return np.concatenate([ring + height * down for height in (cos(tilt), 1.0)])
 
 
@@ -495,6 +494,6 @@ def moved_members(
         elsewhere = problem.with_changes(positions=problem.positions + moved, jacobian=jacobian)
         told = f"contacts moved by up to {1000.0 * off.max():.3g} mm"
         words = told if member.words == "nominal" else f"{member.words}, {told}"
-        own = None if stiffness is None else feedback_torques(elsewhere, stiffness)
+        own = feedback_torques(elsewhere, stiffness)
         drawn.append(replace(member, problem=elsewhere, words=words, moved=moved, directions=own))
     return drawn

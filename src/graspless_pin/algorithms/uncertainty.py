@@ -340,3 +340,9 @@ _UNITS = {
     Quantity.JOINT: (1.0, "N m"),
 }  # fmt: skip
 """What a figure is multiplied by where it is shown, and the unit then."""
+
+
+def polygon(count: int) -> FloatArray:
+    """Return unit vectors (K, 2) to the corners of a polygon."""
+    angles = 2.0 * pi * np.arange(count) / count
+    return np.array([np.cos(angles), np.sin(angles)]).T

@@ -88,9 +88,7 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     found = optimum_gradients(robust.solution)
     forces = robust.solution.contact_forces
     members = robust.members[: len(robust.contact_forces)]
-    directions = None
-    if robust.feedback is not None:
-        directions = feedback_torques(members[0].problem, robust.feedback)
+    directions = feedback_torques(members[0].problem, robust.feedback)
     points = [found.values, *(gradients_at(robust.solution, one) for one in found.alternatives)]
     at = [forces, *(one.forces for one in found.alternatives)]
 

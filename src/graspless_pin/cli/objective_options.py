@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 
-from graspless_pin.algorithms.named_objectives import OBJECTIVES, figure_types
+from graspless_pin.algorithms.torque import OBJECTIVES, figure_types
 
 _Command = TypeVar("_Command", bound=Callable[..., None])
 

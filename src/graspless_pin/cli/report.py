@@ -39,8 +39,8 @@ from graspless_pin.report.html import (
     case_with_tolerances,
     report_html,
 )
-from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
 from graspless_pin.report.reading import read_document
+from graspless_pin.report.simulation import TimeLapse, time_lapse
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.simulation import simulate
 

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
-from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import RequiredStability
+from graspless_pin.algorithms.torque import AIMS
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
     ControllerOption,
@@ -24,9 +24,8 @@ from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
-from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
 from graspless_pin.report.provenance import same_problem
-from graspless_pin.report.simulation import simulation_text
+from graspless_pin.report.simulation import simulation_text, time_lapse, time_lapse_html
 from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.scene.scene_stability import hand_support_contacts

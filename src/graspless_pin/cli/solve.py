@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
-from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import RequiredStability, Search
-from graspless_pin.algorithms.torque import TorqueScale
+from graspless_pin.algorithms.torque import AIMS, TorqueScale
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
     ControllerOption,

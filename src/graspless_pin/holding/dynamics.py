@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from graspless_pin.holding.growth import GrowthProof, SmallMotions
+from graspless_pin.holding.controller import GrowthProof, SmallMotions
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.inertias import hybrid_contacts

@@ -14,7 +14,7 @@ from typing import Never, TypedDict
 
 import numpy as np
 
-from graspless_pin.holding.growth import SmallMotions
+from graspless_pin.holding.controller import SmallMotions
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Brief

@@ -24,8 +24,7 @@ from graspless_pin.interfaces.mujoco_bodies import (
     tell_equalities,
     weight_counts,
 )
-from graspless_pin.interfaces.mujoco_friction import PairFriction
-from graspless_pin.interfaces.mujoco_state import ModelState, source_of
+from graspless_pin.interfaces.mujoco_state import ModelState, PairFriction, source_of
 from graspless_pin.scene import Scene
 from graspless_pin.simulation.scene_document import NO_WORD_FOR, scene_to_mjcf
 

@@ -16,8 +16,7 @@ from graspless_pin.geometry.hand.mjcf_source import body_shape, pose
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.robots.description import RobotDescription
-from graspless_pin.interfaces.mujoco_friction import PairFriction
-from graspless_pin.interfaces.mujoco_state import ModelState
+from graspless_pin.interfaces.mujoco_state import ModelState, PairFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.loads import Load
 

@@ -5,7 +5,6 @@ axes is touched, so that plots can be combined and styled by the caller.
 """
 
 from graspless_pin.plots.bars import normal_force_ranges, torque_bars
-from graspless_pin.plots.boundaries import outcome_boundary
 from graspless_pin.plots.cones import friction_section
 from graspless_pin.plots.curves import (
     disturbance_polar,
@@ -16,7 +15,7 @@ from graspless_pin.plots.curves import (
     squeeze_plot,
     timing_plot,
 )
-from graspless_pin.plots.tables import margin_heat_map, margin_plot
+from graspless_pin.plots.tables import margin_heat_map, margin_plot, outcome_boundary
 from graspless_pin.plots.tolerances import tolerance_plot
 
 __all__ = [

@@ -68,7 +68,9 @@ class Member(Brief):
         return (contact_torques + self.problem.gravity_torques - self.offsets) / self.factors
 
 
-def feedback_torques(problem: QuasistaticProblem, stiffness: FloatArray) -> FloatArray:
+def feedback_torques(
+    problem: QuasistaticProblem, stiffness: FloatArray | None
+) -> FloatArray | None:
     """Return (L, d) what joint stiffness adds to torques in motions that no contact resists.
 
     A motion n with [W^T, J] n = 0 leaves all contacts as they are; those that slide anyway or have
@@ -78,8 +80,11 @@ def feedback_torques(problem: QuasistaticProblem, stiffness: FloatArray) -> Floa
 
     Args:
         problem: Contacts and joints.
-        stiffness: (L,) N m/rad (N/m) of each joint.
+        stiffness: (L,) N m/rad (N/m) of each joint; None: nothing is added, None is
+            returned.
     """
+    if stiffness is None:
+        return None
     return stiffness[:, None] * motions_without_force(problem)[problem.passive_count :]
 
 

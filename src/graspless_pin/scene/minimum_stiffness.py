@@ -20,6 +20,8 @@ from graspless_pin.holding.controller import (
     DAMPING,
     JOINTS_HELD,
     Controller,
+    GrowthProof,
+    SmallMotions,
     gain_shares,
     gain_words,
 )
@@ -31,7 +33,6 @@ from graspless_pin.holding.dynamics import (
     motion_units,
     world_forces,
 )
-from graspless_pin.holding.growth import GrowthProof, SmallMotions
 from graspless_pin.holding.small_motions import (
     GROWTH_LIMIT,
     Intervals,

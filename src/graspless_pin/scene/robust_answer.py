@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from graspless_pin.algorithms.attainable_tolerances import largest_share
 from graspless_pin.algorithms.options import Limits, RequiredStability, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.algorithms.served_share import largest_share
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.programs.analysis_objectives import at_torques

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.algorithms.named_objectives import OBJECTIVES
+from graspless_pin.algorithms.torque import OBJECTIVES
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
@@ -42,7 +42,7 @@ from graspless_pin.solution.tables import shown, torque_size
 
 if TYPE_CHECKING:
     from graspless_pin.planning.squeeze_window import SqueezeWindow
-    from graspless_pin.report.html.time_lapse import TimeLapse
+    from graspless_pin.report.simulation import TimeLapse
 
 _SUGGESTION = "- "
 _PLAYED = 2.6  # s that the page takes for a motion
