@@ -211,19 +211,19 @@ def minimum_friction(
         0.22 of the friction is needed
     """
     checked_problem(problem)
-    how = SolveOptions.parse(**options)
-    what = "minimum_friction is what can be held with at best"
-    how.need_weak(what, "leave it out, and ask for guaranteed torques at a factor")
-    factor, proven = smallest_factor(problem, Margin(), how)
-    return MinimumFriction(factor, proven)
+    how = SolveOptions.parse(**options).need_weak(
+        "minimum_friction is what can be held with at best",
+        "leave it out, and ask for guaranteed torques at a factor",
+    )
+    return smallest_factor(problem, Margin(), how)
 
 
 def smallest_factor(
     problem: QuasistaticProblem, objective: Objective, options: SolveOptions
-) -> tuple[float, bool]:
-    """Return the smallest common factor on friction with which an objective is feasible, or NaN.
+) -> MinimumFriction:
+    """Return the smallest common factor on friction with which an objective is feasible.
 
-    It also says whether all searches came to their end: one that did not counts as infeasible.
+    A search that did not come to its end counts as infeasible.
 
     Args:
         problem: Contacts, wrench, joints and limits.
@@ -244,7 +244,7 @@ def smallest_factor(
         return solution.found
 
     if objective.required_margin == 0.0 and feasible(0.0):
-        return 0.0, proven
+        return MinimumFriction(0.0, proven)
     tried = [1.0, _LARGEST]
     if problem.is_sliding.any():
         # The factor 1 is among them: what is feasible as it is must not be missed.
@@ -255,8 +255,8 @@ def smallest_factor(
             break
         low = top
     else:
-        return np.nan, proven
+        return MinimumFriction(np.nan, proven)
     while top - low > _RELATIVE * top:
         middle = 0.5 * (low + top)
         low, top = (low, middle) if feasible(middle) else (middle, top)
-    return top, proven
+    return MinimumFriction(top, proven)

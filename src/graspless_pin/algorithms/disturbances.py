@@ -132,10 +132,11 @@ def disturbance_margin(
         22.3 N
     """
     checked_problem(problem)
-    how = SolveOptions.parse(**options)
+    how = SolveOptions.parse(**options).need_weak(
+        "disturbance_margin is what can be borne at best",
+        "leave it out, and ask `stability` under a disturbance",
+    )
     how.rules.need_signs("disturbance_margin")
-    what = "disturbance_margin is what can be borne at best"
-    how.need_weak(what, "leave it out, and ask `stability` under a disturbance")
     limits = Limits.of(how)
     units, length = unit_disturbances(problem, directions, characteristic_length)
     held = None
@@ -230,8 +231,7 @@ def unit_disturbances(
             return read_only(axes), float(length)
         from scipy.stats import norm, qmc
 
-        points = qmc.Sobol(passive, scramble=False).random(2 * _SAMPLES)[_SAMPLES:]
-        spread = norm.ppf(points)
+        spread = norm.ppf(qmc.Sobol(passive, scramble=False).random(2 * _SAMPLES)[_SAMPLES:])
         given = np.vstack([axes, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
         return read_only(given), float(length)
     given = finite_array("directions", directions, (None, passive))
@@ -296,8 +296,7 @@ class GuaranteedDisturbance(Brief):
 
         Then the other figures are what was proven and found by then.
         """
-        decided = self.verdict.status is not Stability.UNDECIDED
-        return self._each("complete", without=decided)
+        return self._each("complete", without=self.verdict.status is not Stability.UNDECIDED)
 
     @property
     def reached(self) -> NDArray[np.bool_]:

@@ -364,17 +364,17 @@ def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggesti
     options = tries.options(solution.rules)
     if options is None:
         return
-    least, proven = smallest_factor(problem, solution.objective, options)
-    tries.cut_short |= tries.is_limited and not proven
-    if not np.isfinite(least):
+    found = smallest_factor(problem, solution.objective, options)
+    tries.cut_short |= tries.is_limited and not found.proven
+    if not found.found:
         return
 
     def scaled(factor: float) -> QuasistaticProblem:
         return problem.with_changes(friction=factor * problem.friction)
 
-    factor = rounded_up(least * ROOM)
-    if least < 1.0:  # the smallest change is the largest factor that is enough
-        low, high = least, 1.0
+    factor = rounded_up(found.factor * ROOM)
+    if found.factor < 1.0:  # the smallest change is the largest factor that is enough
+        low, high = found.factor, 1.0
         while high - low > _FACTOR_STEP:
             middle = 0.5 * (low + high)
             holds = tries.feasible(

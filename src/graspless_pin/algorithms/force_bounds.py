@@ -98,11 +98,6 @@ class ForceExtremes:
         self.reached: list[FloatArray] = []
         self.proven = True
 
-    @property
-    def time_is_over(self) -> bool:
-        """Whether the time limit has passed."""
-        return self.limits.passed
-
     def feasibility(self) -> Status:
         """Whether some mode holds the torques."""
         return self._search(self.set).status
@@ -123,7 +118,7 @@ class ForceExtremes:
         scale = float(np.abs(functional).max())
         if scale == 0.0:
             return Extreme(0.0, proven=True)
-        self.proven = not self.time_is_over
+        self.proven = not self.limits.passed
         value = -np.inf
         if self.proven:
             c = -functional / scale
@@ -186,7 +181,7 @@ class ForceExtremes:
 
     def largest_margin(self) -> Extreme:
         """Largest margin over all modes, with the normal-force limit counted."""
-        self.proven = not self.time_is_over
+        self.proven = not self.limits.passed
         if self.proven:
             held = formulated(self.problem, HeldMargin(self.torques))
             best = self._search(held).state.best
@@ -249,7 +244,7 @@ class ForceExtremes:
         pair = formulated(self.problem, beside, layers=(0, self.rows.size))
         pair = _with_costs(pair, np.concatenate([np.zeros(len(c)), c]))
         for limit in _NODES:
-            if self.time_is_over:
+            if self.limits.passed:
                 self.proven = False
                 break
             ray, over = self._try(alone, limit)
@@ -298,7 +293,7 @@ class ForceExtremes:
         state = SearchState(replace(formulation, cutoff=cutoff), self.rules, self.solver)
         own = self.limits if node_limit is None else replace(self.limits, node_limit=node_limit)
         result = search_modes(state, self.options, own)
-        ended = result.status in _ENDED_EARLY and (self.time_is_over or node_limit is None)
+        ended = result.status in _ENDED_EARLY and (self.limits.passed or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
         # The other programs have other rows, or a force among their variables and more.
         if state.best is not None and formulation.objective is self.set.objective:
@@ -456,9 +451,10 @@ def contact_force_bounds(
         >>> print(f"margins up to {bounds.largest_margin:.1f} N")
         margins up to 0.1 N
     """
-    how = SolveOptions.parse(**options)
+    how = SolveOptions.parse(**options).need_weak(
+        "contact_force_bounds takes torques as they are", "ask `stability` of them"
+    )
     how.rules.need_signs("contact_force_bounds")
-    how.need_weak("contact_force_bounds takes torques as they are", "ask `stability` of them")
     checked_problem(problem)
     given = finite_array("torques", torques, (problem.joint_count,))
     search = ForceExtremes(problem, given, how)

@@ -426,10 +426,11 @@ def margin_torque_curve(
         0.9618 N m for 0.1 N
     """
     checked_problem(problem)
-    how = SolveOptions.parse(**options)
+    how = SolveOptions.parse(**options).need_weak(
+        "margin_torque_curve is of the best case",
+        "leave it out, or ask `minimize_torque` for each margin",
+    )
     how.rules.need_signs("margin_torque_curve")
-    what = "margin_torque_curve is of the best case"
-    how.need_weak(what, "leave it out, or ask `minimize_torque` for each margin")
     torque_scale = choice(TorqueScale, "scale", scale)
     formulation = formulated(problem, Tradeoff(torque_objective(0.0, torque_scale)))
     search = CurveSearch(formulation, how, Limits.of(how))

@@ -136,8 +136,8 @@ class SolveOptions:
         """Whether rest has to be the only outcome."""
         return self.stability is RequiredStability.STRONG
 
-    def need_weak(self, what: str, instead: str) -> None:
-        """Refuse ``stability="strong"`` where it has no meaning.
+    def need_weak(self, what: str, instead: str) -> Self:
+        """Return the options; refuse ``stability="strong"`` where it has no meaning.
 
         Args:
             what: What cannot have it, as the subject of a sentence.
@@ -148,6 +148,7 @@ class SolveOptions:
         """
         if self.strong:
             raise ArgumentError("stability", f"is 'strong', but {what}; {instead}")
+        return self
 
 
 DEFAULT_OPTIONS = SolveOptions()

@@ -15,7 +15,7 @@ from graspless_pin.algorithms.uncertain_members import Weight
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.holding.verdict import StabilityVerdict
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.problem.members import Member
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.records import Brief
@@ -134,9 +134,7 @@ class RobustSolution(Brief):
     @property
     def proven_for(self) -> str:
         """Which members it is proven for, in words."""
-        if self.samples is None:
-            return str(self.coverage)
-        return self.samples.where_meant.where_meant
+        return str(self.coverage) if self.samples is None else self.samples.where_meant.where_meant
 
     @property
     def status(self) -> Status:
@@ -157,16 +155,17 @@ class RobustSolution(Brief):
     @property
     def margin(self) -> float:
         """The margin that all members keep, N; NaN where nothing was found."""
-        if self.policy is not None:
-            return self.policy.least_margin
-        return self.solution.margin
+        return self.solution.margin if self.policy is None else self.policy.least_margin
 
     @property
     def max_torque(self) -> float:
         """The largest |torque| that is commanded in any member; NaN where nothing was found."""
-        if self.policy is not None:
-            return self.policy.max_torque
-        return self.solution.max_torque
+        return self.solution.max_torque if self.policy is None else self.policy.max_torque
+
+    @property
+    def max_torque_unit(self) -> JointUnit:
+        """Unit of the joint with the largest |torque| in the solution; N m without joints."""
+        return self.solution.max_torque_unit
 
     @property
     def value(self) -> float:
@@ -225,8 +224,7 @@ class RobustSolution(Brief):
     @property
     def torques_by_joint(self) -> Mapping[str, float]:
         """The same by name."""
-        named = dict(zip(self.joint_names, self.torques.tolist(), strict=True))
-        return MappingProxyType(named)
+        return MappingProxyType(dict(zip(self.joint_names, self.torques.tolist(), strict=True)))
 
     @property
     def worst(self) -> int:
@@ -273,8 +271,7 @@ class RobustSolution(Brief):
         """(J, M, 3) forces of the solution's J members or the policy's corners, N, world axes."""
         if self.policy is not None:
             return self.policy.forces
-        count = self.members[0].problem.contact_count
-        return self.solution.contact_forces.reshape(-1, count, 3)
+        return self.solution.contact_forces.reshape(-1, self.members[0].problem.contact_count, 3)
 
     def __str__(self) -> str:
         """Return what was found, for which members, or which are in conflict."""
@@ -297,8 +294,7 @@ class RobustSolution(Brief):
                     "resists; feedback=STIFFNESS adds what the joints' stiffness gives there"
                 )
             return "\n".join(lines)
-        problem, unit = self.members[0].problem, self.solution.max_torque_unit
-        commands = self.commands
+        problem, commands = self.members[0].problem, self.commands
         rows = [
             (name, f"{commands[0, k]:.4g}", f"{commands[:, k].min():.4g}",
              f"{commands[:, k].max():.4g}", kind)
@@ -319,8 +315,8 @@ class RobustSolution(Brief):
             count = len(self.rest.corners)
             policy += f"\nrest is the only outcome at {count} corners, between them that is open"
         return (
-            f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} {unit}, proven for "
-            f"{self.proven_for}{policy}\n{sampled}"
+            f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} "
+            f"{self.max_torque_unit}, proven for {self.proven_for}{policy}\n{sampled}"
             f"least room where: {self.members[self.worst].words}\n\n"
             f"{tabulate(rows, headers=headers, disable_numparse=True)}"
         )

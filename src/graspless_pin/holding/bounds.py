@@ -91,6 +91,12 @@ class States:
         return _among(kinds)[self.numbers]
 
     @cached_property
+    def arcs(self) -> tuple[FloatArray, FloatArray]:
+        """(M,) middle and half the width of the directions that slips may have, rad."""
+        slipping = self.are(ContactState.SLIPPING)
+        return self.center, np.where(slipping, self.half_width, np.pi)
+
+    @cached_property
     def numbers(self) -> NDArray[np.intp]:
         """(M,) the states' places among all `ContactState`."""
         return np.array([_NUMBERS[state] for state in self.state])
@@ -123,12 +129,11 @@ def repaired(
     The smallest changes of lambda after which no contact's force gains: forces are unbounded, so
     that a gain of 1e-9 for each newton proves nothing.
     """
-    arc = states.center, np.where(states.are(ContactState.SLIPPING), states.half_width, np.pi)
     unbounded = ~states.are(ContactState.OPEN) & ~dynamics.is_commanded
     motion = dual.motion
     for _ in range(_REPAIRS):
         c = goal[1] + dynamics.rows @ motion
-        sides = dynamics.friction[:, None] * least_direction(c[:, 1:], *arc)
+        sides = dynamics.friction[:, None] * least_direction(c[:, 1:], *states.arcs)
         gain = c[:, 0] - (sides * c[:, 1:]).sum(axis=1)
         # Where no force of a contact gains, no component does; else only the best force may not.
         vanishing = unbounded & (np.abs(c).max(axis=1) < _ROUNDING)
@@ -212,14 +217,13 @@ def outcome_bound(
     p, q = goal
     mu, commanded = dynamics.friction, dynamics.is_commanded
     opened, sticking = states.are(ContactState.OPEN), states.are(ContactState.STICKING)
-    arc = states.center, np.where(states.are(ContactState.SLIPPING), states.half_width, np.pi)
     may_part = states.are(ContactState.FREE, ContactState.OPEN)
     normal = np.where(may_part, np.maximum(dual.normal, 0.0), dual.normal)
     normal = np.where(commanded, 0.0, normal)
     rows = dynamics.rows
     # Contact forces.
     c = q + rows @ dual.motion
-    per_newton = np.where(commanded, 0.0, c[:, 0]) - mu * least_along(c[:, 1:], *arc)
+    per_newton = np.where(commanded, 0.0, c[:, 0]) - mu * least_along(c[:, 1:], *states.arcs)
     low = np.where(commanded, dynamics.commanded, loads)
     high = np.where(commanded, dynamics.commanded, force_limit)
     forces = np.where(opened, 0.0, per_newton * np.where(per_newton > 0.0, high, low)).sum()
@@ -232,7 +236,7 @@ def outcome_bound(
     bound += max(rise, 0.0)
     # Slips: what kappa takes wrongly is paid by friction's power, or by the longest slip.
     v = p - dual.motion + normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
-    wrong = np.where(sticking, 0.0, np.maximum(-least_along(dual.tangential, *arc), 0.0))
+    wrong = np.where(sticking, 0.0, np.maximum(-least_along(dual.tangential, *states.arcs), 0.0))
     power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_spread, 0.0))
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
     bound += float((v + dual.motion) @ dynamics.aside)

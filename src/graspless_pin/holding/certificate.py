@@ -160,6 +160,37 @@ def is_certificate(
     return bool(y <= dynamics.resolution)
 
 
+def certified(
+    problem: QuasistaticProblem,
+    torques: FloatArray,
+    normal_forces: FloatArray,
+    loads: tuple[LoadProof, ...],
+    dynamics: Dynamics | None,
+) -> tuple[Balance | None, RestProof | None]:
+    """Return the forces that leave least of a load unbalanced, and the certificate that they are.
+
+    Args:
+        problem: Contacts, load and joints.
+        torques: (L,) of the motors.
+        normal_forces: (M,) N, that every outcome has at least, and
+        loads: what proves them beside commanded ones.
+        dynamics: The scaled dynamics; None: it has to hold for every inertia.
+    """
+    found = balance(problem, torques, problem.friction * normal_forces)
+    if found is None:
+        return None, None
+    forces = found.forces * problem.scales.force
+    if not is_certificate(problem, torques, forces, normal_forces, dynamics):
+        return found, None
+    limit = FORCE_LIMIT * problem.scales.force if loads else np.inf
+    return found, RestProof(loads, world_forces(problem, forces), None, limit)
+
+
+def force_limit(problem: QuasistaticProblem, dynamics: Dynamics) -> float:
+    """Return the normal force up to which proofs hold, scaled."""
+    return FORCE_LIMIT * problem.scales.force / dynamics.force_unit
+
+
 def proven_loads(
     dynamics: Dynamics, least: FloatArray, force_limit: float
 ) -> tuple[tuple[LoadProof, ...], int]:
@@ -341,12 +372,10 @@ class LoadLine:
         """Prove by branching that nothing moves, or tell whether something does."""
         if spread is None:
             return RestProof((), None, None, np.inf)
-        relaxation = self._relaxation(spread, self._newtons([loads]))
-        found = branch(spread, relaxation, is_over)
+        found = branch(spread, self._relaxation(spread, self._newtons([loads])), is_over)
         if found.tree is None:
             return Unproven.OPEN if found.motion is None else Unproven.MOVES
-        limit = FORCE_LIMIT * self.problem.scales.force
-        return RestProof(loads, None, found.tree, limit)
+        return RestProof(loads, None, found.tree, FORCE_LIMIT * self.problem.scales.force)
 
     def _dynamics(self, multiple: float) -> Dynamics | None:
         """Return the dynamics; None without inertias, and without load: then nothing moves."""
@@ -359,35 +388,25 @@ class LoadLine:
     ) -> tuple[RestProof, RestProof] | None:
         """Return certificates of both ends that lean on loads that all outcomes have."""
         least, proofs = self._newtons(loads), list[RestProof]()
-        limit = FORCE_LIMIT * self.problem.scales.force
         for end, own in zip(ends, loads, strict=True):
             problem, torques = self.at(end)
             normal_forces = np.maximum(commanded_forces(problem, torques), least)
-            found = balance(problem, torques, problem.friction * normal_forces)
-            if found is None:
+            _, proof = certified(problem, torques, normal_forces, own, self._dynamics(end))
+            if proof is None:
                 return None
-            forces = found.forces * problem.scales.force
-            if not is_certificate(problem, torques, forces, normal_forces, self._dynamics(end)):
-                return None
-            world = world_forces(problem, forces)
-            proofs.append(RestProof(own, world, None, limit if own else np.inf))
+            proofs.append(proof)
         return proofs[0], proofs[1]
 
     def _relaxation(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
         least = np.where(dynamics.is_commanded, dynamics.commanded, loads / dynamics.force_unit)
-        return Relaxation(dynamics, least, self._most(dynamics))
-
-    def _most(self, dynamics: Dynamics) -> float:
-        """Return the normal force up to which proofs hold, scaled."""
-        return FORCE_LIMIT * self.problem.scales.force / dynamics.force_unit
+        return Relaxation(dynamics, least, force_limit(self.problem, dynamics))
 
     def _loads(self, dynamics: Dynamics | None) -> tuple[LoadProof, ...]:
         """Return normal forces that every outcome has, with their proofs."""
         if dynamics is None:
             return ()
         least = np.where(dynamics.is_commanded, dynamics.commanded, 0.0)
-        loads, _ = proven_loads(dynamics, least, self._most(dynamics))
-        return loads
+        return proven_loads(dynamics, least, force_limit(self.problem, dynamics))[0]
 
     def _newtons(self, loads: Sequence[tuple[LoadProof, ...]]) -> FloatArray:
         """Return the (M,) smallest of the normal forces that several sets of proofs prove, N."""

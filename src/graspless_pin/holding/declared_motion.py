@@ -200,13 +200,12 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
         force_limit: It holds for outcomes with normal forces up to this, scaled.
     """
     rows, pushes, held = dynamics.rows, dynamics.pushes, dynamics.is_commanded
-    arcs = _arcs(states)
     high = np.where(held, dynamics.commanded, force_limit)
     high = np.where(states.are(ContactState.OPEN), 0.0, high)
     low = np.where(held, high, 0.0)
     gain = _gains(dynamics, states, dual.motion)
     bound = float(dual.motion @ dynamics.load + (np.maximum(gain * low, gain * high)).sum())
-    wrong = np.maximum(-least_along(dual.tangential, *arcs), 0.0)
+    wrong = np.maximum(-least_along(dual.tangential, *states.arcs), 0.0)
     wrong = np.where(states.are(ContactState.STICKING), 0.0, wrong)
     sizes = np.linalg.norm(pushes, axis=2).sum(axis=1) * (1.0 + dynamics.friction)
     reach = float(np.linalg.norm(dynamics.load)) + float(high @ sizes)
@@ -225,16 +224,11 @@ def completed(dynamics: Dynamics, states: States, dual: DualBound, goal: FloatAr
     return DualBound(motion, normal, tangential)
 
 
-def _arcs(states: States) -> tuple[FloatArray, FloatArray]:
-    slipping = states.are(ContactState.SLIPPING)
-    return states.center, np.where(slipping, states.half_width, np.pi)
-
-
 def _gains(dynamics: Dynamics, states: States, motion: FloatArray) -> FloatArray:
     """Return what a newton of each normal force gains at most, (M,)."""
     c = dynamics.pushes @ motion
     normal = np.where(dynamics.is_commanded, 0.0, c[:, 0])
-    return normal - dynamics.friction * least_along(c[:, 1:], *_arcs(states))
+    return normal - dynamics.friction * least_along(c[:, 1:], *states.arcs)
 
 
 _EMPTY = -0.5

@@ -19,8 +19,9 @@ from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import (
     balance,
     bearing_forces,
+    certified,
+    force_limit,
     in_loads,
-    is_certificate,
     proven_loads,
     proves_unrest,
 )
@@ -332,22 +333,15 @@ def _certified(
     Forces that only nearly balance the load may prove that nothing moves fast, and those that lean
     on proven loads may leave their cones: neither are forces of rest.
     """
-    problem, torques = known.problem, known.torques
     normal_forces = commanded.copy()
     for load in loads:
         normal_forces[load.contact] = max(normal_forces[load.contact], load.force)
-    found = balance(problem, torques, problem.friction * normal_forces)
-    if found is None:
-        return known, None
-    known = replace(known, programs=known.programs + found.programs)
-    forces = found.forces * problem.scales.force
-    if not is_certificate(problem, torques, forces, normal_forces, dynamics):
-        return known, None
-    world = world_forces(problem, forces)
-    if not loads and found.is_rest:
-        known = replace(known, rest_forces=world)
-    limit = np.inf if not loads else FORCE_LIMIT * problem.scales.force
-    return known, RestProof(loads, world, None, limit)
+    found, proof = certified(known.problem, known.torques, normal_forces, loads, dynamics)
+    if found is not None:
+        known = replace(known, programs=known.programs + found.programs)
+        if proof is not None and not loads and found.is_rest:
+            known = replace(known, rest_forces=proof.forces)
+    return known, proof
 
 
 def _searched(
@@ -356,7 +350,7 @@ def _searched(
     """Find the loads of the fingers, look for a motion, then branch."""
     if slides_with_friction(known.problem).any():
         return _under_motion(known, dynamics, limits)
-    most = _force_limit(known.problem, dynamics)
+    most = force_limit(known.problem, dynamics)
     least = commanded / dynamics.force_unit
     loads, programs = proven_loads(dynamics, least, most)
     known = replace(known, programs=known.programs + programs)
@@ -402,7 +396,7 @@ def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: Limits) -
     if forces is not None:
         return _weak(known, outcome_record(known.problem, dynamics, forces))
     begun = time.thread_time()
-    found = other_motion(dynamics, _force_limit(known.problem, dynamics), limits.end)
+    found = other_motion(dynamics, force_limit(known.problem, dynamics), limits.end)
     programs, seconds = known.programs + found.programs, time.thread_time() - begun
     known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
     if found.motion is not None:
@@ -410,12 +404,7 @@ def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: Limits) -
     if found.tree is None:
         resists = state_words(found.resisting) or "no contact's state is known"
         return _unproven(known, limits, f"{found.left} left; what resists: {resists}")
-    limit = FORCE_LIMIT * known.problem.scales.force
-    return _strong(known, RestProof((), None, found.tree, limit))
-
-
-def _force_limit(problem: QuasistaticProblem, dynamics: Dynamics) -> float:
-    return FORCE_LIMIT * problem.scales.force / dynamics.force_unit
+    return _strong(known, RestProof((), None, found.tree, FORCE_LIMIT * known.problem.scales.force))
 
 
 def _none(
@@ -429,7 +418,7 @@ def _none(
     motion, message = None, "loses its motion" if problem.is_sliding.any() else "fails"
     message += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
     if dynamics is not None and forces is None and slides_with_friction(problem).any():
-        found = other_motion(dynamics, _force_limit(problem, dynamics), limits.end)
+        found = other_motion(dynamics, force_limit(problem, dynamics), limits.end)
         known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
         forces = found.motion
         if found.tree is not None and found.tree.is_empty:

@@ -12,7 +12,7 @@ import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,7 @@ from graspless_pin.report.provenance import provenance
 from graspless_pin.report.robust import robust_data
 from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
 from graspless_pin.report.verify import Check, verify_document
-from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES
+from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES, written
 from graspless_pin.report.verify.outcome import GUARANTEED
 from graspless_pin.report.verify.reading import read_problem
 from graspless_pin.report.verify.rest import rest_checks
@@ -108,11 +108,7 @@ def solution_document(
         "margin": solution.margin if found else None,
         "max_torque": solution.max_torque if found else None,
         "max_torque_unit": solution.max_torque_unit if found else None,
-        "rules": {
-            "sign_rule": str(solution.rules.sign),
-            "sliding_rule": str(solution.rules.sliding),
-            "static_friction": str(solution.rules.static_friction),
-        },
+        "rules": solution.rules.options(),
         "external_wrench": solution.problem.external_wrench,
         "cone": solution.problem.cone,
         "cone_edges": solution.problem.cone_edges,
@@ -150,11 +146,7 @@ def solution_document(
     if guarantee is not None:
         if verdict is None and (found or not solution.problem.joint_count):
             verdict = guarantee.verdict  # where torques are there to check it on
-        document["guarantee"] = {
-            "best_case": guarantee.best_case,
-            "gap": guarantee.gap,
-            "tried": guarantee.tried,
-        }
+        document["guarantee"] = written("guarantee", guarantee)
     if verdict is not None:
         document["stability"] = verdict_data(verdict)
         document["holding"] = holding_data(verdict)
@@ -290,10 +282,8 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
 
 def _certificate(solution: TorqueSolution) -> dict[str, Any]:
     """Return the figures of the certificate; those of an answer are null where there is none."""
-    certificate = asdict(solution.certificate)
-    if not solution.found:
-        certificate |= dict.fromkeys(("primal_residual", "duality_gap", "bound", "gap"))
-    return certificate
+    of_answer = () if solution.found else ("primal_residual", "duality_gap", "bound", "gap")
+    return written("certificate", solution.certificate, **dict.fromkeys(of_answer))
 
 
 def _plain(value: Any) -> Any:

@@ -13,7 +13,6 @@ from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, S
 from graspless_pin.algorithms.robust_torques import further_forces
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.holding.verdict import Holding
-from graspless_pin.problem.checks import JointUnit
 from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.member_verdicts import MemberVerdicts
@@ -163,7 +162,7 @@ def _feedback_words(found: RobustSolution) -> str:
     most = found.largest_deflection
     return (
         f"Position feedback at the joints serves it: max |torque| {found.max_torque:.4g} "
-        f"{found.solution.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
+        f"{found.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
         f"{STIFFNESS:g}) joints give way by up to {most:.2g} rad (m), with K times that by one Kth."
     )
 
@@ -173,17 +172,12 @@ def _figures(found: TorqueSolution | RobustSolution, answer: RobustAnswer) -> st
     if not found.found:
         return "there are none"
     problem = answer.nominal.problem
-    unit = found.max_torque_unit if isinstance(found, TorqueSolution) else _torque_unit(found)
     torques = found.torques if isinstance(found, TorqueSolution) else found.commands.ravel()
     size = torque_size(problem, np.resize(torques, problem.joint_count))
     return (
         f"margin e = {figure(found.margin, problem.scales.force)} N, max |torque| = "
-        f"{figure(found.max_torque, size)} {unit}"
+        f"{figure(found.max_torque, size)} {found.max_torque_unit}"
     )
-
-
-def _torque_unit(robust: RobustSolution) -> JointUnit:
-    return robust.solution.max_torque_unit
 
 
 def _unit(answer: RobustAnswer) -> str:
@@ -192,7 +186,8 @@ def _unit(answer: RobustAnswer) -> str:
         return "N"
     if objective.by_limits:
         return "of the limits"
-    return str(_torque_unit(answer.robust)) if objective.algorithm else "of the objective's unit"
+    unit = str(answer.robust.max_torque_unit)
+    return unit if objective.algorithm else "of the objective's unit"
 
 
 def robust_data(answer: RobustAnswer) -> dict[str, Any]:
@@ -226,7 +221,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         "found": found,
         "coverage": robust.coverage.name.lower(),
         "samples": _samples(robust.samples),
-        **_summary(robust, robust.joint_names),
+        **_summary(robust),
         "bound": robust.bound,
         "feedback": None
         if robust.feedback is None
@@ -242,13 +237,13 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         else {
             "stiffness": STIFFNESS,
             "found": with_feedback.found,
-            **_summary(with_feedback, robust.joint_names),
+            **_summary(with_feedback),
             "largest_deflection": _deflection(with_feedback),
         },
         "nominal": {
             "status": nominal.status.name.lower(),
             "found": nominal.found,
-            **_summary(nominal, robust.joint_names),
+            **_summary(nominal),
         },
     }
 
@@ -291,16 +286,11 @@ def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
     return told
 
 
-def _summary(found: TorqueSolution | RobustSolution, names: Sequence[str]) -> dict[str, Any]:
+def _summary(found: TorqueSolution | RobustSolution) -> dict[str, Any]:
+    keys = ("margin", "max_torque", "max_torque_unit")
     if not found.found:
-        return dict.fromkeys(("margin", "max_torque", "max_torque_unit", "torques"))
-    alone = isinstance(found, TorqueSolution)
-    return {
-        "margin": found.margin,
-        "max_torque": found.max_torque,
-        "max_torque_unit": found.max_torque_unit if alone else _torque_unit(found),
-        "torques": dict(zip(names, found.torques.tolist(), strict=True)),
-    }
+        return dict.fromkeys((*keys, "torques"))
+    return {key: getattr(found, key) for key in keys} | {"torques": dict(found.torques_by_joint)}
 
 
 def _samples(samples: Samples | None) -> dict[str, Any] | None:

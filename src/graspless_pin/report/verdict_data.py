@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from math import nan
 from typing import Any
 
 from graspless_pin.algorithms.disturbances import GuaranteedDisturbance
 from graspless_pin.algorithms.robustness import LoadBracket
 from graspless_pin.errors import ArgumentError
-from graspless_pin.holding.controller import CONSTANT_TORQUES
+from graspless_pin.holding.controller import CONSTANT_TORQUES, SmallMotions
 from graspless_pin.holding.verdict import (
     ContactState,
+    DualBound,
     DynamicOutcome,
     LoadProof,
     OutcomeSet,
@@ -21,7 +21,7 @@ from graspless_pin.holding.verdict import (
     StabilityVerdict,
 )
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part
+from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part, written
 from graspless_pin.report.verify.values import entry
 
 MOST_SPAN_LEAVES = 10_000
@@ -40,21 +40,9 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes``,
         ``free_motions``, ``moves``, ``joints_held`` and ``proof``.
     """
-    return {
-        "status": str(verdict.status),
-        "message": verdict.message,
-        "acceleration_resolution": verdict.acceleration_resolution,
-        "acceleration_limit": verdict.acceleration_limit,
-        "rest_forces": verdict.rest_forces,
-        "motion": verdict.motion and vars(verdict.motion),
-        "no_rest": verdict.no_rest,
-        "programs": verdict.programs,
-        "nodes": verdict.nodes,
-        "free_motions": verdict.free_motions,
-        "moves": None if verdict.moves is None else str(verdict.moves),
-        "joints_held": verdict.joints_held,
-        "proof": None if verdict.proof is None else _proof(verdict.proof),
-    }
+    proof = None if verdict.proof is None else _proof(verdict.proof)
+    motion = verdict.motion and written("outcome", verdict.motion)
+    return written("stability", verdict, motion=motion, proof=proof)
 
 
 def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
@@ -69,19 +57,19 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         ``acceleration`` with the ``status`` of the first instant, and ``proofs`` that no small
         motion grows, by model of the surfaces (see `GrowthProof`).
     """
-    small = verdict.small_motions
-    return {
-        "status": str(verdict.holding),
-        "controller": verdict.controller or CONSTANT_TORQUES,
-        "stiffness_needed": verdict.stiffness_needed,
-        "stable_stiffness": [] if small is None else small.stable,
-        "growth_rate": verdict.growth_rate,
-        "least_growth_rate": nan if small is None else small.least_growth,
-        "unstable_motion": None if small is None else small.motion,
-        "assumed_contacts": [] if small is None else list(small.assumed),
-        "acceleration": {"status": str(verdict.status)},
-        "proofs": {} if small is None else {name: vars(one) for name, one in small.proofs.items()},
-    }
+    small = verdict.small_motions or SmallMotions.not_known("it was not asked")
+    return written(
+        "holding",
+        verdict,
+        status=verdict.holding,
+        controller=verdict.controller or CONSTANT_TORQUES,
+        stable_stiffness=small.stable,
+        least_growth_rate=small.least_growth,
+        unstable_motion=small.motion,
+        assumed_contacts=small.assumed,
+        acceleration=written("first instant", verdict),
+        proofs={name: written("growth proof", one) for name, one in small.proofs.items()},
+    )
 
 
 def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
@@ -100,23 +88,15 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
         fits = leaves + own <= MOST_SPAN_LEAVES
         leaves += own if fits else 0
         last = bracket.last_rest
+        spans = [_span(span) for span in bracket.spans] if fits else None
+        failure = None if bracket.failure is None else verdict_data(bracket.failure)
         directions.append(
-            {
-                "direction": direction,
-                "guaranteed": bracket.guaranteed,
-                "failing": bracket.failing,
-                "possible": bracket.possible,
-                "spans": [_span(span) for span in bracket.spans] if fits else None,
-                "failure": None if bracket.failure is None else verdict_data(bracket.failure),
-                "forces": last and last.forces,
-                "no_rest": last and last.no_rest,
-            }
-        )
-    return {
-        "characteristic_length": found.characteristic_length,
-        "largest": found.largest,
-        "directions": directions,
-    }
+            written(
+                "direction", bracket, direction=direction, spans=spans, failure=failure,
+                forces=last and last.forces, no_rest=last and last.no_rest,
+            )
+        )  # fmt: skip
+    return written("disturbances", found, directions=directions)
 
 
 def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
@@ -179,19 +159,16 @@ def _span(span: SpanProof) -> list[dict[str, Any]]:
 
 def _proof(proof: RestProof) -> dict[str, Any]:
     """Return the proof; nodes of a tree depth first, each with the number of its children."""
-    tree = proof.tree
-    return {
-        "loads": _loads(proof.loads),
-        "forces": proof.forces,
-        "force_limit": proof.force_limit,
-        "nodes": None if tree is None else [_node(node) for node in _depth_first(tree)],
-    }
+    nodes = None if proof.tree is None else [_node(node) for node in _depth_first(proof.tree)]
+    return written("rest proof", proof, loads=_loads(proof.loads), nodes=nodes)
 
 
 def _loads(loads: tuple[LoadProof, ...]) -> list[dict[str, Any]]:
-    return [
-        {"contact": one.contact, "force": one.force, "multipliers": vars(one.dual)} for one in loads
-    ]
+    return [written("least load", one, multipliers=_multipliers(one.dual)) for one in loads]
+
+
+def _multipliers(dual: DualBound) -> dict[str, Any]:
+    return written("rest multipliers", dual)
 
 
 def _depth_first(tree: OutcomeSet | None) -> Iterator[OutcomeSet]:
@@ -203,13 +180,13 @@ def _depth_first(tree: OutcomeSet | None) -> Iterator[OutcomeSet]:
 
 
 def _node(node: OutcomeSet) -> dict[str, Any]:
-    return {
-        "contact": node.contact,
-        "state": str(node.state),
-        "slip": None if node.slip is None else [node.slip.center, node.slip.half_width],
-        "multipliers": None if node.dual is None else vars(node.dual),
-        "forced": [vars(dual) for dual in node.forced],
-        "loads": _loads(node.loads),
-        "sides": [{"goal": goal, "multipliers": vars(dual)} for goal, dual in node.sides],
-        "children": len(node.children),
-    }
+    return written(
+        "rest node",
+        node,
+        slip=None if node.slip is None else [node.slip.center, node.slip.half_width],
+        multipliers=None if node.dual is None else _multipliers(node.dual),
+        forced=[*map(_multipliers, node.forced)],
+        loads=_loads(node.loads),
+        sides=[{"goal": goal, "multipliers": _multipliers(dual)} for goal, dual in node.sides],
+        children=len(node.children),
+    )

@@ -308,16 +308,12 @@ class TorqueSolution:
     @property
     def margin(self) -> float:
         """The margin e that the contact forces keep, (36) and (42), N; NaN where none was found."""
-        if not self.found:
-            return math.nan
-        return self.problem.margin_of(self.contact_forces)
+        return self.problem.margin_of(self.contact_forces) if self.found else math.nan
 
     @property
     def max_torque(self) -> float:
         """Largest |motor torque|, in `max_torque_unit`; 0 without joints, NaN if none was found."""
-        if not self.found:
-            return math.nan
-        return float(np.abs(self.torques).max(initial=0.0))
+        return float(np.abs(self.torques).max(initial=0.0)) if self.found else math.nan
 
     @property
     def max_torque_unit(self) -> JointUnit:

@@ -385,3 +385,14 @@ FIELDS: dict[str, dict[str, Field]] = {
     },
 }  # fmt: skip
 """By part. What no check reads may be anything."""
+
+
+def written(kind: str, record: object, **others: Any) -> dict[str, Any]:
+    """Return what a document says of a record: its attributes that the table names.
+
+    Args:
+        kind: Name of the part in the table.
+        record: What it is of.
+        others: Fields that are no attributes of it, or others than these.
+    """
+    return {key: others[key] if key in others else getattr(record, key) for key in FIELDS[kind]}
