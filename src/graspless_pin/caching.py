@@ -65,37 +65,35 @@ class Bounded(dict[_Key, _Value]):
 
 
 class Latest:
-    """Values by name, each made again only where something that it is made from is another."""
+    """Values by name, each good while what it was made from is the same."""
 
     def __init__(self) -> None:
         """Begin with none."""
         self._kept: dict[Any, tuple[tuple[Any, ...], Any]] = {}
 
-    def of(self, name: Any, sources: tuple[Any, ...], make: Callable[[], _Value]) -> _Value:
-        """Return the value of a name: the last one if its sources are the same, else a new one.
+    def get(self, name: Any, sources: tuple[Any, ...]) -> Any:
+        """Return the value that a name was given last; None if it was made from something else.
 
         Args:
             name: What the value is called.
             sources: All that it depends on: the same objects, or equal numbers and texts.
-            make: Makes it.
         """
         kept = self._kept.get(name)
-        if kept is not None and _are_same(kept[0], sources):
-            return kept[1]
-        made = make()
-        self._kept[name] = sources, made
-        return made
+        if kept is None or len(kept[0]) != len(sources):
+            return None
+        return kept[1] if all(map(_is_same, kept[0], sources)) else None
+
+    def put(self, name: Any, sources: tuple[Any, ...], value: _Value) -> _Value:
+        """Keep the value of a name instead of the last one, and return it; see `get`."""
+        self._kept[name] = sources, value
+        return value
 
 
 _PLAIN = (float, int, str, bool, bytes)
 
 
-def _are_same(ones: tuple[Any, ...], others: tuple[Any, ...]) -> bool:
-    """Return whether two tuples hold the same objects, or equal numbers and texts."""
-    return len(ones) == len(others) and all(map(_is_same, ones, others))
-
-
 def _is_same(one: Any, other: Any) -> bool:
+    """Return whether two sources are the same object, or equal numbers or texts."""
     kind = type(one)
     if one is other or kind is not type(other) or kind not in _PLAIN:
         return one is other

@@ -34,13 +34,13 @@ def build_object(file: YamlSource, parts: SceneParts, entry: ObjectEntry) -> Man
         SceneError: Naming the part of the file.
     """
     where = ("object",)
-
-    def made() -> ManipulatedObject:
-        shape = _shape_at(file, parts, (*where, "shape"), entry.shape)
-        pose = _pose_at(file, parts, (*where, "pose"), entry.pose)
-        body = file.at(
-            where,
-            lambda: ManipulatedObject.from_shape(
+    with parts.stage(key_text(where), entry) as stage:
+        if stage.made is not None:
+            return stage.made
+        shape = build_shape(file, parts, (*where, "shape"), entry.shape)
+        pose = build_pose(file, parts, (*where, "pose"), entry.pose)
+        with file.at(where):
+            body = ManipulatedObject.from_shape(
                 entry.name,
                 shape,
                 pose,
@@ -49,11 +49,9 @@ def build_object(file: YamlSource, parts: SceneParts, entry: ObjectEntry) -> Man
                 center_of_mass=entry.center_of_mass,
                 material=entry.material,
                 inertia=entry.inertia,
-            ),
-        )
-        return _with_pieces(parts, where, body, pose)
-
-    return parts.stage(key_text(where), (entry,), made)
+            )
+        stage.made = _with_pieces(parts, where, body, pose)
+    return stage.made
 
 
 def build_support(
@@ -64,70 +62,77 @@ def build_support(
     Raises:
         SceneError: Naming the part of the file.
     """
-
-    def made() -> Support:
-        pose = _pose_at(file, parts, (*where, "pose"), entry.pose)
-        shape = _shape_at(file, parts, (*where, "shape"), entry.shape)
-        body = file.at(
-            where,
-            lambda: Support(
+    with parts.stage(key_text(where), entry) as stage:
+        if stage.made is not None:
+            return stage.made
+        pose = build_pose(file, parts, (*where, "pose"), entry.pose)
+        shape = build_shape(file, parts, (*where, "shape"), entry.shape)
+        with file.at(where):
+            body = Support(
                 entry.name,
                 shape,
                 pose,
                 friction=entry.friction,
                 velocity=twist_of(entry.velocity),
                 material=entry.material,
-            ),
-        )
-        return _with_pieces(parts, where, body, pose)
-
-    return parts.stage(key_text(where), (entry,), made)
+            )
+        stage.made = _with_pieces(parts, where, body, pose)
+    return stage.made
 
 
-def _pose_at(file: YamlSource, parts: SceneParts, where: Location, entry: PoseEntry) -> FloatArray:
-    return parts.stage(key_text(where), (entry,), lambda: build_pose(file, where, entry))
+def build_shape(file: YamlSource, parts: SceneParts, where: Location, entry: Any) -> Shape:
+    """Return the shape at a location of a scene file, which can be made of convex pieces.
 
-
-def _shape_at(file: YamlSource, parts: SceneParts, where: Location, entry: Any) -> Shape:
-    """Return the shape at a location of a scene file, which can be made of convex pieces."""
-
-    def made() -> Shape:
-        if not isinstance(entry, CompoundEntry):
-            return _solid_at(file, where, entry)
-        places = [(*where, "parts", index) for index in range(len(entry.parts))]
-        placed = [*zip(places, entry.parts, strict=True)]
-        return Compound(
-            tuple(_solid_at(file, (*place, "shape"), part.shape) for place, part in placed),
-            np.array([build_pose(file, (*place, "pose"), part.pose) for place, part in placed]),
-        )
-
-    return parts.stage(key_text(where), (entry,), made)
-
-
-def _solid_at(file: YamlSource, where: Location, entry: Any) -> Shape:
-    shape = file.at(where, lambda: SHAPES[entry.type].from_entry(entry, file.file))
-    file.at(where, lambda: shape.pieces(), ("path",) if hasattr(entry, "path") else ())
-    return shape
+    Raises:
+        SceneError: Naming the part of the file.
+    """
+    with parts.stage(key_text(where), entry) as stage:
+        if stage.made is not None:
+            return stage.made
+        if isinstance(entry, CompoundEntry):
+            places = [(*where, "parts", index) for index in range(len(entry.parts))]
+            placed = [*zip(places, entry.parts, strict=True)]
+            stage.made = Compound(
+                tuple(build_shape(file, parts, (*at, "shape"), one.shape) for at, one in placed),
+                np.array([build_pose(file, parts, (*at, "pose"), one.pose) for at, one in placed]),
+            )
+        else:
+            with file.at(where):
+                stage.made = SHAPES[entry.type].from_entry(entry, file.file)
+            with file.at(where, ("path",) if hasattr(entry, "path") else ()):
+                stage.made.pieces()
+    return stage.made
 
 
 def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArray) -> _Body:
     """Return a body with the convex pieces that it had, and where they were, if it still does."""
     name, kept = key_text(where), parts.latest
-    pieces = kept.of(f"{name}: pieces", (made.shape, made.name), lambda: made.shapes)
+    sources = made.shape, made.name
+    pieces = kept.get(f"{name}: pieces", sources)
+    if pieces is None:
+        pieces = kept.put(f"{name}: pieces", sources, made.shapes)
     body = changed(made, shapes=pieces, geometries=pieces.geometries)
-    placed = kept.of(f"{name}: placed pieces", (pieces, pose), lambda: body.placed_bodies)
+    placed = kept.get(f"{name}: placed pieces", (pieces, pose))
+    if placed is None:
+        placed = kept.put(f"{name}: placed pieces", (pieces, pose), body.placed_bodies)
     return changed(body, placed_bodies=placed)
 
 
-def build_pose(file: YamlSource, where: Location, entry: PoseEntry) -> FloatArray:
-    """Return the (4, 4) pose at a location of a scene file.
+def build_pose(
+    file: YamlSource, parts: SceneParts, where: Location, entry: PoseEntry
+) -> FloatArray:
+    """Return the (4, 4) pose at a location of a scene file, the same array while it says the same.
 
     Raises:
         SceneError: Naming the part of the file.
     """
+    name = key_text(where)
+    pose = parts.latest.get(name, (entry,))
+    if pose is not None:
+        return pose
     form, rotation = stated_turn(vars(entry))
     try:
-        return pose_matrix(entry.position, rotation)
+        return parts.latest.put(name, (entry,), pose_matrix(entry.position, rotation))
     except ArgumentError as error:
         message = str(error).removeprefix(f"{error.argument}: ")
         raise file.error((*where, form), message) from error

@@ -1,18 +1,19 @@
 """What scenes of one folder share: robots, hands, and whatever was built of the same content.
 
-A scene is built in stages. Each is a function of the parts of the file that it is given and of what
-earlier stages made; where these are as they were in the scene before, so is what it makes.
+A scene is built in stages. Each depends on parts of the file and on what earlier stages made; where
+these are as they were in the scene before, so is what it makes.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from graspless_pin.caching import Latest
-from graspless_pin.findings import capture, emit
+from graspless_pin.findings import Finding, capture, emit
 from graspless_pin.geometry.hand.assembly import AssembledMounts
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -20,7 +21,6 @@ from graspless_pin.scene.validation_errors import validated, with_known
 from graspless_pin.scene.yaml_source import YamlSource
 
 _MOST_HANDS = 16
-_Made = TypeVar("_Made")
 
 
 class Last(NamedTuple):
@@ -28,13 +28,26 @@ class Last(NamedTuple):
 
     Attributes:
         entry: What its file holds.
-        built: What was built of its bodies.
+        bodies: What was built of its bodies.
         scene: The scene.
     """
 
     entry: SceneEntry
-    built: Any
+    bodies: Any
     scene: Any
+
+
+@dataclass(eq=False)
+class Stage:
+    """A step from a file to a scene.
+
+    Attributes:
+        made: What it made; None: it is to be made now.
+        findings: What looks wrong with it.
+    """
+
+    made: Any = None
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(eq=False)
@@ -68,31 +81,31 @@ class SceneParts:
         self._before = entry, source.data
         return entry
 
-    def stage(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:
-        """Return what a stage makes, and tell what looks wrong with it each time.
+    @contextmanager
+    def stage(self, name: str, *sources: Any) -> Iterator[Stage]:
+        """Run a stage, and tell what looks wrong with what it makes each time.
 
         Args:
             name: Its name.
             sources: All that it depends on.
-            make: Makes it.
+
+        Yields:
+            The stage. What it made of the same sources is there; else it is to be made now.
         """
-
-        def listened() -> tuple[_Made, tuple[Any, ...]]:
+        stage = self.latest.get(name, sources)
+        if stage is None:
+            stage = Stage()
             with capture() as found:
-                made = make()
-            return made, tuple(found)
-
-        made, found = self.latest.of(name, sources, listened)
-        emit(*found)
-        return made
-
-    def hand(self, key: str, make: Callable[[], AssembledMounts]) -> AssembledMounts:
-        """Return the hand of a key, and tell what looks wrong with it each time."""
-        if key in self.hands:
-            emit(*self.hands[key].findings)
+                yield stage
+            stage.findings = (*found,)
+            self.latest.put(name, sources, stage)
         else:
-            self.hands[key] = make()
+            yield stage
+        emit(*stage.findings)
+
+    def keep_hand(self, key: str, hand: AssembledMounts) -> None:
+        """Keep a hand, or that it was used again: the one that was used first is forgotten."""
+        self.hands[key] = hand
         self.hands.move_to_end(key)
         while len(self.hands) > _MOST_HANDS:
             self.hands.popitem(last=False)
-        return self.hands[key]

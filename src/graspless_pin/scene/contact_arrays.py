@@ -39,41 +39,43 @@ def touching_of(scene: SceneFields) -> ContactArrays:
     given, hand, kept = scene.given_contacts, scene.hand, scene._kept
     if given is not None:
         links = () if hand is None else hand.link_names
-        return kept.of("given", (given, *links), lambda: given_arrays(given, links))
-    limits = scene.contact_tolerance, scene.max_penetration, scene.points_per_patch
-    placed = scene.object.placed_bodies
-
-    def found(bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
-        tolerance, overlap, points = limits
-        try:
-            return contact_arrays(
-                placed,
-                bodies,
-                kind,
-                tolerance=tolerance,
-                max_penetration=overlap,
-                max_points=points,
-            )
-        except StateError as error:
-            raise error.at(place_of(scene, "object", "pose")) from error
-        except SceneError as error:
-            raise error.at(label_of(scene)) from error
-
-    each = [support.placed_bodies for support in scene.supports]
-
-    def found_on_supports() -> ContactArrays:
-        bodies = kept.of("support bodies", (*each,), lambda: PlacedBodies.joined(each))
-        return found(bodies, BodyKind.SUPPORT)
-
+        touching = kept.get("given", (given, *links))
+        if touching is None:
+            touching = kept.put("given", (given, *links), given_arrays(given, links))
+        return touching
     of_supports, of_all = _sources(scene)
-    on_supports = kept.of("on supports", of_supports, found_on_supports)
-    if hand is None:
-        return found((), BodyKind.HAND).followed_by(on_supports)
-    return kept.of(
-        "touching",
-        (*of_all, on_supports),
-        lambda: found(hand.placed_bodies, BodyKind.HAND).followed_by(on_supports),
-    )
+    on_supports = kept.get("on supports", of_supports)
+    if on_supports is None:
+        each = [support.placed_bodies for support in scene.supports]
+        bodies = kept.get("support bodies", (*each,))
+        if bodies is None:
+            bodies = kept.put("support bodies", (*each,), PlacedBodies.joined(each))
+        on_supports = _found(scene, bodies, BodyKind.SUPPORT)
+        kept.put("on supports", of_supports, on_supports)
+    sources = *of_all, on_supports
+    touching = kept.get("touching", sources)
+    if touching is None:
+        bodies = () if hand is None else hand.placed_bodies
+        touching = _found(scene, bodies, BodyKind.HAND).followed_by(on_supports)
+        kept.put("touching", sources, touching)
+    return touching
+
+
+def _found(scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
+    """Return the contacts of a scene's object with bodies of a kind."""
+    try:
+        return contact_arrays(
+            scene.object.placed_bodies,
+            bodies,
+            kind,
+            tolerance=scene.contact_tolerance,
+            max_penetration=scene.max_penetration,
+            max_points=scene.points_per_patch,
+        )
+    except StateError as error:
+        raise error.at(place_of(scene, "object", "pose")) from error
+    except SceneError as error:
+        raise error.at(label_of(scene)) from error
 
 
 def with_touching(scene: _Scene, touching: ContactArrays) -> _Scene:
@@ -85,8 +87,8 @@ def with_touching(scene: _Scene, touching: ContactArrays) -> _Scene:
     """
     known = changed(scene, *scene._DERIVED, _kept=Latest())
     of_supports, of_all = _sources(known)
-    none = known._kept.of("on supports", of_supports, lambda: ContactArrays.of(()))
-    known._kept.of("touching", (*of_all, none), lambda: touching)
+    none = known._kept.put("on supports", of_supports, ContactArrays.of(()))
+    known._kept.put("touching", (*of_all, none), touching)
     return known
 
 
@@ -109,7 +111,10 @@ def contacts_of(scene: SceneFields) -> SceneContacts:
     touching = touching_of(scene)
     sources = touching, scene.motion, scene.supports, scene.object, scene.hand
     # Kept beside `Scene.contacts`: checks and problems of one state ask here, and as records.
-    return scene._kept.of("contacts", sources, lambda: _after_motion(scene, touching))
+    contacts = scene._kept.get("contacts", sources)
+    if contacts is None:
+        contacts = scene._kept.put("contacts", sources, _after_motion(scene, touching))
+    return contacts
 
 
 def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:

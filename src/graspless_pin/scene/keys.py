@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import capture
-from graspless_pin.scene.build_cache import SceneParts
+from graspless_pin.scene.build_cache import SceneParts, Stage
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.saving import scene_data
@@ -175,7 +175,7 @@ def scene_with_keys(scene: _Scene, values: Mapping[str, Any]) -> _Scene:
     entry = parts.validated(source)
     if "hand" not in changed and scene.hand is not None:
         # Nothing of it has changed: it is not read again.
-        parts.latest.of("hand", (entry.hand,), lambda: (scene.hand, ()))
+        parts.latest.put("hand", (entry.hand,), Stage(scene.hand))
     with capture():
         new = build_scene(SceneFields, source, parts)
     names = [name for key in changed for name in _FIELDS.get(key, (key,))]

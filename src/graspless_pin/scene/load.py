@@ -1,6 +1,6 @@
 """From a YAML scene to a `Scene`, with errors that name file, line, key and what was found.
 
-From the hand's entry of a scene file to a `Hand`.
+`build_scene` builds hand, supports and object, then what is said of them, then the figures.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
-from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -18,7 +17,7 @@ from pydantic import BaseModel
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
 from graspless_pin.errors import SceneError
-from graspless_pin.findings import Finding, Severity, capture, emit
+from graspless_pin.findings import Severity, capture, emit
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials
 from graspless_pin.geometry.hand.assembly import AssembledMounts, Mount, assembled_mounts, fields_of
 from graspless_pin.geometry.hand.configuration import independent_rates, joint_positions
@@ -46,6 +45,7 @@ from graspless_pin.scene.scene_schema import (
     SceneEntry,
 )
 from graspless_pin.scene.uncertain_figures import check_names
+from graspless_pin.scene.units import merged_angles
 from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.suggestions import names_in_words
 
@@ -75,69 +75,59 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         parts: What earlier scenes of the same folder left.
         entry: The hand's entry.
     """
-    return parts.stage("hand", (entry,), lambda: _hand(file, parts, entry))
+    with parts.stage("hand", entry) as stage:
+        if stage.made is not None:
+            return stage.made
+        mounts = _mounts(file, parts, entry)
+        tree = mounts.joined.tree
+        with file.at(("hand",)):
+            named = named_positions(tree.group_states, entry.group_states, tree.lacking)
+        q = named | merged_angles(entry.q, entry.q_deg)
+        with parts.stage("hand positions", tree, repr(q)) as posed:
+            if posed.made is None:
+                with file.at(("hand",)):
+                    posed.made = joint_positions(tree, q)
+        for name in entry.q_deg:
+            if tree.joint_kinds[tree.joint_index[name]] == "prismatic":
+                raise file.error(("hand", "q_deg", name), "is a linear joint; give metres under q")
+        with file.at(("hand",)):
+            limits, found = mounts.effort_limits(entry.effort_limits)
+        hand = parts.latest.get("hand of the mounts", (mounts, posed.made))
+        if hand is None:
+            hand = Hand(**fields_of(mounts, limits, posed.made, ()))
+            parts.latest.put("hand of the mounts", (mounts, posed.made), hand)
+        stage.made = changed(hand, effort_limits=limits, findings=(*hand.findings, *found))
+    return stage.made
 
 
-def _hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
-    places = [
-        (("hand", "mounts", index) if entry.mounts else ("hand",), prefix, item)
-        for index, (prefix, item) in enumerate(entry.mount_entries())
-    ]
+def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledMounts:
+    """Return the robots where they are mounted."""
     common = [value for name, value in entry if name not in _NOT_OF_THE_MOUNTS]
     sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
-    mounts = parts.stage("mounts", (*sources,), lambda: _mounts(file, parts, entry, places))
-    tree = mounts.joined.tree
-    named = file.at(
-        ("hand",), lambda: named_positions(tree.group_states, entry.group_states, tree.lacking)
-    )
-    q = named | entry.positions()
-    positions = parts.stage(
-        "hand positions",
-        (tree, repr(q)),
-        lambda: file.at(("hand",), lambda: joint_positions(tree, q)),
-    )
-    for name in entry.q_deg:
-        if tree.joint_kinds[tree.joint_index[name]] == "prismatic":
-            raise file.error(("hand", "q_deg", name), "is a linear joint; give metres under q")
-    limits = file.at(("hand",), lambda: mounts.effort_limits(entry.effort_limits))
-    hand = parts.stage(
-        "hand of the mounts",
-        (mounts, positions),
-        lambda: Hand(**fields_of(mounts, limits[0], positions, ())),
-    )
-    return changed(hand, effort_limits=limits[0], findings=(*hand.findings, *limits[1]))
-
-
-def _mounts(
-    file: YamlSource,
-    parts: SceneParts,
-    entry: HandEntry,
-    places: Sequence[tuple[Location, str, MountEntry]],
-) -> AssembledMounts:
-    """Return the robots where they are mounted."""
-    key = entry.model_dump_json(exclude=_NOT_OF_THE_MOUNTS | _ANYWHERE)
-    key += "".join([item.model_dump_json(exclude=_ANYWHERE) for item in entry.mounts])
-    mounts = parts.hand(key, lambda: _assembled(file, parts, entry, places))
-    poses = [build_pose(file, (*where, "base_pose"), item.base_pose) for where, _, item in places]
-    return mounts.at_bases(poses)
-
-
-def _assembled(
-    file: YamlSource,
-    parts: SceneParts,
-    entry: HandEntry,
-    places: Sequence[tuple[Location, str, MountEntry]],
-) -> AssembledMounts:
-    """Return the robots, each mounted at the world's origin."""
-    mounts = [_mount(file, parts, *place) for place in places]
-    source: Location = ("mounts",)
-    if not entry.mounts:
-        source = ("robot",) if entry.urdf is None else ("urdf",)
-    return file.at(
-        ("hand",),
-        lambda: assembled_mounts(mounts, entry.control, entry.armature),
-        source,
-    )
+    with parts.stage("mounts", *sources) as stage:
+        if stage.made is not None:
+            return stage.made
+        mounted: list[tuple[Location, str, MountEntry]] = [(("hand",), "", entry)]
+        if entry.mounts:
+            places = [("hand", "mounts", index) for index in range(len(entry.mounts))]
+            mounted = [(at, one.prefix, one) for at, one in zip(places, entry.mounts, strict=True)]
+        key = entry.model_dump_json(exclude=_NOT_OF_THE_MOUNTS | _ANYWHERE)
+        key += "".join([item.model_dump_json(exclude=_ANYWHERE) for item in entry.mounts])
+        assembled = parts.hands.get(key)
+        if assembled is None:
+            mounts = [_mount(file, parts, *place) for place in mounted]
+            name = "mounts" if entry.mounts else "robot" if entry.urdf is None else "urdf"
+            with file.at(("hand",), (name,)):
+                assembled = assembled_mounts(mounts, entry.control, entry.armature)
+        else:
+            emit(*assembled.findings)
+        parts.keep_hand(key, assembled)
+        poses = [
+            build_pose(file, parts, (*where, "base_pose"), one.base_pose)
+            for where, _, one in mounted
+        ]
+        stage.made = assembled.at_bases(poses)
+    return stage.made
 
 
 def _mount(
@@ -146,7 +136,8 @@ def _mount(
     fingers = None
     if entry.fingers is not None:
         fingers = {name: item.spec() for name, item in entry.fingers.items()}
-    found = file.at(where, lambda: _robot(file, parts, entry), ("robot",))
+    with file.at(where, ("robot",)):
+        found = _robot(file, parts, entry)
     if entry.visuals_collide is not None:
         found = replace(found, visuals_collide=entry.visuals_collide)
     given = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
@@ -188,33 +179,31 @@ def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None
     parts = parts or SceneParts()
     entry = parts.validated(source)
     with capture() as found:
-        scene = _scene(kind, source, parts, entry)
+        bodies = _bodies(source, parts, entry)
+        _check_weight(source, entry, bodies.object)
+        scene = _with_figures(kind, source, parts, entry, bodies)
     of_hand = () if scene.hand is None else scene.hand.findings
     placed = [one if one in of_hand else source.placed(one) for one in found]
     emit(*placed)
     vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
     vars(scene)["_stated"] = StatedFields.of(source)
     if entry.warnings == "error":
-        _refuse(source, findings_of(scene))
+        wrong = [one for one in findings_of(scene) if one.severity is not Severity.NOTE]
+        placed = [source.placed(one) for one in wrong]
+        lines = [one if one.place else replace(one, place=source.where(())) for one in placed]
+        if lines:
+            says = "(an error, as the scene says 'warnings: error')"
+            raise SceneError("\n".join(f"{one} {says}" for one in lines))
     return scene
 
 
-def _refuse(file: YamlSource, findings: Sequence[Finding]) -> None:
-    """Refuse a scene with which something is wrong."""
-    wrong = [file.placed(one) for one in findings if one.severity is not Severity.NOTE]
-    if wrong:
-        lines = [one if one.place else replace(one, place=file.where(())) for one in wrong]
-        raise SceneError(
-            "\n".join(f"{one} (an error, as the scene says 'warnings: error')" for one in lines)
-        )
-
-
-class _Built(NamedTuple):
+class Bodies(NamedTuple):
     """What is built of the bodies of a scene file.
 
     Attributes:
         names: Of supports and links.
-        others: Fields of a scene by name.
+        object: The object.
+        others: Other fields of a scene by name.
     """
 
     names: tuple[str, ...]
@@ -222,34 +211,118 @@ class _Built(NamedTuple):
     others: Mapping[str, Any]
 
 
-def _scene(kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Scene:
-    entries = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-    sources = (*entries, entry.controller, entry.acceleration, entry.uncertainty, *entry.supports)
-    built = parts.stage("built", sources, lambda: _built(file, parts, entry))
-    _check_weight(file, entry, built.object)
+def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
+    """Build hand, supports and object, and then what is said of them; tell what looks wrong."""
+    parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
+    others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
+    with parts.stage("bodies", *parted, *others) as stage:
+        if stage.made is not None:
+            return stage.made
+        hand = None
+        if entry.hand is not None:
+            hand = build_hand(file, parts, entry.hand)
+        supports = tuple(
+            build_support(file, parts, ("supports", index), item)
+            for index, item in enumerate(entry.supports)
+        )
+        supports = parts.latest.get("supports", supports) or parts.latest.put(
+            "supports", supports, supports
+        )
+        links = () if hand is None else hand.link_names
+        names = tuple([support.name for support in supports])
+        _check_names(file, entry, links)
+        moved = build_object(file, parts, entry.object)
+        materials = _materials(file, parts, entry)
+        fields_by_name = {
+            "hand": hand,
+            "supports": supports,
+            "materials": materials,
+            "hand_material": None if entry.hand is None else entry.hand.material,
+            "given_contacts": _contacts(file, parts, entry, names, links),
+            "motion": _motion(file, parts, entry.motion, hand),
+            "acceleration": _acceleration(file, parts, entry.acceleration, hand),
+            "controller": _controller(file, parts, entry, hand),
+            "uncertainty": _uncertainty(file, parts, entry, hand, names, materials),
+            "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
+            "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
+        }
+        emit(*entry_findings(entry, materials))
+        stage.made = Bodies((*names, *links), moved, fields_by_name)
+    return stage.made
+
+
+def _controller(
+    file: YamlSource, parts: SceneParts, entry: SceneEntry, hand: Hand | None
+) -> Controller:
+    stated, tree = entry.controller, None if hand is None else hand.tree
+    controller = parts.latest.get("controller", (stated, tree))
+    if controller is not None:
+        return controller
+    if "controller" in entry.model_fields_set and not isinstance(stated, ControllerEntry):
+        controller = Controller(stated)
+    else:
+        controller = Controller()
+        if hand is not None:
+            with file.at(("hand",), ("robot",)):
+                controller = gains_of_robots(hand)
+        if isinstance(stated, ControllerEntry):
+            own = {name: getattr(stated, name) for name in stated.model_fields_set}
+            controller = replace(controller, **own)
+    joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
+    with file.at(("controller",)):
+        controller.check(joints, fingers)
+    return parts.latest.put("controller", (stated, tree), controller)
+
+
+def _uncertainty(
+    file: YamlSource,
+    parts: SceneParts,
+    entry: SceneEntry,
+    hand: Hand | None,
+    supports: Sequence[str],
+    materials: Materials,
+) -> Uncertainty | None:
+    stated, made = entry.uncertainty, entry.object.name
+    if stated is None:
+        return None
+    sources = stated, None if hand is None else hand.tree, materials, made, *supports
+    uncertainty = parts.latest.get("uncertainty", sources)
+    if uncertainty is None:
+        with file.at(("uncertainty",)):
+            uncertainty = Uncertainty(**dict(stated))
+            check_names(uncertainty, hand, supports, materials.names, made)
+        parts.latest.put("uncertainty", sources, uncertainty)
+    return uncertainty
+
+
+def _with_figures(
+    kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry, bodies: Bodies
+) -> _Scene:
+    """Return the scene: its bodies, and the figures of the file, those that changed made anew."""
     last, known = parts.last, {}
     if last is not None and last.scene.path != file.path:
         last = None
-    if last is not None and (last.built is built or last.built.names == built.names):
+    if last is not None and (last.bodies is bodies or last.bodies.names == bodies.names):
         known = vars(last.entry)
     new = {
-        field: make(file, value, built.names)
-        for (key, (field, make)), value in zip(_PLAIN.items(), _plain(entry), strict=True)
-        if not (key in known and known[key] is value)
+        field: make(file, getattr(entry, key), bodies.names)
+        for key, (field, make) in _PLAIN.items()
+        if not (key in known and known[key] is getattr(entry, key))
     }
-    if last is None or last.built is not built:
-        new |= {"object": built.object, **built.others}
+    if last is None or last.bodies is not bodies:
+        new |= {"object": bodies.object, **bodies.others}
     if last is None:
         scene = kind(path=file.path, **new)
         vars(scene)["_kept"] = parts.latest
     else:
         scene = last.scene._changed(new)
-    parts.last = Last(entry, built, scene)
+    parts.last = Last(entry, bodies, scene)
     return scene
 
 
 def _friction(file: YamlSource, value: Any, names: tuple[str, ...]) -> Mapping[str, float]:
-    return file.at((), lambda: friction_by_name(value, names))
+    with file.at(()):
+        return friction_by_name(value, names)
 
 
 _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any]]] = {
@@ -263,89 +336,10 @@ _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any
 }
 """Of keys that no body depends on: the field of a scene, and what makes it of the file, what the
 key holds, and the names of supports and links."""
-_plain = attrgetter(*_PLAIN)
 _BESIDE_OTHERS = ("gravity", "loads", "max_normal_force", "tangent_axes")
 """Those that are checked beside the object's mass, or turn with bodies."""
 FIELDS_BY_KEY = {key: field for key, (field, _) in _PLAIN.items() if key not in _BESIDE_OTHERS}
 """Keys of which one field of a scene is made that nothing else in the file counts for."""
-
-
-def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
-    """Build the bodies of a scene file, and tell what looks wrong with what it says of them."""
-    hand = None
-    if entry.hand is not None:
-        hand = build_hand(file, parts, entry.hand)
-    supports = tuple(
-        build_support(file, parts, ("supports", index), item)
-        for index, item in enumerate(entry.supports)
-    )
-    links, tree = ((), None) if hand is None else (hand.link_names, hand.tree)
-    names = tuple([support.name for support in supports])
-    bodies = [*names, *links]
-    _check_names(file, entry, links)
-    made = build_object(file, parts, entry.object)
-    materials = _materials(file, parts, entry)
-    others = {
-        "hand": hand,
-        "supports": parts.latest.of("supports", supports, lambda: supports),
-        "materials": materials,
-        "hand_material": None if entry.hand is None else entry.hand.material,
-        "given_contacts": parts.latest.of(
-            "contacts", (entry.contacts, tree, *names), lambda: _contacts(file, entry, bodies)
-        ),
-        "motion": parts.latest.of(
-            "motion", (entry.motion, tree), lambda: _motion(file, entry.motion, hand)
-        ),
-        "acceleration": parts.latest.of(
-            "acceleration",
-            (entry.acceleration, tree),
-            lambda: _acceleration(file, entry.acceleration, hand),
-        ),
-        "controller": parts.latest.of(
-            "controller", (entry.controller, tree), lambda: _controller(file, entry, hand)
-        ),
-        "uncertainty": parts.latest.of(
-            "uncertainty",
-            (entry.uncertainty, tree, materials, entry.object.name, *names),
-            lambda: _uncertainty(file, entry, hand, names, materials),
-        ),
-        "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
-        "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
-    }
-    emit(*entry_findings(entry, materials))
-    return _Built(tuple(bodies), made, others)
-
-
-def _controller(file: YamlSource, entry: SceneEntry, hand: Hand | None) -> Controller:
-    stated = entry.controller
-    if "controller" in entry.model_fields_set and not isinstance(stated, ControllerEntry):
-        controller = Controller(stated)
-    else:
-        controller = Controller()
-        if hand is not None:
-            controller = file.at(("hand",), lambda: gains_of_robots(hand), ("robot",))
-        if isinstance(stated, ControllerEntry):
-            own = {name: getattr(stated, name) for name in stated.model_fields_set}
-            controller = replace(controller, **own)
-    joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
-    file.at(("controller",), lambda: controller.check(joints, fingers))
-    return controller
-
-
-def _uncertainty(
-    file: YamlSource,
-    entry: SceneEntry,
-    hand: Hand | None,
-    supports: Sequence[str],
-    materials: Materials,
-) -> Uncertainty | None:
-    stated, made = entry.uncertainty, entry.object.name
-    if stated is None:
-        return None
-    uncertainty = file.at(("uncertainty",), lambda: Uncertainty(**dict(stated)))
-    named = uncertainty, hand, supports, materials.names, made
-    file.at(("uncertainty",), lambda: check_names(*named))
-    return uncertainty
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:
@@ -367,18 +361,20 @@ def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) 
 
 
 def _materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materials:
-    table = parts.latest.of(
-        "table of materials",
-        (repr(entry.materials),),
-        lambda: file.at((), lambda: Materials.from_table(entry.materials)),
-    )
+    sources = (repr(entry.materials),)
+    table = parts.latest.get("table of materials", sources)
+    if table is None:
+        with file.at(()):
+            table = Materials.from_table(entry.materials)
+        parts.latest.put("table of materials", sources, table)
     named: list[tuple[Location, str | None]] = [(("object", "material"), entry.object.material)]
     if entry.hand is not None:
         named.append((("hand", "material"), entry.hand.material))
     named += [(("supports", i, "material"), item.material) for i, item in enumerate(entry.supports)]
     for location, name in named:
         if name is not None:
-            file.at(location, lambda name=name: table.check([name]))
+            with file.at(location):
+                table.check([name])
     return table
 
 
@@ -394,11 +390,19 @@ def _check_names(file: YamlSource, entry: SceneEntry, links: Sequence[str]) -> N
 
 
 def _contacts(
-    file: YamlSource, entry: SceneEntry, bodies: list[str]
+    file: YamlSource,
+    parts: SceneParts,
+    entry: SceneEntry,
+    supports: Sequence[str],
+    links: Sequence[str],
 ) -> tuple[GivenContact, ...] | None:
     if entry.contacts is None:
         return None
-    contacts: list[GivenContact] = []
+    bodies = [*supports, *links]
+    contacts = parts.latest.get("given contacts", (entry.contacts, *bodies))
+    if contacts is not None:
+        return contacts
+    made: list[GivenContact] = []
     for index, item in enumerate(entry.contacts):
         if item.body not in bodies:
             raise file.error(
@@ -406,25 +410,27 @@ def _contacts(
                 f"{item.body!r} is no hand link or support; {names_in_words(item.body, bodies)}",
             )
         normal = np.array(item.normal) / np.linalg.norm(item.normal)
-        contacts.append(GivenContact(item.body, np.array(item.position), normal))
-    return tuple(contacts)
+        made.append(GivenContact(item.body, np.array(item.position), normal))
+    return parts.latest.put("given contacts", (entry.contacts, *bodies), (*made,))
 
 
-def _motion(file: YamlSource, entry: MotionEntry | None, hand: Hand | None) -> Motion | None:
+def _motion(
+    file: YamlSource, parts: SceneParts, entry: MotionEntry | None, hand: Hand | None
+) -> Motion | None:
     if entry is None:
         return None
+    sources = entry, None if hand is None else hand.tree
+    motion = parts.latest.get("motion", sources)
+    if motion is not None:
+        return motion
     own = None
     if entry.hand is not None:
         if hand is None:
             raise file.error(("motion", "hand"), "the scene has no hand that could move")
         own = HandMotion(twist_of(entry.hand.base_twist), dict(entry.hand.joint_velocities))
-        file.at(
-            ("motion", "hand"),
-            lambda: hand.point_velocities(
-                (), np.zeros((0, 3)), own.joint_velocities, own.base_twist
-            ),
-        )
-    return Motion(twist_of(entry.object_twist), own)
+        with file.at(("motion", "hand")):
+            hand.point_velocities((), np.zeros((0, 3)), own.joint_velocities, own.base_twist)
+    return parts.latest.put("motion", sources, Motion(twist_of(entry.object_twist), own))
 
 
 def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
@@ -438,19 +444,20 @@ def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
 
 
 def _acceleration(
-    file: YamlSource, entry: AccelerationEntry | None, hand: Hand | None
+    file: YamlSource, parts: SceneParts, entry: AccelerationEntry | None, hand: Hand | None
 ) -> Acceleration | None:
     if entry is None:
         return None
+    sources = entry, None if hand is None else hand.tree
+    acceleration = parts.latest.get("acceleration", sources)
+    if acceleration is not None:
+        return acceleration
     for argument in ("joint_velocities", "joint_accelerations"):
         named = getattr(entry, argument)
         if named and hand is None:
             raise file.error(("acceleration", argument), "the scene has no hand that could move")
         if hand is not None:
-            file.at(
-                ("acceleration",),
-                lambda named=named, argument=argument: independent_rates(
-                    hand.tree, named, argument
-                ),
-            )
-    return file.at(("acceleration",), lambda: Acceleration(**dict(entry)))
+            with file.at(("acceleration",)):
+                independent_rates(hand.tree, named, argument)
+    with file.at(("acceleration",)):
+        return parts.latest.put("acceleration", sources, Acceleration(**dict(entry)))

@@ -124,20 +124,20 @@ def jointed_contacts(scene: SceneFields) -> JointedContacts:
     """
     hand, center, all_contacts = scene.hand, scene.object.center_of_mass_world, touching_of(scene)
     of_hand = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
-
-    def made() -> JointedContacts:
-        contacts = contacts_of(scene)
-        touching = contacts.arrays
-        tangents = projected_tangents(touching.normals, scene.tangent_axes)
-        try:
-            joints = joint_columns(hand, touching)
-        except SceneError as error:
-            raise error.at(label_of(scene)) from error
-        positions = touching.positions_about(center)
-        return JointedContacts(contacts, positions, tangents, joints)
-
-    sources = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
-    return scene._kept.of("jointed contacts", (*sources, *of_hand), made)
+    of_contacts = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
+    sources = *of_contacts, *of_hand
+    known = scene._kept.get("jointed contacts", sources)
+    if known is not None:
+        return known
+    contacts = contacts_of(scene)
+    touching = contacts.arrays
+    tangents = projected_tangents(touching.normals, scene.tangent_axes)
+    try:
+        joints = joint_columns(hand, touching)
+    except SceneError as error:
+        raise error.at(label_of(scene)) from error
+    made = JointedContacts(contacts, touching.positions_about(center), tangents, joints)
+    return scene._kept.put("jointed contacts", sources, made)
 
 
 def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
@@ -253,8 +253,10 @@ def _carried(scene: SceneFields, state: JointedContacts) -> FloatArray:
     """Return (L,) torques that carry the links' weight, and accelerate them."""
     hand, hybrid = scene.hand, state.joints.hybrid_count
     gravity = scene.gravity if scene.count_own_weight else None
-    made = scene._kept.of
-    carried = made("carried", (state, gravity), lambda: weight_torques(hand, hybrid, gravity))
+    carried = scene._kept.get("carried", (state, gravity))
+    if carried is None:
+        carried = weight_torques(hand, hybrid, gravity)
+        scene._kept.put("carried", (state, gravity), carried)
     if gravity is None or scene.acceleration is None:
         return carried
     return carried + np.concatenate([inertial_torques(scene), np.zeros(hybrid)])

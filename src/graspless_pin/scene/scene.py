@@ -213,21 +213,20 @@ class Scene(SceneFields):
     def asked(self, algorithm: str | None = None, **options: Any) -> tuple[Objective, SolveOptions]:
         """Return what `solve` solves for, and how; the arguments are the same."""
         name = algorithm or self.solve_options.get("algorithm", "margin")
-
-        def made() -> tuple[Objective, SolveOptions]:
-            return objective_and_options(**{**self.solve_options, **options, "algorithm": name})
-
         sources = self.solve_options, algorithm, *options, *options.values()
-        try:
-            objective, how = self._kept.of("asked", sources, made)
-        except SolverUnavailableError as error:
-            if "solver" in options:
-                raise
-            raise SceneError(f"{label_of(self)}: solve.{error}") from error
+        asked = self._kept.get("asked", sources)
+        if asked is None:
+            chosen = {**self.solve_options, **options, "algorithm": name}
+            try:
+                asked = self._kept.put("asked", sources, objective_and_options(**chosen))
+            except SolverUnavailableError as error:
+                if "solver" in options:
+                    raise
+                raise SceneError(f"{label_of(self)}: solve.{error}") from error
         for key in options:
             if why := useless(key, name):
                 raise ArgumentError(key, why)
-        return objective, how
+        return asked
 
     def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
         """Tell whether the object stays with motor torques (L,): see `graspless_pin.stability`.

@@ -65,11 +65,12 @@ def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
     if hand is None:
         return ()
     supports = [support.placed_bodies for support in scene.supports]
-    return scene._kept.of(
-        "overlaps",
-        (hand.positions, hand.tree, *supports, deepest),
-        lambda: unwanted_overlaps(hand, scene.supports, tolerance=deepest),
-    )
+    sources = hand.positions, hand.tree, *supports, deepest
+    overlaps = scene._kept.get("overlaps", sources)
+    if overlaps is None:
+        overlaps = unwanted_overlaps(hand, scene.supports, tolerance=deepest)
+        scene._kept.put("overlaps", sources, overlaps)
+    return overlaps
 
 
 def _hand_touches(scene: SceneFields) -> bool:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import Finding
@@ -26,7 +27,6 @@ _NEEDED = {
     "scene": "a scene needs object and friction",
     "study": "a study needs scene and vary",
 }
-_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +93,16 @@ class YamlSource:
         """Return the error for a part of the file."""
         return self.kind.error(self.message(location, message))
 
-    def at(self, location: Location, make: Callable[[], _Made], also: Location = ()) -> _Made:
-        """Return what is made of one part of the file; an error names that part.
+    @contextmanager
+    def at(self, location: Location, also: Location = ()) -> Iterator[None]:
+        """Use one part of the file: errors that are raised inside name that part.
 
         Args:
             location: The part.
-            make: Makes it.
             also: Deeper part to name where the error is about no argument but a file or name.
         """
         try:
-            return make()
+            yield
         except SceneError:
             raise
         except ArgumentError as error:

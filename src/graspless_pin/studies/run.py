@@ -161,7 +161,8 @@ def _try_out(study: Study, sample: Sample, parts: SampleParts) -> None:
         study.scene_at(sample, parts).problem()
         return
     scene, tree = study.unposed_at(sample, parts), study.tree_at(sample)
-    study.source.at(("place",), lambda: try_to_place(scene, tree))
+    with study.source.at(("place",)):
+        try_to_place(scene, tree)
 
 
 def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:

@@ -76,12 +76,12 @@ class SampleParts(SceneParts):
         """
         if self.last is None:
             return
-        entry, built, scene = self.last
+        entry, bodies, scene = self.last
         has_findings = scene.load_findings or (scene.hand is not None and scene.hand.findings)
         # What is found is told of each scene, and what is refused has to be looked for in each.
         self._last = None if has_findings or entry.warnings == "error" else (sample, scene)
-        if built.names != self._names or len(self._fields) > _MOST_FIELDS:
-            self._fields, self._names = {}, built.names
+        if bodies.names != self._names or len(self._fields) > _MOST_FIELDS:
+            self._fields, self._names = {}, bodies.names
         keys = [{location[0] for location, *_ in one.targets} for one in variables]
         for place, own in enumerate(keys):
             others = set().union(*keys[:place], *keys[place + 1 :])
@@ -176,9 +176,10 @@ def _placed(scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts) -> 
 def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> PosedScene:
     # What did not change keeps its hand, and with it the contacts.
     sources = scene.hand, scene.object, repr(entry)
-    result = parts.latest.of(
-        "closed fingers", sources, lambda: close_fingers(scene, **entry.model_dump()).closing
-    )
+    result = parts.latest.get("closed fingers", sources)
+    if result is None:
+        result = close_fingers(scene, **entry.model_dump()).closing
+        parts.latest.put("closed fingers", sources, result)
     untouching = [one.finger for one in result.fingers if not one.touching]
     row: Row = {"open_fingers": "; ".join(untouching) or None}
     return PosedScene(scene.with_changes(hand=result.hand), row)
