@@ -1,6 +1,8 @@
 """Programs prove what they claim, solvers are checked, and the regularised QP is what it says."""
 
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -157,6 +159,30 @@ def test_infeasibility_is_proven(seed, solver):
     violation = by_linprog(elastic(program))
     assert violation is not None
     assert 0.0 < answer.proof <= violation + 1e-6
+
+
+def test_many_optima_along_free_variables_come_to_an_end():
+    """HiGHS goes on for ever with this program, so that a process of its own asks."""
+    A = np.array(
+        [[0, 0, 0, 0, 0, 0, -1], [0.3, 0, 0, 0, 0, 0, 0], [0, 1, 0, 1, 0, 0, 0],
+         [0.5, 0.9, 0, -0.9, 0, -0.6, 0], [0, 0, 0.6, 0, 0.6, 0, 0], [-0.4, 0, 0.9, 0, -0.9, 0, 0]]
+    )  # fmt: skip
+    ub = np.full(7, np.inf)
+    ub[[1, 3]] = 17.0
+    none = np.zeros(0)
+    program = Program(
+        P=np.eye(7)[6], c=np.zeros(7), A=A, b=np.eye(6)[2], G=np.zeros((0, 7)), l=none, u=none,
+        lb=-np.full(7, np.inf), ub=ub, box=np.outer([-20.0, 20.0], np.ones(7)),
+    )  # fmt: skip
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        asked = pool.submit(solve, program, "highs")
+        try:
+            answer = asked.result(timeout=100.0)
+        finally:
+            for child in pool._processes.values():
+                child.kill()
+    assert answer.outcome is Outcome.SOLVED
+    assert answer.value == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_row_of_zeros_makes_another_structure():

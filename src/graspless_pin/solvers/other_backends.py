@@ -22,7 +22,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "tol_gap_rel": SOLVER_TOLERANCE,
         "tol_feas": SOLVER_TOLERANCE,
     },
-    "highs": {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    "highs": {
+        "primal_feasibility_tolerance": 1e-10,
+        "dual_feasibility_tolerance": 1e-10,
+        # It goes on for ever where free variables without curvature leave many optima.
+        "qp_iteration_limit": 10_000,
+    },
 }
 _SPARSE = ("highs", "clarabel", "osqp", "scs")
 
