@@ -17,7 +17,7 @@ ANGLE, FRICTION, WEIGHT, LEVER, LIMIT = 0.6, 0.5, 4.9, 0.1, 0.5
 BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
 
 
-def pressed_block() -> QuasistaticProblem:
+def pressed_block(limit: float = LIMIT) -> QuasistaticProblem:
     """A block on a slope, pressed onto it by a frictionless finger of one joint."""
     corners = [[x, y, -0.02] for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
     normals = [[0.0, 0.0, 1.0]] * 4 + [[0.0, 0.0, -1.0]]
@@ -30,7 +30,7 @@ def pressed_block() -> QuasistaticProblem:
         load,
         jacobian,
         friction=[FRICTION] * 4 + [0.0],
-        torque_limits=(-LIMIT, LIMIT),
+        torque_limits=(-limit, limit),
         max_normal_force=100.0,
         object_inertia=np.diag([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]),
         joint_inertia=[[1e-4]],
@@ -67,6 +67,17 @@ def test_a_pressed_block_slips_below_and_meets_the_limit_above() -> None:
     assert np.isnan(window.margins[~holds]).all()
     assert np.isnan(window.normal_forces[~holds]).all()
     np.testing.assert_allclose(window.normal_forces[holds], torques[holds] / LEVER, rtol=1e-6)
+
+
+def test_the_ends_of_a_narrow_window_are_told_to_a_share_of_its_own_width() -> None:
+    """However far the limits let it be looked: here to 1000 N m, where 0.15 to 10 hold."""
+    least, most = LEVER * WEIGHT * (np.sin(ANGLE) / FRICTION - np.cos(ANGLE)), LEVER * 100.0
+    window = squeeze_window(pressed_block(1e3), [2.0 * least], [1.0], samples=6, precision=1e-3)
+    assert window.lower is not None and window.upper is not None
+    low, high = window.lower.torques[0], window.upper.torques[0]
+    assert least <= low <= least + 1e-3 * (most - least)
+    assert most - 1e-3 * (most - least) <= high <= most * (1.0 + 1e-9)
+    assert window.upper.reason == "limit"
 
 
 def test_the_internal_forces_are_the_direction_unless_there_is_another() -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import groupby
+from itertools import groupby, pairwise
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,8 @@ _WITHIN = 1e-6
 _MOST_NAMED = 3
 _WIDEST = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
+_FINEST = 1e-6
+"""Of the width that is looked at: ends are told no finer, however narrow the window is."""
 
 
 class OtherJoints(StrEnum):
@@ -205,7 +208,7 @@ def squeeze_window(
             within 0.9 of the friction where that is enough; ``fixed`` by nothing.
             All joints follow around the direction of the internal forces.
         samples: How many on either side of the given torques, or the amounts themselves.
-        precision: Of the ends, as a share of the width that is looked at; 1: samples alone tell.
+        precision: Of the ends, as a share of the window's width; 1: samples alone tell.
         node_limit: Sets of outcomes that each verdict looks at.
 
     Raises:
@@ -249,9 +252,8 @@ def squeeze_window(
     middle = int(np.searchsorted(amounts, 0.0))
     lower = upper = None
     if found[middle].holds:
-        tolerance = share * (high - low)
-        lower = _end(line, found[middle::-1], tolerance)
-        upper = _end(line, found[middle:], tolerance)
+        brackets = [_bracket(found[middle::-1]), _bracket(found[middle:])]
+        lower, upper = _ends(line, brackets, share, _FINEST * (high - low))
     return SqueezeWindow(
         read_only(way),
         lower,
@@ -305,6 +307,17 @@ class _Point:
         if self.verdict.holding is Holding.HOLDS:
             return EndReason.LIMIT, "no contact forces up to max_normal_force balance the torques"
         return _REASONS[self.verdict.holding], self.verdict.message
+
+
+class _Bracket(NamedTuple):
+    """Where a window ends: the last point that holds, and the next that does not; None: none."""
+
+    good: _Point
+    bad: _Point | None
+
+    @property
+    def width(self) -> float:
+        return 0.0 if self.bad is None else abs(self.bad.amount - self.good.amount)
 
 
 class _Line:
@@ -390,17 +403,40 @@ def _direction(
     return way
 
 
-def _end(line: _Line, points: list[_Point], tolerance: float) -> WindowEnd:
-    """Return where a row of points, of which the first holds, stops holding."""
-    last = points[0]
-    for point in points[1:]:
+def _bracket(points: Sequence[_Point]) -> _Bracket:
+    """Return the last point of a row up to which all hold, and the one after it."""
+    for last, point in pairwise(points):
         if not point.holds:
-            good, bad = last, point
-            while abs(bad.amount - good.amount) > tolerance:
-                middle = line.at(0.5 * (good.amount + bad.amount))
-                good, bad = (middle, bad) if middle.holds else (good, middle)
-            return _ended(good, *bad.failure)
-        last = point
+            return _Bracket(last, point)
+    return _Bracket(points[-1], None)
+
+
+def _ends(line: _Line, brackets: list[_Bracket], share: float, finest: float) -> list[WindowEnd]:
+    """Return both ends of a window, each to a share of its width.
+
+    Args:
+        line: The torques along the direction.
+        brackets: Where the lower and the upper end are.
+        share: Of the window's width; from 1 on brackets stay as they are.
+        finest: Amounts that are told apart, however narrow the window is.
+    """
+    while share < 1.0:
+        # The window grows while its ends are looked for: the wider bracket first.
+        side = max(range(len(brackets)), key=lambda index: brackets[index].width)
+        good, bad = brackets[side].good, brackets[side].bad
+        inside = brackets[1].good.amount - brackets[0].good.amount
+        if bad is None or brackets[side].width <= max(share * inside, finest):
+            break
+        middle = line.at(0.5 * (good.amount + bad.amount))
+        brackets[side] = _Bracket(middle, bad) if middle.holds else _Bracket(good, middle)
+    return [_end(line, one) for one in brackets]
+
+
+def _end(line: _Line, bracket: _Bracket) -> WindowEnd:
+    """Return the end that a bracket tells."""
+    last = bracket.good
+    if bracket.bad is not None:
+        return _ended(last, *bracket.bad.failure)
     joint = line.limiting(last.amount)
     if joint:
         return _ended(last, EndReason.LIMIT, f"joint {joint!r} is at its effort limit")
