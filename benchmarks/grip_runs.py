@@ -21,7 +21,7 @@ START = 1e-4, 1e-3
 FINGER_MOVED = float(np.radians(2.0))
 """rad: a joint that goes farther does not stay, whatever the object does."""
 FITTED = 10.0, 60.0
-"""Of the start: growth is read off between these."""
+"""Of the start, from the rest on: growth is read off between these."""
 
 
 class GripRun(NamedTuple):
@@ -65,14 +65,13 @@ def run_of(
     """
     span = min(max(GROWTHS / growth, SECONDS), LONGEST) if growth > 0.0 else SECONDS
     start = None if motion is None else _start(motion)
-    (done,) = simulate(
-        scene, torques, seconds=span, displacement=start, contact_models=[model]
-    ).runs
+    simulation = simulate(scene, torques, seconds=span, displacement=start, contact_models=[model])
+    (done,), made = simulation.runs, simulation.model
     moves = np.abs(done.joint_moves - done.joint_moves[0])
     return GripRun(
         str(done.outcome),
         float(moves.max(initial=0.0)),
-        _measured(done) if growth > 0.0 else None,
+        growth_of(done, made.object.T_world_object, made.closing) if growth > 0.0 else None,
         done.displacement,
         done.rotation,
     )
@@ -84,14 +83,21 @@ def _start(motion: FloatArray) -> FloatArray:
     return motion / np.abs(motion / sizes).max()
 
 
-def _measured(run: SimulatedRun) -> float | None:
-    """Return the rate at which what moves goes farther, 1/s."""
-    first = run.T_world_object[0]
-    way = run.T_world_object[:, :3, 3] - first[:3, 3]
-    turn = np.linalg.norm(run.T_world_object[:, :3, :3] - first[:3, :3], axis=(1, 2)) / np.sqrt(2)
-    joints = np.abs(run.joint_moves - run.joint_moves[0]).max(axis=1, initial=0.0)
-    sizes = [np.linalg.norm(way, axis=1) / START[0], turn / START[1], joints / START[1]]
-    size = 1.0 + np.max(sizes, axis=0)  # the run starts that far along the motion
+def growth_of(run: SimulatedRun, T_world_rest: FloatArray, joints: FloatArray) -> float | None:
+    """Return the rate at which object and joints leave a rest, 1/s; None: nothing grew far enough.
+
+    What grows fast has gone part of its way before all is let go: it counts from the rest on.
+
+    Args:
+        run: The run.
+        T_world_rest: (4, 4) pose of the object at rest, m.
+        joints: (k,) how far each joint that moves has gone at rest, rad or m.
+    """
+    way = np.linalg.norm(run.T_world_object[:, :3, 3] - T_world_rest[:3, 3], axis=1)
+    turn = np.linalg.norm(run.T_world_object[:, :3, :3] - T_world_rest[:3, :3], axis=(1, 2))
+    moves = np.abs(run.joint_moves - joints).max(axis=1, initial=0.0)
+    sizes = [way / START[0], turn / (np.sqrt(2) * START[1]), moves / START[1]]
+    size = np.max(sizes, axis=0)
     low, high = FITTED
     past = np.flatnonzero(size > high)
     end = int(past[0]) if len(past) else len(size)

@@ -3,11 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from benchmarks.grip_runs import growth_of
 from benchmarks.real_grips import Case, cases, summary
 
 from graspless_pin import load_scene
-from graspless_pin.simulation import simulate
+from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, simulate
 from graspless_pin.simulation.model import STIFF
 
 GRIPS = sorted(Path(__file__).with_name("grips").glob("*.yaml"))
@@ -28,6 +30,22 @@ def test_normals_of_meshes_are_those_of_the_scene() -> None:
     torques = scene.solve("torque", margin=0.1).torques
     (run,) = simulate(scene, torques, controller=0.2, contact_models=[STIFF]).runs
     assert run.displacement < 5e-5
+
+
+@pytest.mark.parametrize("released", [1.0, 19.0])
+def test_growth_counts_from_the_rest_wherever_the_run_is_released(released: float) -> None:
+    """An object that has gone along by 19 starts before it is let go grows no faster for that."""
+    rate, times = 40.0, np.linspace(0.0, 0.29, 30)
+    size = released * np.exp(rate * times)
+    rest, closing = np.eye(4), np.array([0.02, -0.01])
+    poses = np.repeat(rest[None], len(times), axis=0)
+    poses[:, 0, 3] = 1e-4 * size
+    run = SimulatedRun(
+        STIFF, SimulatedOutcome.MOVED, 0.1, 0.0, 0.1, {}, times, poses,
+        closing + 1e-4 * size[:, None],
+    )  # fmt: skip
+    measured = growth_of(run, rest, closing)
+    assert measured == pytest.approx(rate, rel=1e-6)
 
 
 def test_what_is_not_as_it_is_said_to_be_is_listed() -> None:
