@@ -51,6 +51,7 @@ class FindingCode(StrEnum):
     SUPPORT_MISSED = "support-missed", Severity.WARNING
     FINGER_MISSED = "finger-missed", Severity.WARNING
     DEEP_OVERLAP = "deep-overlap", Severity.WARNING
+    UNEVEN_GAPS = "uneven-gaps", Severity.WARNING
     ANGLE_IN_DEGREES = "angle-in-degrees", Severity.WARNING
     ANGLE_IN_RADIANS = "angle-in-radians", Severity.WARNING
     UNLIKELY_SIZE = "unlikely-size", Severity.WARNING

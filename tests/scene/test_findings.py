@@ -203,6 +203,65 @@ def test_a_face_in_a_face_and_an_edge_on_a_ball_are_not(tmp_path):
     assert FindingCode.AMBIGUOUS_NORMAL not in found(scene)
 
 
+def over_a_step(height: float, apart: float) -> Scene:
+    """A box on two plates, the second one lower, with so much between their edges."""
+    base = load_scene(EXAMPLES / "paper" / "cuboid_at_rest.yaml")
+    T = np.eye(4)
+    T[2, 3] = 0.1
+    plates = []
+    for name, x, top in (("high", 0.5, 0.0), ("low", -0.5, -height)):
+        T_plate = np.eye(4)
+        T_plate[[0, 2], 3] = x * (1.0 + apart), top - 0.5
+        plates.append(Support(name, Box((1.0, 1.0, 1.0)), T_plate, friction=0.5))
+    made = replace(base.object, shape=Box((0.2, 0.2, 0.2))).with_pose(T)
+    return base.with_changes(hand=None, object=made, supports=(*plates,), friction=0.5)
+
+
+def test_a_contact_that_hangs_behind_another_of_the_same_rigid_body_is_marked():
+    """Over 0.1 m faces count as parallel up to 0.5 mm: what is more takes a turn."""
+    one = found(over_a_step(0.8e-3, 0.1))[FindingCode.UNEVEN_GAPS]
+    assert one.subject == "low" and one.key == ("contact_tolerance",)
+    assert "'low' is 0.8 mm from object" in one.message
+    assert "where 'high', rigid with it, is 0 mm from it" in one.message
+    assert f"turn by {np.degrees(np.arctan(0.8 / 100.0)):.2g} degrees" in one.message
+    assert one.advice.endswith("contact_tolerance below 0.8 mm")
+    assert FindingCode.UNEVEN_GAPS not in found(over_a_step(0.5e-3, 0.1))
+    left_out = over_a_step(0.8e-3, 0.1).with_changes(contact_tolerance=0.7e-3)
+    assert FindingCode.UNEVEN_GAPS not in found(left_out)
+
+
+@pytest.mark.parametrize(("between", "marked"), [("fixed", True), ("revolute", False)])
+def test_links_that_no_joint_parts_cannot_close_two_gaps(tmp_path, between, marked):
+    ball = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    limit = '<limit lower="-1" upper="1" effort="20" velocity="1"/>'
+    (tmp_path / "finger.urdf").write_text(
+        f'<robot name="finger"><link name="rail"/><link name="pad">{ball}</link>'
+        f'<link name="tip">{ball}</link><joint name="slide" type="prismatic"><parent link="rail"/>'
+        f'<child link="pad"/><axis xyz="0 1 0"/>{limit}</joint><joint name="bend" type="{between}">'
+        '<parent link="pad"/><child link="tip"/><origin xyz="0 -0.0008 0.04"/>'
+        f'<axis xyz="1 0 0"/>{limit}</joint></robot>'
+    )
+    mount = "robot: lever_100mm", "urdf: finger.urdf"
+    pose = HAND + ", rpy: [3.141592653589793, 0, 0]", "position: [0, -0.11, 0]"
+    scene = loaded(tmp_path, mount, pose, ("  q: {hinge: 0.0}\n", ""))
+    marks = [one for one in scene.findings if one.code is FindingCode.UNEVEN_GAPS]
+    assert [one.subject for one in marks] == ["tip"] * marked
+    assert all("'pad', rigid with it" in one.message for one in marks)
+
+
+def test_a_gap_that_sliding_closes_is_none(tmp_path):
+    """The box slides to the wall; in a slot it cannot touch both walls."""
+    walls = [
+        f"\n  - name: {name}\n    shape: {{type: box, size: [1.0, 1.0, 0.1]}}\n"
+        f"    pose: {{position: [{x}, 0, 0]}}"
+        for name, x in (("right", 0.6009), ("left", -0.6009))
+    ]
+    one, both = (loaded(tmp_path, (FLOOR, FLOOR + "".join(walls[:n]))) for n in (1, 2))
+    assert "right" in one.contacts.bodies and "left" in both.contacts.bodies
+    assert FindingCode.UNEVEN_GAPS not in found(one)
+    assert found(both)[FindingCode.UNEVEN_GAPS].subject in ("left", "right")
+
+
 def test_joints_in_degrees_are_found_where_no_limit_refuses_them():
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
     turned = np.array(hand_of(scene).positions)

@@ -11,6 +11,7 @@ import numpy as np
 from graspless_pin.algorithms.torque import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
+from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.curvature import normal_jumps
 from graspless_pin.geometry.contact.distances import near_pairs, nearest_separation, separation
@@ -36,6 +37,8 @@ _UNLIMITED_FORCE = 1e6  # N
 _OVER_WEIGHT = 1e4
 _SLACK = 1e-6
 _JUMP = np.radians(20.0)
+_UNEVEN = 0.1
+"""Contact tolerances: gaps of one rigid body that differ by less are the same."""
 
 
 def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
@@ -250,6 +253,7 @@ def _touching(scene: SceneFields) -> Iterator[Finding]:
         yield from _missed(scene, names)
         if touching is not None:
             yield from _doubtful(scene, touching)
+            yield from _uneven(scene, touching)
     if scene.hand is None:
         return
     off = state_findings(scene, StateChecks(collisions=False))
@@ -354,6 +358,49 @@ def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
                 f"the normal there by {np.degrees(worst):.0f} degrees",
                 "shift one of them so that a face touches, or compare the answers beside it",
             )
+
+
+def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
+    """Find contacts whose gaps a rigid body cannot close beside a nearer one of its own.
+
+    `contact_tolerance` says how far bodies may be from where they touch. Once the nearer contact
+    touches, a body may so slide along it by the tolerance, and turn by what faces count as parallel
+    within. That closes the other gap by no more than the sum of both, seen along its normal.
+    """
+    names, tolerance = touching.bodies, scene.contact_tolerance
+    gaps, normals = np.array(touching.distances), touching.normals
+    cosines = np.clip(normals @ normals.T, -1.0, 1.0)
+    sines = np.sqrt(1.0 - cosines**2)
+    levers = np.linalg.norm(touching.positions[:, None] - touching.positions, axis=2)
+    behind = gaps[:, None] - gaps * cosines
+    left = behind - tolerance * sines - PARALLEL_ANGLE * levers
+    # Links that no joint parts are one rigid body, and so are all supports.
+    links = {} if scene.hand is None else scene.hand.tree.link_joints
+    count = touching.hand_count
+    rigid = np.array([links[name] if k < count else -1 for k, name in enumerate(names)])
+    ranks = np.argsort(np.argsort(gaps, kind="stable"))
+    left[(rigid[:, None] != rigid) | (ranks[:, None] <= ranks)] = 0.0
+    most = left.max(axis=1, initial=0.0)
+    for name in dict.fromkeys(names):
+        far = max((k for k, one in enumerate(names) if one == name), key=lambda k: most[k])
+        if most[far] <= _UNEVEN * tolerance:
+            continue
+        near = int(np.argmax(left[far]))
+        gap, made = _length(gaps[far]), scene.object.name
+        beside = f"'{names[near]}', rigid with it,"
+        if names[near] == name:
+            beside = "another of its contacts"
+        angle = np.degrees(np.arctan2(behind[far, near], levers[far, near]))
+        yield Finding(
+            FindingCode.UNEVEN_GAPS,
+            name,
+            f"'{name}' is {gap} from object '{made}' at one contact, where {beside} is "
+            f"{_length(gaps[near])} from it: both count as contacts that bear, and they only touch "
+            f"at once if the bodies turn by {angle:.2g} degrees",
+            "correct their poses (q, base_pose, settle), or leave this contact out: "
+            f"contact_tolerance below {gap}",
+            ("contact_tolerance",),
+        )
 
 
 def _length(metres: float) -> str:
