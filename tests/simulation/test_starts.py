@@ -1,5 +1,7 @@
 """Gaps that a hand has to close before it is loaded, and runs that begin off the rest."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tests.scene.scene_tools import EXAMPLES
@@ -42,6 +44,22 @@ def test_a_gripper_does_not_shift_what_it_closes_on() -> None:
     held = off(scene, np.array([0.0, 0.5 * GAP, 0.0])).with_changes(controller=Controller(2.0))
     for run in simulate(held, torques, seconds=0.5).runs[:1]:
         assert run.outcome == "held" and run.displacement < 2e-4
+
+
+def test_a_finger_that_friction_holds_touches_before_it_is_loaded() -> None:
+    """Free, its tip would go off under these torques; contacts have gaps of some micrometres."""
+    scene = load_scene(Path(__file__).with_name("grips") / "trihand_capsule_4.yaml")
+    torques = np.array(
+        [-0.00053, -0.00975, -0.06798, -0.02907, 0.6, 0.25097, 0.05616, 0.6, 0.25305]
+    )
+    problem, contacts = scene.problem(), scene.contacts.arrays
+    own = np.array(problem.jacobian)[:3, :3]
+    efforts = (torques - problem.gravity_torques)[:3]
+    pressed = float(contacts.normals[0] @ np.linalg.solve(own.T, efforts))
+    assert contacts.normals[0] @ own @ efforts < 0.0 < pressed
+    (run,) = simulate(scene, torques, controller=0.0, contact_models=[STIFF]).runs
+    assert run.outcome == "held"
+    assert run.normal_forces[contacts.bodies[0]] == pytest.approx(pressed, rel=0.02)
 
 
 def test_a_run_begins_where_it_is_asked_to() -> None:

@@ -144,6 +144,8 @@ _OUT_OF_REACH = 1e-3
 """Of the largest singular value: gaps that are closed only by turning far stay open."""
 _LEVER, _LAST = 0.05, 0.1
 """m, and how readily the object turns beside joints: it moves where they cannot close a gap."""
+_PRESSED = 1e-6
+"""m by which links that move overlap the object at the start: more than closing leaves open."""
 FIXTURE = "fixture"
 """Name of the weld that holds the object before its release."""
 
@@ -187,7 +189,7 @@ class SimulationModel(Record):
         joints: Names of the k joints that move.
         joint_rates: (k, L) their rates by those of the problem's joints; hybrid fingers stay.
         closing: (k,) rad or m by which joints are off from the scene's, so that contacts have no
-            gaps.
+            gaps, and links that move press by a micrometre.
         object: The object, off from where the scene has it for the same reason.
         loads: What acts on it beside gravity.
         link_wrenches: (6,) inertial [force; moment] about the centre of mass of each body of the
@@ -315,11 +317,13 @@ def _closing(
     """Return the least motion (6 + L,) of joints that move, and of the object, that closes gaps.
 
     Fingers that cross a gap under torques bend in themselves on the way, and shift the object
-    where one of them arrives first. The object moves where joints cannot close a gap.
+    where one of them arrives first. Where friction bears most of a torque, a tip that does not
+    touch may even go along the object and off. The object moves where joints cannot close a gap.
     """
     share = np.concatenate([np.full(3, _LAST * _LEVER), np.full(3, _LAST), moves.astype(float)])
     approach = contact_jacobian(problem)[:, 0] * share
     gaps = -np.array(contacts.arrays.distances)
+    gaps[approach[:, 6:].any(axis=1)] -= _PRESSED
     steps, *_ = np.linalg.lstsq(approach, gaps, rcond=_OUT_OF_REACH)
     return share * np.asarray(steps, dtype=float)
 
