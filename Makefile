@@ -178,7 +178,7 @@ size: install
 	$(BIN)/python -m benchmarks.size
 
 mutants: install
-	$(BIN)/python -m mutation $(MUTANTS)
+	PYTHONHASHSEED=0 $(BIN)/python -m mutation $(MUTANTS)
 
 mutants-of-loops: install
 	$(BIN)/python -m mutation.loops

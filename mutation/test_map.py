@@ -1,7 +1,8 @@
-"""Which test runs which line, and how long it takes."""
+"""Which test runs which line, and how much work it is."""
 
 from __future__ import annotations
 
+import cProfile
 import hashlib
 import json
 import time
@@ -14,7 +15,7 @@ import pytest
 
 from mutation.children import OPTIONS, PACKAGE, enter, in_children
 
-_MOST_PER_FILE = 600.0
+_MOST_PER_FILE = 1800.0
 
 
 class Test(NamedTuple):
@@ -22,11 +23,13 @@ class Test(NamedTuple):
 
     Attributes:
         node: Its pytest node id.
-        seconds: Processor time, while lines were traced.
+        calls: Of functions, Python's and C's: its work, whatever else the machine does.
+        seconds: Processor time, while lines were traced and calls counted.
         lines: Lines that it ran of each file of the package: bit i is line i.
     """
 
     node: str
+    calls: int
     seconds: float
     lines: dict[str, int]
 
@@ -47,21 +50,24 @@ class Test(NamedTuple):
 
 
 class _Watch:
-    """A pytest plugin that keeps the lines of each test apart."""
+    """A pytest plugin that keeps the lines of each test apart, and counts its calls."""
 
     def __init__(self, traced: coverage.Coverage) -> None:
         self.traced = traced
-        self.seconds: dict[str, float] = {}
+        self.work: dict[str, tuple[int, float]] = {}
         self.failed: set[str] = set()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item):
         self.traced.switch_context(item.nodeid)
-        start = time.process_time()
+        start, profile = time.process_time(), cProfile.Profile(subcalls=False)
+        profile.enable()
         try:
             return (yield)
         finally:
-            self.seconds[item.nodeid] = time.process_time() - start
+            profile.disable()
+            calls = sum(entry.callcount for entry in profile.getstats())
+            self.work[item.nodeid] = calls, time.process_time() - start
             self.traced.switch_context("")
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -81,7 +87,7 @@ def map_of(copy: Path, tests: Sequence[str], kept: Path, at_once: int) -> list[T
     files = sorted(
         {str(file.relative_to(copy)) for one in tests for file in _test_files(copy / one)}
     )
-    shared = _digest([*sorted((copy / "src").rglob("*.py")), *_helpers(copy)])
+    shared = _digest([*sorted((copy / "src").rglob("*.py")), *_helpers(copy), Path(__file__)])
     kept.mkdir(parents=True, exist_ok=True)
     names = {file: kept / f"{_digest([copy / file], shared)}.json" for file in files}
     missing = [file for file in files if not names[file].exists()]
@@ -115,7 +121,7 @@ def _digest(files: Sequence[Path], start: str = "") -> str:
 
 def _test(raw: dict[str, Any]) -> Test:
     lines = {path: int(bits, 16) for path, bits in raw["lines"].items()}
-    return Test(raw["node"], raw["seconds"], lines)
+    return Test(raw["node"], raw["calls"], raw["seconds"], lines)
 
 
 def _map_file(copy: Path, file: str, result: Path) -> int:
@@ -128,7 +134,7 @@ def _map_file(copy: Path, file: str, result: Path) -> int:
     code = pytest.main([*OPTIONS, "--maxfail=1000", file], plugins=[watch])
     traced.stop()
     data = traced.get_data()
-    lines: dict[str, dict[str, int]] = {node: {} for node in watch.seconds}
+    lines: dict[str, dict[str, int]] = {node: {} for node in watch.work}
     for name in data.measured_files():
         path = str(Path(name).relative_to(package))
         for line, contexts in data.contexts_by_lineno(name).items():
@@ -138,10 +144,11 @@ def _map_file(copy: Path, file: str, result: Path) -> int:
     tests = [
         {
             "node": node,
+            "calls": calls,
             "seconds": seconds,
             "lines": {path: hex(bits) for path, bits in lines[node].items()},
         }
-        for node, seconds in watch.seconds.items()
+        for node, (calls, seconds) in watch.work.items()
         if node not in watch.failed
     ]
     draft = result.with_suffix(f".{code}.part")

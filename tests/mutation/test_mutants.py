@@ -1,5 +1,6 @@
 """The mutants of `make mutants`: where they are made, with which tests they are tried, and how."""
 
+import json
 import subprocess
 import sys
 from importlib.util import module_from_spec
@@ -113,20 +114,75 @@ def test_a_change_elsewhere_leaves_a_place_in_the_sample(package):
     assert all(len(before[seed] - drawn(seed)) <= 2 for seed in range(10))
 
 
-def ran(node: str, seconds: float, *lines: int) -> test_map.Test:
-    return test_map.Test(node, seconds, {"module.py": sum(1 << line for line in lines)})
+def ran(node: str, calls: int, *lines: int, seconds: float = 1.0) -> test_map.Test:
+    return test_map.Test(node, calls, seconds, {"module.py": sum(1 << line for line in lines)})
 
 
 def test_mutants_are_tried_with_tests_that_run_their_line(package):
-    near = ran("tests/a.py::near", 1.0, 8, 9)
-    far = ran("tests/a.py::far", 1.0, 12, 13, 14)
-    slow = ran("tests/b.py::slow", 9.0, 8, 9, 12, 13, 14)
+    near = ran("tests/a.py::near", 1_000_000, 8, 9)
+    far = ran("tests/a.py::far", 1_000_000, 12, 13, 14)
+    slow = ran("tests/b.py::slow", 9_000_000, 8, 9, 12, 13, 14)
     choice = Choice(package, [near, far, slow])
     for mutant in all_mutants(package, "module.py"):
-        tests = choice.tests_of(mutant, seconds=5.0)
+        tests = choice.tests_of(mutant, calls=5e6)
         # The tolerance is used in line 9.
         assert tests == ([near] if mutant.line in (5, 9) else [far] if mutant.line < 15 else [])
-        assert slow in choice.tests_of(mutant, seconds=10.0) or mutant.line == 15
+        assert slow in choice.tests_of(mutant, calls=1e7) or mutant.line == 15
+
+
+def test_neither_the_choice_nor_the_work_of_a_test_depends_on_how_long_it_takes(package):
+    quiet, busy = (
+        [ran(f"tests/{n}.py::test", n * 1_000_000, 8, 9, seconds=n**power) for n in range(1, 9)]
+        for power in (1, -2)
+    )
+    for mutant in all_mutants(package, "module.py"):
+        first, again = (Choice(package, tests).tests_of(mutant, 9e6) for tests in (quiet, busy))
+        assert [one.node for one in first] == [one.node for one in again]
+        assert len(first) == (3 if mutant.line in (5, 9) else 0)
+
+
+TIMED = """
+import pytest
+from graspless_pin.sums import one_more
+
+@pytest.mark.parametrize("calls, added", [(1, 1), (1000, 10_000_000), (3000, 1)])
+def test_work(calls, added):
+    total = 0
+    for _ in range(calls):
+        total = one_more(total)
+    assert sum(range(added)) >= 0
+"""
+MAPS = """
+import json, sys
+from pathlib import Path
+from mutation.test_map import map_of
+
+copy = Path(sys.argv[1])
+for test in map_of(copy, ["tests"], copy / "kept", at_once=1):
+    print(json.dumps([test.calls, test.lines]))
+"""
+
+
+def test_the_work_of_a_test_is_its_calls(tmp_path):
+    for name, text in (
+        ("src/graspless_pin/__init__.py", ""),
+        ("src/graspless_pin/sums.py", "def one_more(total):\n    return total + 1\n"),
+        ("tests/test_work.py", TIMED),
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    told = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", MAPS, tmp_path],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert told.returncode == 0, told.stderr
+    lines = told.stdout.splitlines()[1:]  # behind the line that says what is mapped
+    (_, first), (calls, _), (more_calls, _) = map(json.loads, lines)
+    assert first == {"sums.py": 1 << 2}
+    assert 1900 <= more_calls - calls <= 2100  # though the one before adds ten million numbers
 
 
 def test_a_module_is_imported_from_its_mutated_text(tmp_path):
