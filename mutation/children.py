@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import compileall
 import contextlib
 import importlib
 import importlib.abc
@@ -27,7 +28,7 @@ _SHARED = (
     "yaml", "trimesh", "rich", "typer", "tabulate", "coverage",
 )  # fmt: skip
 OPTIONS = (
-    "-q", "-x", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist",
+    "-q", "-x", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "no:xdist",
     "-W", "ignore::pytest.PytestAssertRewriteWarning",  # of what is imported before
 )  # fmt: skip
 """What pytest is called with."""
@@ -59,6 +60,8 @@ def copy_of(root: Path, folder: Path) -> Path:
             shutil.copytree(source, folder / name, ignore=ignored)
         elif source.exists():
             shutil.copy(source, folder / name)
+    for name in ("src", "tests"):  # once, not in each child
+        compileall.compile_dir(folder / name, quiet=1)
     return folder
 
 
