@@ -70,6 +70,8 @@ def assert_agreement(
     solve = partial(algorithm, sign_rule=pair[0], sliding_rule=pair[1])
     where = f"{algorithm}, {pair}"
     first = solve(problem)
+    counts = first.certificate
+    assert counts.modes_examined <= counts.nodes <= counts.force_programs, where
     others = []
     if enumerate_too:
         listed = solve(problem, search="enumerate")
