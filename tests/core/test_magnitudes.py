@@ -162,6 +162,15 @@ def test_a_number_that_is_none_is_named(name: str, bad: float) -> None:
         problem_of_own_arrays(**given)
 
 
+def test_coefficients_of_friction_may_be_zero_but_not_negative() -> None:
+    given = arguments()
+    given["friction"] = np.array([0.3, 0.0])
+    assert problem_of_own_arrays(**given).friction is given["friction"]  # taken as it is
+    given["friction"] = np.array([0.3, -0.1])
+    with pytest.raises(ArgumentError, match=r"^friction: "):
+        problem_of_own_arrays(**given)
+
+
 @pytest.mark.parametrize(
     ("limits", "fits"),
     [

@@ -34,6 +34,7 @@ def same_structure() -> list[QuasistaticProblem]:
         rest,
         rest.with_changes(friction=0.4),
         rest.with_changes(torque_limits=(-6.0, 7.0), max_normal_force=40.0),
+        rest.with_changes(external_wrench=1.25 * rest.external_wrench + 0.1),
         rest.with_changes(jacobian=jacobian, friction=0.5),
     ]
 

@@ -75,7 +75,7 @@ class _Engine:
             changed["c"] = program.c
         if program.b is not known.b:
             changed["b"] = program.b / _UNIT
-        if program.l is not known.l or program.u is not known.u:
+        if program.l is not known.l:  # both are made at once
             changed["h_l"], changed["h_u"] = program.l / _UNIT, program.u / _UNIT
         if program.P is not known.P:
             np.multiply(program.P, _UNIT, out=self._P.data)

@@ -363,7 +363,7 @@ class _Checker:
         checks.append(self._infeasible(name, proof))
         if self.status == "infeasible_modes":
             checks.append(self._forces_exist())
-        most = max(proof.violation, 0.0)
+        most = proof.violation
         detail = f"stated {shared:.3g}, proven {most:.3g} (scaled)"
         good = shared <= most * (1.0 + tolerances.SAME)
         return [*checks, holds("smallest common violation", good, detail)]

@@ -183,7 +183,7 @@ class TreeWalk:
                 bound, shared = self._bound(node, state)
                 proof.bound = min(proof.bound, bound)
                 proof.leaves, proof.programs = proof.leaves + 1, proof.programs + 1
-                proof.violation = shared if len(nodes) == 1 else 0.0
+                proof.violation = max(shared, 0.0) if len(nodes) == 1 else 0.0
             elif state.free:
                 failure = "speaks of modes where friction needs none"
             elif kind == "kinematic":
