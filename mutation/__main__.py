@@ -33,7 +33,8 @@ MUTATED = ("problem", "modes", "programs", "solvers", "algorithms", "report/veri
 TESTS = (
     "tests/core", "tests/analysis", "tests/planning", "tests/report", "tests/oracles",
     "tests/holding", "tests/verify",
-    "tests/studies/test_margin_torque_curve.py",
+    "tests/studies/test_margin_torque_curve.py", "tests/scene/test_uncertain_scenes.py",
+    "tests/scene/test_member_verdicts.py", "tests/cli/test_uncertain_command.py",
 )  # fmt: skip
 OF_LOOPS = ("algorithms/batch_optimum.py",)
 """Files that do nothing without compiled loops: their mutants are among those of `loops`."""

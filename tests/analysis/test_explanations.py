@@ -191,6 +191,31 @@ def test_where_nothing_can_carry_the_weight_help_from_outside_is_all_that_is_sug
     np.testing.assert_allclose(suggestions[0].problem.external_wrench, 0.0, atol=0.06)
 
 
+def test_all_limits_give_way_at_once_where_none_alone_is_enough():
+    """The weight has to be borne from outside, and no contact helps a joint with its own link."""
+    problem = QuasistaticProblem(
+        [[0.05, 0, 0], [-0.05, 0, 0]],
+        [[-1.0, 0, 0], [1.0, 0, 0]],
+        [0, 0, -5.0, 0, 0, 0],
+        [[-0.1]] + [[0.0]] * 5,
+        friction=0.0,
+        torque_limits=(-0.1, 0.1),
+        gravity_torques=[0.4],
+        max_normal_force=20.0,
+    )
+    solution = maximize_margin(problem)
+    (suggestion,) = explain(solution).suggestions
+    changed = suggestion.problem
+    torque, force = changed.upper_torque[0] - 0.1, changed.max_normal_force[0] - 20.0
+    assert torque >= 0.3 and changed.lower_torque[0] == pytest.approx(-0.1 - torque)
+    assert suggestion.text.startswith(
+        f"every torque limit larger by {torque:g} N m, every normal-force limit by {force:g} N, and"
+    )
+    assert abs(changed.external_wrench[2]) < 1e-3
+    assert partly(solution, suggestion, 1.0).found
+    assert not partly(solution, suggestion, 0.98).found
+
+
 def test_the_sliding_cuboid_names_its_conflict_and_weaker_rules():
     explanation = explain(maximize_margin(scene("up"), sliding_rule="constrained"))
     assert len(explanation.conflicting_contacts) >= 2
