@@ -253,6 +253,15 @@ def test_mistakes_in_files(tmp_path: Path, stated: Any, message: str) -> None:
         scene_with(tmp_path, stated)
 
 
+def test_figures_of_what_touches_nothing_are_found(tmp_path: Path) -> None:
+    """A name that no contact goes by is told, since its figure does nothing; others are not."""
+    stated = {"friction": {"hand": 0.1, "link_1.0": 0.2}, "contact_position": {"wall": 0.001}}
+    found = {one.key: one for one in scene_with(tmp_path, stated).findings}
+    assert ("uncertainty", "friction") in found
+    assert ("uncertainty", "contact_position") not in found
+    assert "'link_1.0'" in found["uncertainty", "friction"].message
+
+
 def test_mistakes_in_python() -> None:
     scene = load_scene(CUBOID)
     with pytest.raises(ArgumentError, match=r"is True, and .*cuboid_at_rest.yaml says nothing"):

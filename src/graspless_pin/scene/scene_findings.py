@@ -24,6 +24,7 @@ from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
 from graspless_pin.scene.state_findings import StateChecks, state_findings
+from graspless_pin.scene.uncertain_figures import unused_surfaces
 
 STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
@@ -248,6 +249,8 @@ def _touching(scene: SceneFields) -> Iterator[Finding]:
         touching = None
     except GrasplessPinError:
         return
+    if touching is not None and scene.uncertainty is not None:
+        yield from unused_surfaces(scene)
     names = set(() if touching is None else touching.bodies)
     if scene.given_contacts is None:
         yield from _missed(scene, names)

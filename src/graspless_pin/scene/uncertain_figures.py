@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from graspless_pin.algorithms.uncertainty import PairFigures, Uncertainty
+from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.geometry.bodies.object_and_supports import Pair
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem import QuasistaticProblem
@@ -58,14 +59,8 @@ def by_contact_and_joint(
         ArgumentError: If it names what is not there.
     """
     check_names_in(scene, uncertainty)
-    touching = contacts_of(scene).arrays
-    groups = ["hand"] * touching.hand_count
-    groups += ["supports"] * (len(touching.bodies) - len(groups))
     fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
-    surfaces = [
-        (body, *_materials_of(scene, body), group)
-        for body, group in zip(touching.bodies, groups, strict=True)
-    ]
+    surfaces = _surfaces(scene)
     own = {
         name: _of_each(getattr(uncertainty, name), surfaces)
         for name in ("friction", "contact_position")
@@ -74,6 +69,38 @@ def by_contact_and_joint(
         joints = ((joint, fingers.get(joint, "")) for joint in problem.joint_names)
         own[name] = _of_each(getattr(uncertainty, name), joints)
     return Uncertainty(**{**vars(uncertainty), **own})
+
+
+def unused_surfaces(scene: SceneFields) -> Iterator[Finding]:
+    """Find figures of friction or place for bodies or materials of no contact."""
+    surfaces = _surfaces(scene)
+    touching = {name for own in surfaces for name in own} | {DEFAULT_GAIN}
+    for key in ("friction", "contact_position"):
+        figures = getattr(scene.uncertainty, key, None)
+        unused = [name for name in _by_name(figures) if name not in touching]
+        if unused:
+            bodies = ", ".join(dict.fromkeys(f"'{own[0]}'" for own in surfaces))
+            told = [
+                " on ".join(sorted(one)) if isinstance(one, frozenset) else one for one in unused
+            ]
+            yield Finding(
+                FindingCode.UNUSED_OPTION,
+                key,
+                f"{key} has figures for {told}, of which there is no contact",
+                f"name bodies that touch the object ({bodies}) or their materials, or leave it out",
+                ("uncertainty", key),
+            )
+
+
+def _surfaces(scene: SceneFields) -> list[tuple[Pair | str, ...]]:
+    """Return the names that figures of each contact may go by, the closest first."""
+    touching = contacts_of(scene).arrays
+    groups = ["hand"] * touching.hand_count
+    groups += ["supports"] * (len(touching.bodies) - len(groups))
+    return [
+        (body, *_materials_of(scene, body), group)
+        for body, group in zip(touching.bodies, groups, strict=True)
+    ]
 
 
 def _materials_of(scene: SceneFields, body: str) -> tuple[Pair | str, ...]:
@@ -89,14 +116,20 @@ def _of_each(figures: PairFigures, names: Iterable[Sequence[Pair | str]]) -> Flo
     """Return the figure of each thing by the first of its names that has one, or the default's."""
     if not isinstance(figures, Mapping):
         return figures
+    known = _by_name(figures)
+    rest = known.get(DEFAULT_GAIN, 0.0)
+    return np.array([next((known[one] for one in own if one in known), rest) for own in names])
+
+
+def _by_name(figures: PairFigures | None) -> dict[Pair | str, float]:
+    """Return figures by the name of a thing, or by the pair of materials."""
     known: dict[Pair | str, float] = {}
-    for name, figure in figures.items():
+    for name, figure in figures.items() if isinstance(figures, Mapping) else ():
         if isinstance(figure, Mapping):
             known |= {Pair((name, other)): one for other, one in figure.items()}
         else:
             known[name] = figure
-    rest = known.get(DEFAULT_GAIN, 0.0)
-    return np.array([next((known[one] for one in own if one in known), rest) for own in names])
+    return known
 
 
 def stated_uncertainty(uncertainty: Uncertainty) -> dict[str, Any]:
