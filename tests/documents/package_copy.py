@@ -41,19 +41,17 @@ def followed(folder: Path, word: str, module: Path, listed: Path, beside: str) -
         folder: Where to.
         word: What stands in the blocks of the walk-through, and is added to the list.
         module: Where its first block is written.
-        listed: The module with the list, of which its second block has an import and the list.
+        listed: The module with the list: its second block has an import, and how the list begins.
         beside: How the import begins before which the new one goes.
     """
     copied(folder)
     blocks = walkthrough(word)
     (folder / module).write_text(blocks[0], encoding="utf-8")
     line, names = blocks[1].splitlines()
-    names = names[names.index("(") :]
-    before = re.sub(rf", {word}(\(\))?", "", names)
+    name, first = re.fullmatch(r"(\w+) = \.\.\. (\(.*?, )\w.*", names).groups()
     text = (folder / listed).read_text(encoding="utf-8")
-    assert before != names
-    assert text.count(before) == 1
-    (folder / listed).write_text(text.replace(before, names), encoding="utf-8")
+    at = text.index("(", text.index(f"\n{name}:"))
+    (folder / listed).write_text(f"{text[:at]}{first}{text[at + 1 :]}", encoding="utf-8")
     inserted(folder / listed, line, beside)
     return folder
 

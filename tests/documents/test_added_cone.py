@@ -12,6 +12,8 @@ from package_copy import command, followed, run
 from page_blocks import ROOT
 from scipy.optimize import linprog
 
+from graspless_pin.problem.cones import CONE_MODELS
+
 PROBLEM = Path("src") / "graspless_pin" / "problem"
 ALONG = 0.5
 SHOWN = """
@@ -268,7 +270,7 @@ def test_a_checker_that_does_not_know_the_name_checks_the_document(package, tmp_
 
 def test_the_schema_and_messages_know_it(package, tmp_path):
     schema = json.loads(command(package, "schema").stdout)["properties"]["cone"]
-    assert schema["enum"] == ["edges", "round", "ribbed"]
+    assert schema["enum"] == ["ribbed", *CONE_MODELS]
     assert "ribbed: pyramids of cone_edges edges with half of the friction" in schema["description"]
     file = scene_of(tmp_path, "cuboid_at_rest.yaml", cone="ribed")
     file.write_text(file.read_text().replace("cone: ribbed", "cone: ribed"))

@@ -12,6 +12,8 @@ from package_copy import command, followed, run
 from page_blocks import ROOT
 from scipy.spatial.transform import Rotation
 
+from graspless_pin.geometry.bodies.shapes import SHAPES
+
 BODIES = Path("src") / "graspless_pin" / "geometry" / "bodies"
 RADIUS, HEIGHT = 0.1 * np.sqrt(2.0), 0.2
 SHOWN = """
@@ -121,9 +123,7 @@ def squares(package, tmp_path_factory):
 
 def test_the_new_shape_is_one_module_and_one_line(squares):
     prism, *_ = squares
-    assert prism["kinds"] == [
-        "box", "sphere", "cylinder", "capsule", "cone", "prism", "mesh", "hull", "half_space",
-    ]  # fmt: skip
+    assert prism["kinds"] == ["prism", *SHAPES]
     assert prism["shape"].startswith("Prism(corners=4, radius=0.14142")
     assert prism["summary"].startswith("object    body: prism 0.141421 x 0.2 m, 0.8 kg")
     assert prism["unit"] == ["length"]

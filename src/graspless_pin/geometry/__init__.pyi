@@ -1,9 +1,9 @@
+from .bodies.compound import Compound as Compound
 from .bodies.object_and_supports import ManipulatedObject as ManipulatedObject
 from .bodies.object_and_supports import Materials as Materials
 from .bodies.object_and_supports import Support as Support
 from .bodies.shapes import Box as Box
 from .bodies.shapes import Capsule as Capsule
-from .bodies.shapes import Compound as Compound
 from .bodies.shapes import Cone as Cone
 from .bodies.shapes import Cylinder as Cylinder
 from .bodies.shapes import HalfSpace as HalfSpace

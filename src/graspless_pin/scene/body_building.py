@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.compound import Compound
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.bodies.shapes import SHAPES, Compound, Shape
+from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import changed

@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import capture
-from graspless_pin.geometry.bodies.shapes import SHAPES, Compound
+from graspless_pin.geometry.bodies.compound import Compound
+from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import errors_of_text, is_file, read_text
