@@ -35,7 +35,7 @@ def test_a_scene_that_moves_has_a_time_lapse_and_is_held_by_feedback(tmp_path):
     moved = run("simulate", BALL, "--algorithm", "margin", "--seconds", "1.2", "--save", file)
     assert moved.exit_code == 1
     assert moved.stdout.startswith("moved: the object does not stay")
-    needed = r"holds with joint feedback of at least 0\.\d+ N m/rad; without it the object rolls"
+    needed = r"needs joint feedback of at least 0\.\d+ N m/rad; without it the object rolls"
     assert re.search(needed, moved.stdout)
     page = file.read_text(encoding="utf-8")
     assert "<strong>Moved.</strong>" in page

@@ -477,6 +477,8 @@ def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
     assert answer.robust.status is Status.NOT_FOUND_IN_LIMIT and np.isnan(answer.served_share)
     result = run("solve", file, "--algorithm", "torque", "--time-limit", "0", "--no-verdict")
     assert result.exit_code == 3 and "a node or time limit" in words(result.stdout)
+    limited = stating(tmp_path, file, solve={"algorithm": "torque", "time_limit": 1e-9})
+    assert run("tolerances", limited).exit_code == 3
 
 
 @pytest.mark.parametrize(

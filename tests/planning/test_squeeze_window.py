@@ -159,9 +159,7 @@ def test_without_feedback_the_ball_has_no_window(pressed_ball) -> None:
     scene, torques = pressed_ball
     window = squeeze_window(scene, torques, samples=2)
     assert window.lower is None and window.upper is None
-    assert str(window).startswith(
-        "the given torques do not hold: holds with joint feedback of at le"
-    )
+    assert str(window).startswith("the given torques do not hold: needs joint feedback of at le")
     assert Holding.NEEDS_FEEDBACK in window.holding and np.nanmax(window.growth) > 1.0
 
 

@@ -39,7 +39,7 @@ def test_guaranteed_torques_are_proven_and_their_gaps_worked_out_again() -> None
     assert {"the torques are guaranteed", "rest is the only outcome"} <= names
     assert {"gap as stated", "gap to the best case as stated"} <= names
     details = {one.name: one.detail for one in checked.checks}
-    assert details["the best case is within its bound"].endswith(" N m, N")
+    assert details["the best case is within its bound"].endswith(" N")
     torque = made["joints"][0]["torque"]
     assert made["guarantee"]["gap"] == pytest.approx(torque - made["guarantee"]["best_case"])
 

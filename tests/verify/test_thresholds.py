@@ -236,7 +236,7 @@ def test_the_unit_is_that_of_the_largest_torque(lever, unit):
     ("make", "unit"),
     [
         (lambda: maximize_margin(scene("up")), "N"),
-        (lambda: minimize_torque(scene("rest"), 0.1), "N m, N"),
+        (lambda: minimize_torque(scene("rest"), 0.1), "N m"),
         (lambda: minimize_torque(scene("rest"), 0.1, scale="limits"), ""),
     ],
 )

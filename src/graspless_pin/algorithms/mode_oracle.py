@@ -185,7 +185,7 @@ class ModeOracle:
     def admitted_again(self, x: FloatArray, mode: SlidingMode) -> FloatArray | None:
         """Return what a mode admits of x, if that is all but rounding and the known motion does it.
 
-        Where that is so, `read` would find a mode too, though perhaps another one.
+        Where that is so, `mode_for` would find a mode too, though perhaps another one.
 
         Args:
             x: Solution of the program.

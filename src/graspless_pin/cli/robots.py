@@ -94,9 +94,8 @@ def audit_text(report: AuditReport) -> str:
     if not report.findings:
         lines.append("nothing to mend")
     for finding in report.findings:
-        lines.append(
-            f"{finding.code.words}: {finding.subject}: {finding.message}\n    {finding.advice}"
-        )
+        about = "" if finding.message.startswith(finding.subject) else f"{finding.subject}: "
+        lines.append(f"{finding.code.words}: {about}{finding.message}\n    {finding.advice}")
     return "\n".join(lines)
 
 

@@ -15,7 +15,6 @@ from graspless_pin.algorithms.torque import AIMS, TorqueScale
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
     ControllerOption,
-    ExitCode,
     echo_findings,
     exit_code,
     loaded_scene,
@@ -203,7 +202,7 @@ def solved_scene(
         typer.echo(f"there are no torques{for_all}: {solution.status.message}")
         if answer is not None:
             typer.echo(f"which members are in conflict, and what helps: graspless-pin solve {path}")
-        raise typer.Exit(ExitCode.INFEASIBLE)
+        raise typer.Exit(exit_code(solution))
     return scene, solution
 
 

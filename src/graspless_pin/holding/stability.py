@@ -188,7 +188,7 @@ def stability(
         >>> from graspless_pin import load_scene, maximize_margin, stability
         >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
         >>> print(stability(problem, maximize_margin(problem).torques))
-        holds: the object provably stays at rest (71 LPs); no small motion grows
+        holds: the object provably stays at rest (75 LPs); no small motion grows
     """
     return _verdict(*_asked(problem, torques, acceleration_resolution, node_limit, time_limit))
 

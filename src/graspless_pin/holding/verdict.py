@@ -408,9 +408,8 @@ def _lasting_words(verdict: StabilityVerdict, small: SmallMotions, proof: str) -
         )
     if isinf(small.stiffness):
         return f"stays at the first instant; then {grows}: {stops} (proof: {proof})"
-    if verdict.controller:
-        return f"needs {needed}; with {verdict.controller} {grows} (first instant: {proof})"
-    return f"holds with {needed}; without it {grows} (first instant: {proof})"
+    without = f"with {verdict.controller}" if verdict.controller else "without it"
+    return f"needs {needed}; {without} {grows} (first instant: {proof})"
 
 
 def _assumed_words(small: SmallMotions) -> str:

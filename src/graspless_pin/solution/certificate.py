@@ -84,7 +84,7 @@ class Status(Enum):
     )
     INFEASIBLE_FORCES = (
         "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
-        "the external wrench with the required margin"
+        "the external wrench (with the required margin, if one is asked for)"
     )
     INFEASIBLE_MODES = (
         "infeasible: forces that balance exist, but none whose friction opposes a kinematically "

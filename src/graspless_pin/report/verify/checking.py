@@ -91,7 +91,7 @@ def unit_of(problem: Problem) -> str:
     """Return the unit of the objective's value."""
     if problem.own is not None or problem.by_limits:
         return ""
-    return "N" if problem.is_margin else "N m, N"
+    return "N" if problem.is_margin else ", ".join(sorted(set(problem.units), reverse=True))
 
 
 def stated_forces(stated: Part, problem: Problem) -> Forces:

@@ -15,6 +15,7 @@ or goal 0, p = 0, below zero: then there is no outcome in it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from textwrap import shorten
 
 import numpy as np
 
@@ -258,7 +259,8 @@ class _Verdict:
         own = _WORDS[self.status]
         others = [word for words in _WORDS.values() for word in words if word not in own]
         good = not message.startswith(tuple(others))
-        return [holds("the sentence and the status agree", good, message[:60] or "no sentence")]
+        short = shorten(message, 60, placeholder=" ...") or "no sentence"
+        return [holds("the sentence and the status agree", good, short)]
 
     def _rest(self) -> Check:
         local = self.bodies.local(self.stated["rest_forces"])
