@@ -46,8 +46,10 @@ class FindingCode(StrEnum):
     HAND_TOUCHES_NOTHING = "hand-touches-nothing", Severity.SERIOUS
     HAND_THROUGH_SUPPORT = "hand-through-support", Severity.SERIOUS
     HAND_THROUGH_ITSELF = "hand-through-itself", Severity.SERIOUS
+    NORMAL_POINTS_OUT = "normal-points-out", Severity.SERIOUS
     NO_MOTORS = "no-motors", Severity.SERIOUS
     NO_TORQUE_COUNTS = "no-torque-counts", Severity.WARNING
+    CONTACT_OFF_SURFACE = "contact-off-surface", Severity.WARNING
     SUPPORT_MISSED = "support-missed", Severity.WARNING
     FINGER_MISSED = "finger-missed", Severity.WARNING
     DEEP_OVERLAP = "deep-overlap", Severity.WARNING

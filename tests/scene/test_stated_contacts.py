@@ -1,6 +1,7 @@
 """Small motions at stated contacts: those of shapes that touch so, or of points that stay."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +156,57 @@ def test_a_document_tells_what_is_assumed_of_contacts(tmp_path: Path) -> None:
     assert told.detail.endswith("; points that stay on both bodies are assumed at 1")
     strong = scene.solve("torque", stability="strong")
     assert strong.found and strong.guarantee is not None
+
+
+def found_of(
+    folder: Path,
+    shape: dict[str, object],
+    rows: Sequence[tuple[str, Sequence[float], Sequence[float]]],
+    **more: object,
+) -> dict[str, str]:
+    """What is found of an object on a table whose contacts are stated."""
+    data = {
+        "friction": 0.5,
+        "object": {"name": "thing", "shape": shape, "mass": 0.3,
+                   "pose": {"position": [0, 0, 0.03]}},
+        "supports": [{"name": "table", "shape": {"type": "half_space"}},
+                     {"name": "wall", "shape": {"type": "half_space"},
+                      "pose": {"position": [0, 0.03, 0], "rpy": [np.pi / 2, 0, 0]}}],
+        "contacts": [{"body": body, "position": p, "normal": n} for body, p, n in rows],
+    }  # fmt: skip
+    return {one.code: str(one) for one in loaded(folder, data | more).findings}
+
+
+BLOCK: dict[str, object] = {"type": "box", "size": [0.06, 0.06, 0.06]}
+CORNERS = [[0.03, 0.03, 0.0], [-0.03, 0.03, 0.0], [0.0, -0.02, 0.0]]
+
+
+def test_stated_contacts_that_the_shapes_contradict_are_told(tmp_path: Path) -> None:
+    up, down = [0, 0, 1], [0, 0, -1]
+    right = [("table", one, up) for one in CORNERS]
+    edge = [("wall", [0.01, 0.03, 0.0], normal) for normal in ([0, -1, 0], [0, -1, 1], [0, 0, 1])]
+    assert found_of(tmp_path, BLOCK, [*right, *edge]) == {}
+    out = found_of(tmp_path, BLOCK, [("table", one, down) for one in CORNERS])
+    assert [*out] == ["normal-points-out"]
+    assert "contacts[0].normal" in out["normal-points-out"]
+    assert "contacts 0, 1, 2 point out of object 'thing'" in out["normal-points-out"]
+    off = found_of(tmp_path, BLOCK, [*right[:2], ("table", [0, -0.2, 0.5], up)])
+    assert [*off] == ["contact-off-surface"]
+    away = 1e3 * np.hypot(0.2 - 0.03, 0.5 - 0.06)
+    words = (
+        f"{away:.3g} mm from the surface of object 'thing' and 500 mm from the surface of 'table'"
+    )
+    assert f"contact 2 is {words}" in off["contact-off-surface"]
+    other = found_of(tmp_path, BLOCK, [*right, ("wall", [0, 0.01, 0], up)])
+    assert "contact 3 is 20 mm from the surface of 'wall';" in other["contact-off-surface"]
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_shapes_that_are_simplified_on_purpose_have_a_tolerance(
+    share: float, tmp_path: Path
+) -> None:
+    ball: dict[str, object] = {"type": "sphere", "radius": 0.03}
+    rows = [("table", [0.0, 0.01, 0.0], [0, 0, 1])]
+    gap = float(np.hypot(0.03, 0.01)) - 0.03
+    found = found_of(tmp_path, ball, rows, contact_tolerance=share * gap)
+    assert [*found] == (["contact-off-surface"] if share < 1.0 else [])

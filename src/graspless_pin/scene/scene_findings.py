@@ -24,6 +24,7 @@ from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
 from graspless_pin.scene.state_findings import StateChecks, state_findings
+from graspless_pin.scene.stated_contact_findings import stated_contact_findings
 from graspless_pin.scene.uncertain_figures import unused_surfaces
 
 STEEPEST_FRICTION = 3.0
@@ -53,7 +54,7 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
         if scene.hand is not None:
             found += [*_joints(scene.hand), *_shallow_overlaps(scene)]
             found += state_findings(scene, StateChecks(need_hand=False))
-        found += _touching(scene)
+        found += [*_touching(scene), *stated_contact_findings(scene)]
     of_hand = () if scene.hand is None else scene.hand.findings
     return gravest_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
 

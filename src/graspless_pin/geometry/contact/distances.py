@@ -244,6 +244,14 @@ def separation(first: CollisionBody, second: CollisionBody) -> Separation:
     return Separation(float(distance), np.array(result.normal))
 
 
+def distances_to_point(bodies: Sequence[CollisionBody], point: FloatArray) -> FloatArray:
+    """Return the (K,) signed distances of K bodies to a point (3,), world, m: negative inside."""
+    T = np.eye(4)
+    T[:3, 3] = point
+    there = CollisionBody("point", coal.Sphere(0.0), T)
+    return np.array([separation(there, body).distance for body in bodies])
+
+
 def nearest_separation(
     first: Sequence[CollisionBody], second: Sequence[CollisionBody]
 ) -> Separation:
