@@ -20,8 +20,8 @@ START = 1e-4, 1e-3
 """m, rad: how far along a motion that grows a run begins."""
 FINGER_MOVED = float(np.radians(2.0))
 """rad: a joint that goes farther does not stay, whatever the object does."""
-FITTED = 10.0, 60.0
-"""Of the start, from the rest on: growth is read off between these."""
+FITTED = 2.0, 10.0
+"""Of the start: growth is read off between these. Beyond them motions are not small."""
 
 
 class GripRun(NamedTuple):
@@ -65,13 +65,22 @@ def run_of(
     """
     span = min(max(GROWTHS / growth, SECONDS), LONGEST) if growth > 0.0 else SECONDS
     start = None if motion is None else _start(motion)
-    simulation = simulate(scene, torques, seconds=span, displacement=start, contact_models=[model])
-    (done,), made = simulation.runs, simulation.model
+
+    def run(seconds: float, start: FloatArray | None) -> SimulatedRun:
+        (done,) = simulate(
+            scene, torques, seconds=seconds, displacement=start, contact_models=[model]
+        ).runs
+        return done
+
+    done = run(span, start)
     moves = np.abs(done.joint_moves - done.joint_moves[0])
+    measured = None
+    if growth > 0.0 and start is not None:
+        measured = growth_between(done, run(done.times[-1], -start))
     return GripRun(
         str(done.outcome),
         float(moves.max(initial=0.0)),
-        growth_of(done, made.object.T_world_object, made.closing) if growth > 0.0 else None,
+        measured,
         done.displacement,
         done.rotation,
     )
@@ -83,24 +92,21 @@ def _start(motion: FloatArray) -> FloatArray:
     return motion / np.abs(motion / sizes).max()
 
 
-def growth_of(run: SimulatedRun, T_world_rest: FloatArray, joints: FloatArray) -> float | None:
-    """Return the rate at which object and joints leave a rest, 1/s; None: nothing grew far enough.
+def growth_between(run: SimulatedRun, other: SimulatedRun) -> float | None:
+    """Return the rate at which two runs part that begin on either side of the rest, 1/s.
 
-    What grows fast has gone part of its way before all is let go: it counts from the rest on.
-
-    Args:
-        run: The run.
-        T_world_rest: (4, 4) pose of the object at rest, m.
-        joints: (k,) how far each joint that moves has gone at rest, rad or m.
+    What both do, such as a shift while the object is let go, is no growth.
     """
-    way = np.linalg.norm(run.T_world_object[:, :3, 3] - T_world_rest[:3, 3], axis=1)
-    turn = np.linalg.norm(run.T_world_object[:, :3, :3] - T_world_rest[:3, :3], axis=(1, 2))
-    moves = np.abs(run.joint_moves - joints).max(axis=1, initial=0.0)
-    sizes = [way / START[0], turn / (np.sqrt(2) * START[1]), moves / START[1]]
-    size = np.max(sizes, axis=0)
+    count = min(len(run.times), len(other.times))
+    one, two = run.T_world_object[:count], other.T_world_object[:count]
+    way = np.linalg.norm(one[:, :3, 3] - two[:, :3, 3], axis=1)
+    turn = np.linalg.norm(one[:, :3, :3] - two[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+    moves = np.abs(run.joint_moves[:count] - other.joint_moves[:count])
+    joints = moves.max(axis=1, initial=0.0)
+    size = 0.5 * np.max([way / START[0], turn / START[1], joints / START[1]], axis=0)
     low, high = FITTED
     past = np.flatnonzero(size > high)
-    end = int(past[0]) if len(past) else len(size)
+    end = int(past[0]) if len(past) else count
     under = np.flatnonzero(size[:end] < low)
     begin = int(under[-1]) + 1 if len(under) else 0
     if end - begin < 3 or size[end - 1] < 0.5 * high:

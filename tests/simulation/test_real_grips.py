@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.grip_runs import growth_of
+from benchmarks.grip_runs import growth_between
 from benchmarks.real_grips import Case, cases, summary
 
 from graspless_pin import load_scene
@@ -32,20 +32,18 @@ def test_normals_of_meshes_are_those_of_the_scene() -> None:
     assert run.displacement < 5e-5
 
 
-@pytest.mark.parametrize("released", [1.0, 19.0])
-def test_growth_counts_from_the_rest_wherever_the_run_is_released(released: float) -> None:
-    """An object that has gone along by 19 starts before it is let go grows no faster for that."""
-    rate, times = 40.0, np.linspace(0.0, 0.29, 30)
-    size = released * np.exp(rate * times)
-    rest, closing = np.eye(4), np.array([0.02, -0.01])
-    poses = np.repeat(rest[None], len(times), axis=0)
-    poses[:, 0, 3] = 1e-4 * size
-    run = SimulatedRun(
-        STIFF, SimulatedOutcome.MOVED, 0.1, 0.0, 0.1, {}, times, poses,
-        closing + 1e-4 * size[:, None],
-    )  # fmt: skip
-    measured = growth_of(run, rest, closing)
-    assert measured == pytest.approx(rate, rel=1e-6)
+def test_growth_is_what_two_runs_part_by_whatever_both_do() -> None:
+    """A shift while the object is let go, which both runs make, is no growth."""
+    rate, times = 40.0, np.linspace(0.0, 0.1, 60)
+    size = 1e-4 * np.exp(rate * times)
+
+    def run(side: float) -> SimulatedRun:
+        poses = np.repeat(np.eye(4)[None], len(times), axis=0)
+        poses[:, 0, 3] = 5e-4 * times / times[-1] + side * size
+        joints = 0.02 + side * size[:, None]
+        return SimulatedRun(STIFF, SimulatedOutcome.MOVED, 0.1, 0.0, 0.1, {}, times, poses, joints)
+
+    assert growth_between(run(1.0), run(-1.0)) == pytest.approx(rate, rel=1e-6)
 
 
 def test_what_is_not_as_it_is_said_to_be_is_listed() -> None:
