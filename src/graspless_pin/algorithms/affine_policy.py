@@ -265,8 +265,7 @@ class _AffineProgram:
         count, D = len(self.rows[0].kept), len(unknowns.balls)
         self.at = [built.columns(count) for _ in self.corners]
         self.slopes = [[built.columns(count) for _ in range(D)] for _ in self.groups]
-        joints = unknowns.joints[self.of_joint]
-        self.errors = built.columns(len(joints))
+        self.errors = built.columns(len(unknowns.joints[self.of_joint]))
         margin: float | NDArray[np.int_]
         if isinstance(objective, Margin):
             margin = built.columns(1, cost=-1.0)
@@ -399,8 +398,7 @@ class _AffineProgram:
             for sign, limit in ((1.0, own.upper_torque), (-1.0, -own.lower_torque)):
                 # Limits far above the load spoil figures; whether they hold is checked in the end.
                 joints = np.flatnonzero(loaded & (limit < _FAR * scale))
-                ones = np.ones(len(joints))
-                below(number, sign, joints, ones, (limit / scale)[joints], [])
+                below(number, sign, joints, np.ones(len(joints)), (limit / scale)[joints], [])
                 shares = self.unknowns.shares[of_errors]
                 more = [diagonal(self.errors, -1.0)] if len(of_errors) else []
                 offsets = -(self.unknowns.offsets / scale)[of_errors]

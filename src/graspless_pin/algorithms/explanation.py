@@ -303,8 +303,7 @@ def _combined(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
     coulomb = replace(solution.rules, static_friction=_COULOMB)
     beside = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
     if solution.required_margin > 0.0:
-        objective = solution.objective.with_figure("required_margin", 0.0)
-        free = replace(solution, objective=objective)
+        free = replace(solution, objective=solution.objective.with_figure("required_margin", 0.0))
         both = replace(free, rules=coulomb)
         beside.insert(0, ("with no required margin", free))
         beside.append(("with no required margin and static_friction='coulomb'", both))

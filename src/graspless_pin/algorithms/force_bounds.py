@@ -183,8 +183,7 @@ class ForceExtremes:
         """Largest margin over all modes, with the normal-force limit counted."""
         self.proven = not self.limits.passed
         if self.proven:
-            held = formulated(self.problem, HeldMargin(self.torques))
-            best = self._search(held).state.best
+            best = self._search(formulated(self.problem, HeldMargin(self.torques))).state.best
             if best is not None:
                 self.reached.append(best.x[:-1])
                 if self.proven:
@@ -279,8 +278,7 @@ class ForceExtremes:
 
     def _has_rays(self) -> bool:
         """Whether the force set without modes is unbounded."""
-        priced = _with_costs(self.rays, -self.rows.normal.sum(axis=0))
-        answer = solve(priced.program, self.solver)
+        answer = solve(_with_costs(self.rays, -self.rows.normal.sum(axis=0)).program, self.solver)
         return answer.outcome is not Outcome.SOLVED or answer.value < -_IS_RAY
 
     def _search(
@@ -352,8 +350,7 @@ class ContactForceBounds(Brief):
     @property
     def indeterminate(self) -> NDArray[np.bool_]:
         """(M, 3) components that the torques do not determine, as far as is known."""
-        width = self.upper - self.lower
-        return width > _DETERMINATE * self.problem.scales.force
+        return self.upper - self.lower > _DETERMINATE * self.problem.scales.force
 
     @property
     def covers(self) -> str:

@@ -233,10 +233,6 @@ class ForcePolicy(Brief):
     directions: FloatArray | None
     active: tuple[tuple[int, FloatArray], ...]
 
-    def forces_at(self, corner: int, d: FloatArray) -> FloatArray:
-        """Return (M, 3) forces, N."""
-        return self.forces[corner] + self.slopes[corner] @ d
-
     def commands(self, corner: int) -> tuple[FloatArray, FloatArray]:
         """Return (L,) commanded torques of a corner at d = 0, and (L, D) what d adds to them."""
         member = self.corners[corner]

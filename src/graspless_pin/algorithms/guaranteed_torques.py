@@ -88,8 +88,7 @@ def guaranteed(
     rest = RestModel() if rest is None else rest
     unknown = rest.unknown or best.problem.cone_model.no_verdict
     if unknown:
-        verdict = undecided_verdict(best.problem, best.torques, unknown)
-        return _none_found(best, [(best, verdict)])
+        return _none_found(best, [(best, undecided_verdict(best.problem, best.torques, unknown))])
     search = _Search(best, optimum, options, limits, rest)
     verdict = search.judged(best, options.verdict_nodes)
     if rest.is_kept(verdict):

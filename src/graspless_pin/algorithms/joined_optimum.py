@@ -81,8 +81,7 @@ def common_motions(problem: QuasistaticProblem, count: int) -> VirtualKinematics
 def tiled(mode: SlidingMode, count: int) -> SlidingMode:
     """Return the mode of the joined problem of so many members that all have one mode."""
     selection = mode.selection.tolist() * count
-    signs = mode.signs.tolist() * count
-    return SlidingMode(selection, signs)
+    return SlidingMode(selection, mode.signs.tolist() * count)
 
 
 COMMON_NODES, NODES = 400, 12
@@ -113,11 +112,9 @@ def best_of(
     convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
     if mode is None and not convex:
         if not options.rules.by_direction:
-            how = limited(options, COMMON_NODES)
-            mode = common_mode(together, members, objective, how)
+            mode = common_mode(together, members, objective, limited(options, COMMON_NODES))
         if mode is None:
-            solution = solve_problem(together, objective, limited(options, NODES))
-            return solution, Coverage.CORNERS
+            return solve_problem(together, objective, limited(options, NODES)), Coverage.CORNERS
     every = None if mode is None else tiled(mode, len(members))
     return solve_problem(together, objective, options, mode=every), Coverage.WHOLE_SET
 
@@ -161,8 +158,7 @@ def bound_of(
     for member in members:
         if _reaches(solution, bound):
             break
-        alone = solve_problem(joined([member]), objective, options)
-        bound = best(bound, alone.certificate.bound)
+        bound = best(bound, solve_problem(joined([member]), objective, options).certificate.bound)
     return bound
 
 

@@ -205,8 +205,7 @@ class CurveSearch:
         if piece.b - begin <= WIDTH:
             return [], True
         target = self._toward(piece, begin)
-        line = self._line(target, piece)
-        found = self._below(target, line - TOLERANCE)
+        found = self._below(target, self._line(target, piece) - TOLERANCE)
         curve: list[Piece] = []
         if found.state.best is not None:
             curve = self._curve(self._extended(found.state.mode), None)
@@ -433,8 +432,7 @@ def margin_torque_curve(
     how.rules.need_signs("margin_torque_curve")
     torque_scale = choice(TorqueScale, "scale", scale)
     formulation = formulated(problem, Tradeoff(torque_objective(0.0, torque_scale)))
-    search = CurveSearch(formulation, how, Limits.of(how))
-    status, pieces = search.run()
+    status, pieces = CurveSearch(formulation, how, Limits.of(how)).run()
     units = formulation.coordinates.force_scale, formulation.unit
     return MarginTorqueCurve(
         status,

@@ -304,5 +304,4 @@ def _items(
         not part.selected[item[0]],
         -size[item[0], item[1]],
     ))  # fmt: skip
-    alone = sorted(chosen - {c for c, _, _ in items})
-    return items + [(c, 0, 0) for c in alone]
+    return items + [(c, 0, 0) for c in sorted(chosen - {c for c, _, _ in items})]

@@ -134,8 +134,7 @@ class SearchState:
                 if exact.outcome is not Outcome.SOLVED:
                     return False
             else:
-                value = self.formulation.program.value(x)
-                exact = answer.moved(x, value, residual)
+                exact = answer.moved(x, self.formulation.program.value(x), residual)
         if exact.value < self.best_value:
             self.keep(exact, mode)
         return exact.value <= answer.value + closeness(exact.value)

@@ -202,8 +202,7 @@ def _of_found(solution: TorqueSolution) -> SolutionProof:
     formulation = formulate(solution.problem, solution.objective)
     target = solution.certificate.bound / formulation.unit
     if not np.isfinite(target):
-        missing = ModeProof((), "the search ended without a bound")
-        return SolutionProof(missing, solution.motion)
+        return SolutionProof(ModeProof((), "the search ended without a bound"), solution.motion)
     own = ModePart.one_mode(solution.mode)
     root, known = (
         ModePart.every_mode(solution.problem, solution.rules),

@@ -64,8 +64,7 @@ def solve_problem(
     if mode is not None:
         what = "the argument mode is about forces that may balance in it"
         options.need_weak(what, "ask `stability` of its torques")
-    best = _best_case(problem, objective, options, limits, mode)
-    return as_stable(best, options, limits, rest)
+    return as_stable(_best_case(problem, objective, options, limits, mode), options, limits, rest)
 
 
 def as_stable(

@@ -413,8 +413,7 @@ class _Search:
         """Return how large one figure of an `Uncertainty` may be."""
 
         def worst_at(figure: float) -> tuple[float, int]:
-            unknown = Uncertainty(**{of: figure})
-            members = members_of(self.problem, unknown, weight)
+            members = members_of(self.problem, Uncertainty(**{of: figure}), weight)
             margins = member_margins(
                 members, self.torques, self.how, NO_LIMITS, directions=self.directions
             )

@@ -73,8 +73,7 @@ def solve_from(
         result = _search(state, options, limits)
     except UndecidedMotionError:
         result = undecided(state)
-    optima = threshold_optima(result, cold)
-    best = solution_of(result, rules, optima=optima)
+    best = solution_of(result, rules, optima=threshold_optima(result, cold))
     return as_stable(best, options, limits, rest), state.left_behind()
 
 
@@ -114,8 +113,7 @@ def reaches_margin(
         return (None if open_still else False), start
     full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
-    cut = replace(full, cutoff=-goal)
-    state = _WarmState(cut, options.rules, options.solver, start=start)
+    state = _WarmState(replace(full, cutoff=-goal), options.rules, options.solver, start=start)
     try:
         return _reaches(state, full, goal, options)
     except UndecidedMotionError:
@@ -138,8 +136,7 @@ def _reaches(
     result = search_modes(SearchState(capped, state.rules, state.solver), options, limits)
     if result.state.best is not None:
         return True, replace(state.left_behind(), mode=result.state.mode, in_mode=None)
-    open_still = result.status in UNDECIDED
-    return (None if open_still else False), state.left_behind()
+    return None if result.status in UNDECIDED else False, state.left_behind()
 
 
 @dataclass

@@ -105,8 +105,7 @@ def what_would_hold(
     """
     limits = bracket_limits(problem, 0.1, node_limit, time_limit)
     tau = finite_array("torques", torques, (problem.joint_count,))
-    changes = tuple(_found(problem, tau, limits))
-    return HoldingChanges(changes, complete=not limits.passed)
+    return HoldingChanges(tuple(_found(problem, tau, limits)), complete=not limits.passed)
 
 
 def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iterator[HoldingChange]:

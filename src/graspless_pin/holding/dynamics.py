@@ -286,8 +286,7 @@ def without_free_joints(
 
 def leaks(dynamics: Dynamics, aside: FloatArray) -> FloatArray:
     """Return the (M,) power of each contact along what is left aside, for a unit normal force."""
-    moved = np.linalg.norm(dynamics.rows @ aside, axis=1)
-    return np.sqrt(1.0 + dynamics.friction**2) * moved
+    return np.sqrt(1.0 + dynamics.friction**2) * np.linalg.norm(dynamics.rows @ aside, axis=1)
 
 
 LEAST_LOAD = 1e-4

@@ -29,8 +29,7 @@ def around(count: int) -> FloatArray:
 
 def cone_planes(friction: FloatArray | float, directions: FloatArray) -> FloatArray:
     """Return rows (k, 3) r with r.f <= 0: d.f_t <= mu f_n for each direction d (k, 2)."""
-    normal = np.broadcast_to(-np.asarray(friction), len(directions))
-    return np.column_stack([normal, directions])
+    return np.column_stack([np.broadcast_to(-np.asarray(friction), len(directions)), directions])
 
 
 def cone_tangents(
@@ -351,8 +350,7 @@ class Relaxation:
     def _set_slips(self, states: States) -> None:
         """Add what sticking says, and a slip in an arc of at most pi: edges for slip and force."""
         sticking = np.flatnonzero(states.are(ContactState.STICKING) & ~states.sticks)
-        narrow = states.are(ContactState.SLIPPING) & (states.half_width < np.pi)
-        slipping = np.flatnonzero(narrow)
+        slipping = np.flatnonzero(states.are(ContactState.SLIPPING) & (states.half_width < np.pi))
         count, row = 2 * len(sticking) + 5 * len(slipping), 2 * len(sticking)
         rows, low, high = np.zeros((count, self._size)), np.zeros(count), np.zeros(count)
         own = self.dynamics.rows[:, 1:]

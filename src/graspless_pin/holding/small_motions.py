@@ -143,8 +143,7 @@ class LinearizedMotion:
         if not len(stiffness):
             return np.zeros((len(self.velocities), 0))
         unit = np.sqrt(np.diag(self.inertia))
-        scaled = self.held(stiffness) / np.outer(unit, unit)
-        _, values, turns = np.linalg.svd(scaled)
+        _, values, turns = np.linalg.svd(self.held(stiffness) / np.outer(unit, unit))
         still = values <= GROWTH_LIMIT**2
         return self.velocities @ (turns[still].T / unit[:, None])
 
@@ -327,8 +326,7 @@ def extreme_forces(
 
 def _largest(influence: FloatArray) -> FloatArray:
     """Return the changes of the stiffness (k, d, d) that are largest, a few."""
-    sizes = np.abs(influence).max(axis=(1, 2))
-    return influence[np.argsort(-sizes)[:_MOST_STARTS]]
+    return influence[np.argsort(-np.abs(influence).max(axis=(1, 2)))[:_MOST_STARTS]]
 
 
 def _softest(motion: LinearizedMotion, stiffness: FloatArray) -> FloatArray:

@@ -317,8 +317,7 @@ class StabilityVerdict:
         A declared motion is kept where no motion is free.
         """
         if self.status is Stability.NONE:
-            moves_joints = self.moves is MovingPart.FINGER
-            return Holding.FINGER_MOVES if moves_joints else Holding.FAILS
+            return Holding.FINGER_MOVES if self.moves is MovingPart.FINGER else Holding.FAILS
         if self.status is not Stability.STRONG:
             return Holding.MAY_FAIL if self.status is Stability.WEAK else Holding.UNDECIDED
         if self.problem.is_sliding.any():

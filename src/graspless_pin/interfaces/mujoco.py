@@ -1,6 +1,7 @@
 """Whole scenes from MuJoCo, and back.
 
-From an MJCF with an object, a hand and what stands around them to a `Scene`.
+From an MJCF with an object, a hand and what stands around them to a `Scene`: object, supports, hand
+and loads of a model.
 """
 
 from __future__ import annotations
@@ -11,22 +12,247 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.uncertainty import Uncertainty
+from graspless_pin.errors import RobotError, SceneError
 from graspless_pin.findings import capture, emit
+from graspless_pin.geometry import Compound, FingerSpec, HalfSpace, ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shape import Shape
 from graspless_pin.geometry.hand.actuation import EffortLimit
-from graspless_pin.geometry.hand.assembly import ControlModes
+from graspless_pin.geometry.hand.assembly import ControlModes, Mount
+from graspless_pin.geometry.hand.mjcf import robot_of_source
+from graspless_pin.geometry.hand.mjcf_source import body_shape, pose
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.poses import invert
+from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.holding.controller import Controller
-from graspless_pin.interfaces.mujoco_bodies import (
-    friction_of_links,
-    hand_of,
-    loads_of,
-    object_of,
-    supports_of,
-    tell_equalities,
-    weight_counts,
-)
 from graspless_pin.interfaces.mujoco_state import ModelState, PairFriction, source_of
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
+from graspless_pin.scene.loads import Load
 from graspless_pin.simulation.scene_document import NO_WORD_FOR, scene_to_mjcf
+
+_PRESSED = 1e-2
+"""rad or m by which MuJoCo's soft limits let joints pass."""
+_IN_PLACE = 1e-12
+"""m, and of directions: a shape's frame that differs by less from its body's is that."""
+_APART = 1e-4
+"""m, and of directions: links that are farther from where MuJoCo has them are told."""
+
+
+def object_of(at: ModelState) -> ManipulatedObject:
+    """Return the object, in the frame of its body.
+
+    Raises:
+        SceneError: If it has no mass or no geom that touches anything.
+    """
+    model, data, own = at.model, at.data, np.flatnonzero(at.in_object)
+    name, T = at.source.body(at.object), at.pose_of(at.object)
+    masses, R = model.body_mass[own], T[:3, :3]
+    geoms = at.geoms(at.in_object)
+    if not (masses.sum() > 0.0 and geoms):
+        lacks = "mass" if geoms else "geom that touches anything (contype, conaffinity)"
+        raise SceneError(f"{at.source.path}: the object {name!r} has no {lacks}; give it one")
+    center = masses @ data.xipos[own] / masses.sum()
+    inertia = np.zeros((3, 3))
+    for body, mass in zip(own.tolist(), masses.tolist(), strict=True):
+        axes, arm = data.ximat[body].reshape(3, 3), data.xipos[body] - center
+        inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T
+        inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    inertia = R.T @ inertia @ R
+    placed = []
+    for geom in geoms:
+        shape, T_body_shape = body_shape(at.source, geom)
+        placed.append((shape, invert(T) @ at.pose_of(int(model.geom_bodyid[geom])) @ T_body_shape))
+    shape = placed[0][0]
+    if len(placed) > 1 or not np.allclose(placed[0][1], np.eye(4), rtol=0.0, atol=_IN_PLACE):
+        shapes, poses = zip(*placed, strict=True)
+        shape = Compound(shapes, np.array(poses))
+    return ManipulatedObject.from_shape(
+        name,
+        shape,
+        T,
+        mass=float(masses.sum()),
+        center_of_mass=R.T @ (center - T[:3, 3]),
+        inertia=0.5 * (inertia + inertia.T),
+    )
+
+
+def supports_of(at: ModelState, friction: PairFriction) -> tuple[Support, ...]:
+    """Return a support for each body around that can touch the object.
+
+    Geoms of the world, and those of a body whose friction differs, are supports of their own.
+    """
+    model, source = at.model, at.source
+    others = ~(at.in_object | at.in_hand)
+    groups: dict[tuple[int, float, int], list[tuple[Shape, FloatArray]]] = {}
+    for geom in at.geoms(others):
+        body, mu = int(model.geom_bodyid[geom]), friction.of_geom(geom)
+        if mu is None:
+            continue
+        is_plane = model.geom_type[geom] == source.mujoco.mjtGeom.mjGEOM_PLANE
+        if is_plane:
+            placed = HalfSpace(), pose(model.geom_quat[geom], model.geom_pos[geom])
+        else:
+            try:
+                placed = body_shape(source, geom)
+            except RobotError as error:
+                message = str(error).removeprefix(f"{source.path}: ")
+                advice = "it is left out as a support: approximate it by several geoms"
+                at.tell(_geom_name(at, geom), message, advice)
+                continue
+        groups.setdefault((body, mu, geom if is_plane or body == 0 else -1), []).append(placed)
+    taken = {source.body(body) for body in np.flatnonzero(~others).tolist()}
+    supports = []
+    for (body, mu, geom), parts in groups.items():
+        name = source.body(body) if geom < 0 or body else _geom_name(at, geom)
+        shape, T = parts[0]
+        if len(parts) > 1:
+            shapes, poses = zip(*parts, strict=True)
+            shape, T = Compound(shapes, np.array(poses)), np.eye(4)
+        name = _unique(name, taken)
+        supports.append(Support(name, shape, at.pose_of(body) @ T, friction=mu))
+    for name in dict.fromkeys(source.body(body) for body, *_ in groups if model.body_weldid[body]):
+        message = f"body {name!r} can move in MuJoCo, and is a support here"
+        at.tell(name, message, "what is said holds as long as it stands still")
+    return tuple(supports)
+
+
+def _geom_name(at: ModelState, geom: int) -> str:
+    return at.model.geom(geom).name or f"geom_{geom}"
+
+
+def hand_of(
+    at: ModelState,
+    hand_body: str | None,
+    control: ControlModes | None,
+    effort_limits: Mapping[str, EffortLimit] | None,
+) -> Hand | None:
+    """Return the hand at its configuration."""
+    if at.hand is None:
+        return None
+    source, stated = at.source, at.beyond.get("hand", {})
+    read = None if source.spec is not None else robot_of_source(source)
+    robot = RobotDescription(at.name, source.path, root_link=hand_body, read=read)
+    fingers = {
+        finger: FingerSpec(tuple(one["joints"]), tuple(one["links"]), one["tip"])
+        for finger, one in stated.get("fingers", {}).items()
+    }
+    hand = Hand.assemble(
+        [Mount(robot, at.pose_of(at.hand), fingers=fingers or None)],
+        control=control or stated.get("control"),
+        effort_limits={**stated.get("effort_limits", {}), **(effort_limits or {})},
+    )
+    joints = {source.joint(joint): joint for joint in range(at.model.njnt)}
+    addresses = [at.model.jnt_qposadr[joints[name]] for name in hand.control.joints]
+    q, (low, high) = at.data.qpos[addresses], hand.tree.ranges
+    pressed = (np.maximum(low - q, q - high) <= _PRESSED) & (low <= high)
+    hand = hand.with_configuration(np.where(pressed, np.clip(q, low, high), q))
+    _compare(at, hand)
+    return hand
+
+
+def _compare(at: ModelState, hand: Hand) -> None:
+    """Tell of links that are not where MuJoCo has them, and of a base that floats there."""
+    source = at.source
+    apart = {
+        name: float(np.abs(hand.pose_of(name) - at.pose_of(body)).max())
+        for body in np.flatnonzero(at.in_hand).tolist()
+        for name in [source.body(body)]
+        if name in hand.link_names
+    }
+    name = max(apart, key=lambda one: apart[one], default="")
+    if name and apart[name] > _APART:
+        at.tell(name, f"link {name!r} is {1e3 * apart[name]:.2g} mm or mrad from where "
+              "MuJoCo has it", "its joints are past their limits, or do not follow the joints "
+              "that they are coupled to")  # fmt: skip
+    if at.hand and at.is_free(at.hand):
+        name = source.body(at.hand)
+        at.tell(name, f"body {name!r}, the hand's base, has a free joint",
+              "the hand is held where it is")  # fmt: skip
+
+
+def friction_of_links(at: ModelState, friction: PairFriction) -> dict[str, float]:
+    """Return coefficients by link; one for all where they agree."""
+    of_body: dict[int, list[int]] = {}
+    for geom in at.geoms(at.in_hand):
+        of_body.setdefault(int(at.model.geom_bodyid[geom]), []).append(geom)
+    found = {}
+    for body, geoms in of_body.items():
+        name = at.source.body(body)
+        each = [friction.of_geom(geom) for geom in geoms]
+        known = [mu for mu in each if mu is not None]
+        if len(known) < len(each):
+            at.tell(name, f"MuJoCo lets no geom of the object touch {len(each) - len(known)}"
+                  f" of the geoms of {name!r}", "here all of them touch")  # fmt: skip
+        if len(set(known)) > 1:
+            at.tell(name, f"the geoms of {name!r} have the coefficients of friction "
+                  f"{', '.join(f'{mu:g}' for mu in sorted(set(known)))} against the object",
+                  "the smallest counts")  # fmt: skip
+        found[name] = min(known, default=0.0)
+    values = set(found.values())
+    return {"hand": values.pop()} if len(values) == 1 else found
+
+
+def weight_counts(at: ModelState) -> bool:
+    """Return whether the hand's own weight counts; tell of compensation that is no yes or no."""
+    model, source = at.model, at.source
+    share = model.body_gravcomp
+    for body in np.flatnonzero(at.in_object & (share != 0.0)).tolist():
+        name = source.body(body)
+        at.tell(name, f"the object's body {name!r} has gravcomp {share[body]:g}",
+              "its whole weight counts here: change its mass or gravity")  # fmt: skip
+    heavy = at.in_hand & (model.body_mass > 0.0) & (model.body_weldid != 0)
+    borne = share[heavy] == 1.0
+    if len(borne) and not borne.all() and (share[heavy] != 0.0).any():
+        name = source.body(int(np.flatnonzero(heavy & (share != 0.0))[0]))
+        at.tell(name, f"body {name!r} has gravcomp, and others of the hand have not",
+              "the weight of all links counts here")  # fmt: skip
+    return not (len(borne) and borne.all())
+
+
+def loads_of(at: ModelState) -> tuple[Load, ...]:
+    """Return the forces that are applied to the object; tell of those on the hand."""
+    state, source = at.data, at.source
+    applied = np.array(state.xfrc_applied)
+    for body in np.flatnonzero(applied.any(axis=1) & ~at.in_object).tolist():
+        name = source.body(body)
+        at.tell(name, f"xfrc_applied pushes body {name!r}",
+              "it is left out: loads are on the object")  # fmt: skip
+    if state.qfrc_applied.any():
+        at.tell("qfrc_applied", "qfrc_applied has forces",
+              "they are left out: state them as loads")  # fmt: skip
+    own = np.flatnonzero(at.in_object)
+    if not applied[own].any():
+        return ()
+    masses = at.model.body_mass[own]
+    center = masses @ state.xipos[own] / masses.sum()
+    forces, moments = applied[own, :3], applied[own, 3:]
+    moments = moments + np.cross(state.xipos[own] - center, forces)
+    return (Load("xfrc_applied", force=forces.sum(axis=0), moment=moments.sum(axis=0)),)
+
+
+def tell_equalities(at: ModelState) -> None:
+    """Tell of constraints that hold the object."""
+    model, kinds = at.model, at.source.mujoco.mjtEq
+    for index in np.flatnonzero(model.eq_active0).tolist():
+        if kinds(int(model.eq_type[index])) not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
+            continue
+        ends = model.eq_obj1id[index], model.eq_obj2id[index]
+        if model.eq_objtype[index] == at.source.mujoco.mjtObj.mjOBJ_SITE:
+            ends = model.site_bodyid[ends[0]], model.site_bodyid[ends[1]]
+        if at.in_object[list(ends)].any():
+            name = model.equality(index).name or f"no. {index + 1}"
+            at.tell(name, f"the equality {name!r} holds the object",
+                  "it is left out: contacts and loads alone hold it here")  # fmt: skip
+
+
+def _unique(name: str, taken: set[str]) -> str:
+    """Return a name that nothing has yet, and take it."""
+    number, found = 2, name
+    while found in taken:
+        found, number = f"{name}_{number}", number + 1
+    taken.add(found)
+    return found
+
 
 __all__ = ["scene_from_mjcf", "scene_to_mjcf"]
 

@@ -14,7 +14,7 @@ from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.attached_states import AttachedConfigurations
-from graspless_pin.planning.configurations import Configuration, Configurations
+from graspless_pin.planning.configurations import Configuration, Configurations, PinEntry
 from graspless_pin.planning.edges import (
     RESOLUTION,
     Edge,
@@ -33,7 +33,6 @@ from graspless_pin.planning.many_states import (
     feasible_states,
 )
 from graspless_pin.planning.pinned_contacts import PinnedState, pinned_state
-from graspless_pin.planning.pins import PinEntry
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.objectives import Algorithm

@@ -26,8 +26,8 @@ from graspless_pin.planning.configuration_gradient import (
     frame_turns,
     problem_rates,
 )
+from graspless_pin.planning.configurations import pin_rates, pinned_points
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
-from graspless_pin.planning.pins import pin_rates, pinned_points
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.programs.objectives import Algorithm

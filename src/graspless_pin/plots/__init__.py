@@ -4,7 +4,7 @@ Needs the extra ``plots``. Without ``ax`` a new pyplot figure is made; with it n
 axes is touched, so that plots can be combined and styled by the caller.
 """
 
-from graspless_pin.plots.bars import normal_force_ranges, torque_bars
+from graspless_pin.plots.bars import normal_force_ranges, tolerance_plot, torque_bars
 from graspless_pin.plots.cones import friction_section
 from graspless_pin.plots.curves import (
     disturbance_polar,
@@ -16,7 +16,6 @@ from graspless_pin.plots.curves import (
     timing_plot,
 )
 from graspless_pin.plots.tables import margin_heat_map, margin_plot, outcome_boundary
-from graspless_pin.plots.tolerances import tolerance_plot
 
 __all__ = [
     "disturbance_polar",

@@ -78,8 +78,7 @@ def checked_arguments(
     count = jac.shape[1]
     mu = per_item("friction", friction, m)
     first_bad("friction", mu, ~(mu >= 0.0) | np.isinf(mu), "it must be finite and >= 0")
-    steep = f"it must be from 0 to {LARGEST_FRICTION:g}"
-    first_bad("friction", mu, mu > LARGEST_FRICTION, steep)
+    first_bad("friction", mu, mu > LARGEST_FRICTION, f"it must be from 0 to {LARGEST_FRICTION:g}")
     t = _checked_tangents(tangents, n)
     v = _checked_sliding(sliding, n)
     lower, upper = _checked_limits(torque_limits, count)

@@ -128,8 +128,7 @@ def squared_lengths(vectors: FloatArray) -> FloatArray:
 def per_item(name: str, value: ArrayLike, count: int) -> FloatArray:
     """Return a (count,) array from a scalar or a (count,) array."""
     if np.isscalar(value) or (isinstance(value, np.ndarray) and value.ndim == 0):
-        one = real_array(name, np.reshape(value, 1), (1,))
-        return np.broadcast_to(one, (count,))
+        return np.broadcast_to(real_array(name, np.reshape(value, 1), (1,)), (count,))
     return real_array(name, value, (count,))
 
 

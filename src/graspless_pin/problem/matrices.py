@@ -160,8 +160,7 @@ def _halves_swapped(wrench: ArrayLike) -> FloatArray:
         rows = np.ndim(wrench) == 2
     except ValueError:  # rows of several lengths: the check below says so
         rows = False
-    array = real_array("wrench", wrench, (None, 6) if rows else (6,))
-    return np.roll(array, 3, axis=-1)
+    return np.roll(real_array("wrench", wrench, (None, 6) if rows else (6,)), 3, axis=-1)
 
 
 def body_wrench_matrix(points: ArrayLike, bodies: ArrayLike, centers: ArrayLike) -> FloatArray:

@@ -72,8 +72,7 @@ class Strictness(NamedTuple):
     @property
     def can_be_kept(self) -> bool:
         """Whether every limit is more than what the balance may be off by."""
-        most = max(self.torque.max(initial=1.0), self.normal.max(initial=1.0))
-        return bool(most <= MOST_STRICT)
+        return bool(max(self.torque.max(initial=1.0), self.normal.max(initial=1.0)) <= MOST_STRICT)
 
 
 def strictness_of(

@@ -268,8 +268,7 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
     if margin > 0.0 and not problem.external_wrench.any():
         scales = scales.without_load(margin)
     force, length, joints = scales
-    own = scales is problem.scales
-    strict = problem.strictness if own else problem.strictness_in(scales)
+    strict = problem.strictness if scales is problem.scales else problem.strictness_in(scales)
     return ForceCoordinates(_directions(problem, layout), layout, force, joints, length, strict)
 
 

@@ -184,8 +184,7 @@ def _share_sides(problem: QuasistaticProblem, scale: FloatArray, unit: float) ->
     sides = []
     for sign, limit in ((1.0, problem.upper_torque), (-1.0, -problem.lower_torque)):
         joints = np.flatnonzero(np.isfinite(limit) & (limit > 0.0))
-        shares = scale[joints] / limit[joints] / unit
-        size = np.maximum(shares, 1.0)
+        size = np.maximum(scale[joints] / limit[joints] / unit, 1.0)
         sides.append(Side(sign, joints, unit * size * limit[joints], 1.0 / size))
     return tuple(sides)
 

@@ -73,8 +73,7 @@ def _cones(problem: QuasistaticProblem) -> str:
 
 def _coordinates(problem: QuasistaticProblem) -> str:
     """Return what tells passive coordinates from those of one free object."""
-    given = problem.wrench_matrix is not None
-    return " ".join(problem.passive_units) if given else ""
+    return " ".join(problem.passive_units) if problem.wrench_matrix is not None else ""
 
 
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:

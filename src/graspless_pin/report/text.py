@@ -103,8 +103,7 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held:
         why = "contact forces are unbounded (jamming is possible)"
         return f"At worst, {who} leave no margin: {why}."
     least = figure(bounds.smallest_margin, solution.problem.scales.force)
-    proven = bounds.status is Status.OPTIMAL
-    unproven = "" if proven else " or less (not proven)"
+    unproven = "" if bounds.status is Status.OPTIMAL else " or less (not proven)"
     beyond = ": a contact may be pressed so far beyond max_normal_force"
     pressed = beyond if least.startswith("-") else ""
     return f"At worst, {who} leave a margin of {least} N{unproven}, {bounds.covers}{pressed}."

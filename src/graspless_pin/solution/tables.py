@@ -212,8 +212,7 @@ def contact_table(
     headers = ["#", "point [m]", "normal", "of mu", "slides"]
     if bodies is not None:
         headers.insert(1, "touching")
-    figures = (headers.index("normal"),)
-    return Table(rows, headers, _CONTACT_LEGEND, "g", (1,), figures)
+    return Table(rows, headers, _CONTACT_LEGEND, "g", (1,), (headers.index("normal"),))
 
 
 def _friction_shares(problem: QuasistaticProblem, forces: FloatArray) -> list[str]:

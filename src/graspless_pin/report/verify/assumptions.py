@@ -100,8 +100,7 @@ def _of_objective(problem: Problem, stated: Part) -> list[Check]:
     own = problem.own
     if own is None:
         return []
-    objective = stated["objective"]
-    where = f"of {objective['name'][:60]!r}"
+    where = f"of {stated['objective']['name'][:60]!r}"
     names = [name for name, _ in own.groups]
     lines = [
         given(f"costs {where}", f"what is minimised, in units of {own.unit:.3g}"),

@@ -73,8 +73,7 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
     verdict = stated.get("stability")
     says = verdict and verdict["status"]
     if status in FOUND_STATES:
-        sure = holds(GUARANTEED, says == "strong", f"verdict: {says}")
-        return [sure, *_cost(stated, problem)]
+        return [holds(GUARANTEED, says == "strong", f"verdict: {says}"), *_cost(stated, problem)]
     checks = [given("the best case", "of torques that are not stated")]
     if status == "infeasible_strong":
         # Without joints there is one set of torques alone.
@@ -346,8 +345,7 @@ class _Checker:
         if self.status in (*OPEN, *UNGUARANTEED):
             checks.append(self._states_no_violation())
             if self.status in OPEN:
-                why = "the search did not end"
-                checks.append(Check("whether there is an answer", None, why))
+                checks.append(Check("whether there is an answer", None, "the search did not end"))
             return checks
         name, shared = MESSAGES[self.status].split(":")[0], self.certificate["infeasibility"]
         if not self.complete:

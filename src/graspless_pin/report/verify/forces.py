@@ -74,8 +74,7 @@ def residual(problem: Problem, forces: Forces) -> float:
     if problem.own is not None:
         short = own_residual(problem, forces)
         over *= "torque" in problem.own.keeps
-    kinetic = _kinetic(problem, forces) / F
-    return max(force / F, moment / (F * L), short, over, beyond, kinetic, 0.0)
+    return max(force / F, moment / (F * L), short, over, beyond, _kinetic(problem, forces) / F, 0.0)
 
 
 def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]:

@@ -88,8 +88,7 @@ class OwnObjective:
     @property
     def multipliers(self) -> frozenset[str]:
         """Names of the multipliers of the limits that it keeps."""
-        torque = ("torque_upper", "torque_lower") if "torque" in self.keeps else ()
-        return self.keeps.union(torque)
+        return self.keeps.union(("torque_upper", "torque_lower") if "torque" in self.keeps else ())
 
     @property
     def scaled_values(self) -> np.ndarray | None:

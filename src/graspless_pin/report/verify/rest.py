@@ -306,7 +306,7 @@ class _Verdict:
         unit = bodies.acceleration(bodies.undisturbed)
         gaps = np.minimum(against / F, np.where(problem.slides, 0.0, slips) / unit)
         gaps = np.maximum(gaps, np.minimum(np.abs(f[:, 0]) / F, np.maximum(u[:, 0], 0.0) / unit))
-        speed = self._fastest(acceleration[: len(problem.w)])
+        speed = float(np.linalg.norm(problem.points @ acceleration[: len(problem.w)], axis=1).max())
         claimed, most = motion["point_acceleration"], tolerances.motion(self.resolution)
         checks = [
             within("a motion obeys the dynamics", left, most, "loads"),
@@ -320,10 +320,6 @@ class _Verdict:
             detail = f"{speed:.6g} m/s^2, limit {self.limit:.6g}"
             checks.append(holds("it is above the limit", speed > self.limit, detail))
         return checks
-
-    def _fastest(self, acceleration: np.ndarray) -> float:
-        """Return the largest acceleration of a contact point or of the centre, m/s^2."""
-        return float(np.linalg.norm(self.problem.points @ acceleration, axis=1).max())
 
     # proof
 

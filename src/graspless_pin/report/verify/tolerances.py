@@ -134,8 +134,7 @@ def force_figure(problem: Problem) -> float:
 def torque_figure(problem: Problem) -> np.ndarray:
     """(L,) how far stated torques may be from what they follow from, N m (N)."""
     made = np.einsum("lij,l->j", np.abs(problem.J), _farthest(problem))
-    own = problem.joint_scale + np.abs(problem.gravity)
-    return ARITHMETIC * own + _DOUBLE * made
+    return ARITHMETIC * (problem.joint_scale + np.abs(problem.gravity)) + _DOUBLE * made
 
 
 def objective(problem: Problem, *sides: float) -> float:
@@ -164,12 +163,10 @@ def _largest_limits(problem: Problem, sizes: np.ndarray) -> np.ndarray:
     units, largest = np.array(problem.units), np.full(len(problem.units), np.inf)
     for unit in set(problem.units):
         own = sizes[:, units == unit]
-        most = float(own[np.isfinite(own)].max(initial=0.0))
-        largest[units == unit] = most or np.inf
+        largest[units == unit] = float(own[np.isfinite(own)].max(initial=0.0)) or np.inf
     return largest
 
 
 def _farthest(problem: Problem) -> np.ndarray:
     """(M,) sizes of the largest forces that answers may have, N."""
-    most = np.minimum(problem.limit, LONGEST_REACH * problem.force)
-    return most * np.sqrt(1.0 + problem.mu**2)
+    return np.minimum(problem.limit, LONGEST_REACH * problem.force) * np.sqrt(1.0 + problem.mu**2)

@@ -98,8 +98,7 @@ def pairs_with(component: int, sign: int) -> np.ndarray:
 
 def velocities(problem: Problem, twist: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """(M, 3) of the object relative to the other body along n, t1, t2, m/s."""
-    at = problem.passive @ twist - problem.J @ rates
-    return np.einsum("lij,lj->li", problem.frames, at)
+    return np.einsum("lij,lj->li", problem.frames, problem.passive @ twist - problem.J @ rates)
 
 
 def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: np.ndarray) -> Check:
