@@ -27,7 +27,7 @@ from graspless_pin import (
 )
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import Stability
-from graspless_pin.plots.cones import section_corners
+from graspless_pin.plots.solutions import section_corners
 from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.problem.cones import CONE_MODELS, Pyramid
 from graspless_pin.report import read_solution, solution_document

@@ -20,7 +20,7 @@ from graspless_pin import (
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
-from graspless_pin.plots.cones import section_corners
+from graspless_pin.plots.solutions import section_corners
 from graspless_pin.visualization import LIGHT, Role
 
 PAPER = Path(__file__).resolve().parents[2] / "examples" / "paper"

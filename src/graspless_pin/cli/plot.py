@@ -20,8 +20,8 @@ from graspless_pin.plots import (
     squeeze_plot,
     tolerance_plot,
 )
-from graspless_pin.plots.bars import DIRECTED
 from graspless_pin.plots.canvas import fonts_without_remarks
+from graspless_pin.plots.solutions import DIRECTED
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution

@@ -4,8 +4,6 @@ Needs the extra ``plots``. Without ``ax`` a new pyplot figure is made; with it n
 axes is touched, so that plots can be combined and styled by the caller.
 """
 
-from graspless_pin.plots.bars import normal_force_ranges, tolerance_plot, torque_bars
-from graspless_pin.plots.cones import friction_section
 from graspless_pin.plots.curves import (
     disturbance_polar,
     margin_torque_plot,
@@ -14,6 +12,12 @@ from graspless_pin.plots.curves import (
     plane_directions,
     squeeze_plot,
     timing_plot,
+)
+from graspless_pin.plots.solutions import (
+    friction_section,
+    normal_force_ranges,
+    tolerance_plot,
+    torque_bars,
 )
 from graspless_pin.plots.tables import margin_heat_map, margin_plot, outcome_boundary
 

@@ -38,12 +38,7 @@ class SimplexOutcome(StrEnum):
     FAILED = "failed"
 
 
-_OUTCOMES = (
-    SimplexOutcome.OPTIMAL,
-    SimplexOutcome.INFEASIBLE,
-    SimplexOutcome.UNBOUNDED,
-    SimplexOutcome.FAILED,
-)
+_OUTCOMES = tuple(SimplexOutcome)
 _FAILED = 3
 
 

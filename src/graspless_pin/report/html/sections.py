@@ -24,8 +24,8 @@ from graspless_pin.plots import (
     tolerance_plot,
     torque_bars,
 )
-from graspless_pin.plots.bars import DIRECTED
 from graspless_pin.plots.canvas import fonts_without_remarks
+from graspless_pin.plots.solutions import DIRECTED
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.verify import verify_document
