@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import update_wrapper
 from typing import Any, Generic, TypeVar
 from weakref import ref
 
@@ -15,7 +16,7 @@ MOST_SOURCES = 8
 
 
 class Derived(Generic[_Source, _Value]):
-    """Values derived from sources, each made once while its source is among the last few.
+    """A function of one source whose value is made once while the source is among the last few.
 
     A source is told apart by identity and held weakly: keeping it keeps no derived value alive for
     long, and a source that is gone takes its value along. So a value must not refer to its source.
@@ -24,6 +25,7 @@ class Derived(Generic[_Source, _Value]):
 
     def __init__(self, make: Callable[[_Source], _Value], most: float = MOST_SOURCES) -> None:
         """Keep what ``make`` returns, for some sources at the most."""
+        update_wrapper(self, make)
         self._make = make
         self._most = most
         self._entries: dict[int, tuple[ref[_Source], _Value]] = {}
@@ -32,7 +34,7 @@ class Derived(Generic[_Source, _Value]):
         """Return the number of values kept."""
         return len(self._entries)
 
-    def of(self, source: _Source) -> _Value:
+    def __call__(self, source: _Source) -> _Value:
         """Return the value of a source, made now if it is not kept."""
         key, entries = id(source), self._entries
         entry = entries.get(key)

@@ -18,10 +18,10 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms import force_bounds
+from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, Extreme, ForceExtremes
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, undecided
-from graspless_pin.algorithms.searching import search_modes
 
 TIGHT = 1e-5
 

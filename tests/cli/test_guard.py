@@ -16,12 +16,10 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the guard needs
 SCRIPT = """
 import os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from graspless_pin.cli.guard import guarded
+from graspless_pin.cli import guard
 
-def work():
-    {work}
-
-guarded(work)
+guard()
+{work}
 """
 # In short sleeps: Python acts on a signal between two steps of a program, and one that comes just
 # before the system call of a sleep waits until that sleep ends.

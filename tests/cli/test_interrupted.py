@@ -7,8 +7,7 @@ import sys
 
 import pytest
 
-from graspless_pin.cli import INTERRUPTED, schema
-from graspless_pin.cli import run as run_here
+from graspless_pin.cli import INTERRUPTED, main, schema
 
 # Ctrl-C arrives when the module with all commands is looked for.
 SCRIPT = """
@@ -73,7 +72,7 @@ def test_when_a_command_has_begun(monkeypatch, capsys):
     outside = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(SystemExit) as error:
-            run_here()
+            main(guarded=False)
     finally:
         signal.signal(signal.SIGINT, outside)
         gc.unfreeze()

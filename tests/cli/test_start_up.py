@@ -11,10 +11,10 @@ from graspless_pin.cli.commands import _COMMANDS, _loaded
 
 SCRIPT = """
 import sys
-from graspless_pin.cli import run
+from graspless_pin.cli import main
 sys.argv = ["graspless-pin", *sys.argv[1:]]
 try:
-    run()
+    main(guarded=False)
 finally:
     sys.stderr.write(" ".join(sys.modules))
 """

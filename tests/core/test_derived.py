@@ -22,12 +22,12 @@ def test_a_value_is_made_once_while_its_source_is_among_the_last():
     made = []
     sources = [Source() for _ in range(MOST_SOURCES + 1)]
     derived = Derived(lambda source: made.append(source) or len(made))
-    first = [derived.of(source) for source in sources[:-1]]
-    assert [derived.of(source) for source in sources[:-1]] == first
+    first = [derived(source) for source in sources[:-1]]
+    assert [derived(source) for source in sources[:-1]] == first
     assert made == sources[:-1]
-    derived.of(sources[-1])
+    derived(sources[-1])
     assert len(derived) == MOST_SOURCES
-    assert derived.of(sources[0]) == len(made) == MOST_SOURCES + 2
+    assert derived(sources[0]) == len(made) == MOST_SOURCES + 2
 
 
 def test_a_bounded_dictionary_begins_anew_before_it_holds_too_much():
@@ -45,7 +45,7 @@ def test_a_source_that_is_gone_takes_its_value_along():
 
     derived: Derived[Source, Value] = Derived(lambda _: Value())
     source = Source()
-    value = weakref.ref(derived.of(source))
+    value = weakref.ref(derived(source))
     assert value() is not None
     del source
     assert value() is None
@@ -56,16 +56,16 @@ def test_another_source_at_the_same_address_gets_its_own_value():
     derived: Derived[Source, int] = Derived(id)
     for _ in range(100):
         source = Source()
-        assert derived.of(source) == id(source)
+        assert derived(source) == id(source)
         derived._entries[id(source)] = (lambda: None, -1)  # type: ignore[assignment]
-        assert derived.of(source) == id(source)
+        assert derived(source) == id(source)
 
 
 def test_threads_get_the_values_of_their_own_sources():
     sources = [Source() for _ in range(3 * MOST_SOURCES)]
     derived: Derived[Source, int] = Derived(id)
     with ThreadPoolExecutor(8) as pool:
-        found = list(pool.map(derived.of, sources * 200))
+        found = list(pool.map(derived, sources * 200))
     assert found == [id(source) for source in sources] * 200
     assert len(derived) <= MOST_SOURCES
 

@@ -14,13 +14,14 @@ from graspless_pin import (
     Status,
     maximize_margin,
 )
-from graspless_pin.algorithms import search, searching
+from graspless_pin.algorithms import branch_and_bound as searching
+from graspless_pin.algorithms import search
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound, search_modes
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
-from graspless_pin.algorithms.searching import branch_and_bound, search_modes
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin, Torque
@@ -114,7 +115,7 @@ def test_the_least_friction_that_counts(size, is_friction):
     x[column] = -size
     friction = reader._friction(x)
     assert isinstance(friction, dict)
-    contact = state.formulation.cone_contacts[1]
+    contact = state.formulation.coordinates.layout.cone_contacts[1]
     assert friction[contact] == ((-1, 0) if is_friction else (0, 0))
     assert all(pair == (0, 0) for other, pair in friction.items() if other != contact)
     assert reader.describe(x).selection[contact] == is_friction

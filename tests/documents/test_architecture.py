@@ -56,6 +56,42 @@ for run in (one, batch):
     os.waitpid(child, 0)
 """
 
+# Lambdas and comprehensions are no functions that one steps into, and not alike in all Pythons.
+COMMAND = """
+import inspect, json, os, sys
+from graspless_pin.cli import main
+
+inside = os.path.dirname(os.path.dirname(main.__code__.co_filename)) + os.sep
+entered, most = set(), 0
+
+def is_named(frame):
+    code = frame.f_code
+    is_function = code.co_flags & inspect.CO_NEWLOCALS and not code.co_name.startswith("<")
+    return is_function and code.co_filename.startswith(inside)
+
+def note(frame, event, argument):
+    global most
+    if event == "call" and is_named(frame):
+        code, depth = frame.f_code, 0
+        entered.add((code.co_filename, code.co_qualname, code.co_firstlineno))
+        while frame is not None:
+            depth += bool(is_named(frame))
+            frame = frame.f_back
+        most = max(most, depth)
+
+output, *sys.argv = sys.argv[1:]
+sys.setprofile(note)
+try:
+    main()
+finally:
+    sys.setprofile(None)
+    if any(name == "solve_scene" for _, name, _ in entered):  # the other process only waits
+        figures = len(entered), len({file for file, *_ in entered}), most
+        with open(output, "w") as file:
+            json.dump(figures, file)
+"""
+FIGURES = re.compile(r"enters (\d+) named functions in (\d+) modules, at most (\d+) of them deep")
+
 
 def rows_below(heading: str) -> list[str]:
     """First cells of the table in a section."""
@@ -104,6 +140,19 @@ def test_modules_run_in_the_order_of_the_page(what, heading):
     assert len(named) > 10
     assert set(named) <= set(ran)
     assert named == sorted(named, key=ran.index)
+
+
+def test_the_road_of_one_solve_is_as_short_as_the_page_says(tmp_path):
+    """Whoever steps through it meets no more functions, modules and frames than that."""
+    scene = str(ROOT / "examples" / "paper" / "cuboid_at_rest.yaml")
+    words = ["graspless-pin", "solve", "--no-verdict", scene]
+    command = [sys.executable, "-c", COMMAND, str(tmp_path / "figures"), *words]
+    subprocess.run(command, capture_output=True, check=True)  # noqa: S603 - our own text
+    ran = json.loads((tmp_path / "figures").read_text(encoding="utf-8"))
+    told = FIGURES.search(PAGE.replace("\n", " "))
+    assert told is not None
+    for figure, most in zip(ran, map(int, told.groups()), strict=True):
+        assert 0.9 * most <= figure <= 1.03 * most
 
 
 def test_no_package_that_runs_is_missing(layers):

@@ -10,7 +10,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.robots import files
-from graspless_pin.scene import body_schema, hand_schema, scene_schema
+from graspless_pin.scene import body_schema, scene_schema
 from graspless_pin.studies import study_schema
 
 
@@ -47,7 +47,7 @@ def truths(node: dict[str, Any]) -> Iterator[Any]:
             yield from ({"name": value} for value in truths(node["additionalProperties"]))
 
 
-MODULES = (body_schema, hand_schema, scene_schema, study_schema, files)
+MODULES = (body_schema, scene_schema, study_schema, files)
 MODELS = [model for module in MODULES for model in models_of(module)]
 NUMBERS = [
     field

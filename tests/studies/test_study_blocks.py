@@ -13,7 +13,7 @@ from graspless_pin.errors import SceneError
 from graspless_pin.scene import problem_data
 from graspless_pin.scene.problem_data import jointed_contacts
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.state_findings import ALL_CHECKS
+from graspless_pin.scene.scene_findings import ALL_CHECKS
 from graspless_pin.studies import Study, run_study, sample_evaluation
 from graspless_pin.studies.executors import _rest
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal

@@ -283,7 +283,7 @@ def prepared_starts(
     """Return starts as the loops take them; None in the place of one that does not fit."""
     structure, prepared = structure_of(problem), []
     for start in starts:
-        known = _STARTS.of(start)
+        known = _known_of(start)
         own, active = known[0]
         if own is not loops:
             fits = start.structure is not None and start.structure.has_rows_of(structure)
@@ -295,7 +295,7 @@ def prepared_starts(
 
 LOOPS_LOCK = RLock()
 """One workspace serves all threads."""
-_STARTS: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
+_known_of: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
 """The loops that a start was prepared for last, and what they take it as."""
 
 

@@ -101,7 +101,7 @@ class _DirectionSearch:
     def __init__(self, state: SearchState, gap: float) -> None:
         self.state, self._gap = state, gap
         self._formulation = state.formulation
-        self._cones = self._formulation.cone_contacts
+        self._cones = self._formulation.coordinates.layout.cone_contacts
         self.motions = SectorMotions(self._formulation.kinematics)
         problem = self._formulation.problem
         constrained = state.rules.sliding is SlidingRule.CONSTRAINED

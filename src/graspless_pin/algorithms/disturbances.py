@@ -12,11 +12,11 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robustness import LoadBracket, bracket_limits, load_bracket
 from graspless_pin.algorithms.search import SearchState
-from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.comparison import smallest_factor
 from graspless_pin.algorithms.formulation import formulate, formulated
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
-from graspless_pin.algorithms.searching import branch_and_bound
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import (

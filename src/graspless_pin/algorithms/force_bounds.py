@@ -12,10 +12,10 @@ from typing import NamedTuple, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
-from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem, checked_problem

@@ -50,18 +50,8 @@ class Formulation:
     layers: tuple[int, ...]
 
     @property
-    def cone_contacts(self) -> tuple[int, ...]:
-        """Contacts that have a friction cone."""
-        return self.coordinates.layout.cone_contacts
-
-    @property
-    def cone_index(self) -> NDArray[np.int_]:
-        """The same, as an array."""
-        return self.coordinates.layout.cones
-
-    @property
     def cone_columns(self) -> NDArray[np.int_]:
-        """(layers, number of cones, 2) columns of their friction components."""
+        """(layers, number of cones, 2) columns of the friction at the contacts with a cone."""
         columns = self.coordinates.layout.friction
         if self.layers == (0,):
             return columns[None]
@@ -70,7 +60,7 @@ class Formulation:
     def friction_size(self, x: FloatArray) -> FloatArray:
         """(M, 2) the largest friction along t1 and t2 in x, of whichever set of forces."""
         size = np.zeros((self.problem.contact_count, 2))
-        size[self.cone_index] = np.abs(x[self.cone_columns]).max(axis=0, initial=0.0)
+        size[self.coordinates.layout.cones] = np.abs(x[self.cone_columns]).max(axis=0, initial=0.0)
         return size
 
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
@@ -117,7 +107,7 @@ class Formulation:
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
         """Return x without the friction that one mode forbids; x itself if there is none."""
         friction = x[self.cone_columns]
-        forbidden = friction * mode.signs[self.cone_index] >= 0.0
+        forbidden = friction * mode.signs[self.coordinates.layout.cones] >= 0.0
         forbidden &= friction != 0.0
         if not np.count_nonzero(forbidden):
             return x
@@ -128,7 +118,7 @@ class Formulation:
     def bounds_of(self, mode: SlidingMode) -> tuple[FloatArray, FloatArray]:
         """Return the bounds that one mode puts on the variables, (27) and (31)."""
         lb, ub = self.program.lb.copy(), self.program.ub.copy()
-        signs = mode.signs[self.cone_index]
+        signs = mode.signs[self.coordinates.layout.cones]
         for columns in self.cone_columns:
             ub[columns[signs >= 0]] = 0.0
             lb[columns[signs <= 0]] = 0.0
@@ -183,14 +173,10 @@ class SharedParts(NamedTuple):
     programs: dict[Objective, ScaledProgram]
 
 
-_PARTS: Derived[QuasistaticProblem, SharedParts] = Derived(
-    lambda problem: SharedParts(force_coordinates(problem), kinematics_of(problem), {})
-)
-
-
+@Derived
 def shared_parts(problem: QuasistaticProblem) -> SharedParts:
     """Return what the formulations of a problem share, made once for a problem in use."""
-    return _PARTS.of(problem)
+    return SharedParts(force_coordinates(problem), kinematics_of(problem), {})
 
 
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:

@@ -17,11 +17,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search import SearchState
-from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode, StaticFriction

@@ -131,7 +131,7 @@ class ModeOracle:
         Of the motions that keep all contacts touching, the one whose sliding opposes the friction
         best by least squares; contacts that it leaves at rest are not selected.
         """
-        contacts = [*self.formulation.cone_contacts, *self._always_selected]
+        contacts = [*self.formulation.coordinates.layout.cone_contacts, *self._always_selected]
         columns = self.formulation.cone_columns
         wanted = np.zeros((len(contacts), 2))
         wanted[: columns.shape[1]] = -x[columns].sum(axis=0)
@@ -168,7 +168,8 @@ class ModeOracle:
         friction = x[formulation.cone_columns[0]]
         with_friction = np.abs(friction) > NO_FRICTION
         opposed = -np.sign(friction)
-        chosen, contacts = formulation.cone_index, formulation.cone_contacts
+        layout = formulation.coordinates.layout
+        chosen, contacts = layout.cones, layout.cone_contacts
         if not np.logical_and.reduce(with_friction, axis=None):
             opposed *= with_friction
             some = np.logical_or.reduce(with_friction, axis=1)
@@ -235,7 +236,7 @@ class ModeOracle:
         values = x[self.formulation.cone_columns]
         signs = np.sign(values).astype(int)
         signs[np.abs(values) <= NO_FRICTION] = 0
-        contacts = self.formulation.cone_contacts
+        contacts = self.formulation.coordinates.layout.cone_contacts
         if len(signs) > 1:
             if ((signs > 0).any(axis=0) & (signs < 0).any(axis=0)).any():
                 return None

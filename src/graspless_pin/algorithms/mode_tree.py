@@ -172,7 +172,7 @@ class ModeTree:
         if part is None:
             return program.lb, program.ub
         lb, ub = program.lb.copy(), program.ub.copy()
-        cones = self.formulation.cone_index
+        cones = self.formulation.coordinates.layout.cones
         gone = part.released[cones, None]
         for columns in self.formulation.cone_columns:
             ub[columns[gone | ~part.minus[cones]]] = 0.0
@@ -249,7 +249,7 @@ class ModeTree:
             return None
         friction = x[self.formulation.cone_columns]
         opposed = np.zeros(len(size))
-        opposed[self.formulation.cone_index] = np.minimum(
+        opposed[self.formulation.coordinates.layout.cones] = np.minimum(
             friction.max(axis=0, initial=0.0), -friction.min(axis=0, initial=0.0)
         ).max(axis=1, initial=0.0)
         contact = max(

@@ -152,3 +152,13 @@ class SolveOptions:
 
 
 DEFAULT_OPTIONS = SolveOptions()
+
+
+def need_uncertainty(feedback: object) -> None:
+    """Refuse feedback beside what is known exactly.
+
+    Raises:
+        ArgumentError: If there is some.
+    """
+    if feedback is not None:
+        raise ArgumentError("feedback", "adds to torques for an uncertainty; give one, too")

@@ -240,7 +240,10 @@ def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requiremen
     state.nodes = state.modes_examined = 1
     state.oracle.kinematic_programs += 1
     kinematics = state.formulation.kinematics
-    verdict = kinematics.solve(requirements, state.rules.sign)
+    try:
+        verdict = kinematics.solve(requirements, state.rules.sign)
+    except UndecidedMotionError:
+        return undecided(state)
     if isinstance(verdict, Conflict):
         return SearchResult(Status.INFEASIBLE_MODE, state)
     state.motion = state.oracle.witness = kinematics.scaled_motion(verdict.coordinates)
@@ -258,7 +261,7 @@ FACTORS = (0.1, 10.0)
 """The thresholds that an optimum is compared for, over the rule's own."""
 _SAME = 1e-6
 
-ModeSearch = Callable[[Formulation], SearchResult]
+ModeSearch = Callable[[SearchState], SearchResult]
 
 
 def threshold_optima(
@@ -271,7 +274,7 @@ def threshold_optima(
 
     Args:
         result: How the search ended.
-        search: Repeats it with another formulation, which has another threshold.
+        search: Repeats it from a state whose formulation has another threshold.
         gap: How near each of two optima is found, over the load or the optimum.
 
     Returns:
@@ -288,7 +291,8 @@ def threshold_optima(
     values = []
     for factor in FACTORS:
         other = VirtualKinematics(formulation.problem, factor * kinematics.threshold)
-        best = search(replace(formulation, kinematics=other)).state.best
+        again = SearchState(replace(formulation, kinematics=other), state.rules, state.solver)
+        best = search(again).state.best
         values.append(np.nan if best is None else best.value)
     own = np.nan if state.best is None else state.best.value
     if all(_agree(own, value, _SAME + 2.0 * gap) for value in values):

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspless_pin.algorithms.formulation import Formulation, formulate
+from graspless_pin.algorithms.branch_and_bound import search_modes
+from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, Limits, SolveOptions
 from graspless_pin.algorithms.search import (
+    ModeSearch,
     SearchResult,
     SearchState,
     in_mode,
     threshold_optima,
-    undecided,
 )
-from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.caching import Derived
-from graspless_pin.errors import ArgumentError, UndecidedMotionError
+from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.kinematics import Requirement, requirements_of
 from graspless_pin.modes.rules import (
     Rules,
@@ -107,29 +108,20 @@ def _best_case(
                 f"'direction' is about Coulomb's law, and the problem has the cone "
                 f"'{problem.cone}'; use another sign_rule",
             )
-        problem, gap = _ROUND.of(problem), options.direction_gap
-    requirements = None if mode is None else _checked_mode(problem, options.rules, mode)
-
-    def searched(formulation: Formulation) -> SearchResult:
-        state = SearchState(formulation, options.rules, options.solver)
-        if mode is None or requirements is None:
-            return search_modes(state, options, limits)
-        try:
-            return in_mode(state, mode, requirements)
-        except UndecidedMotionError:
-            return undecided(state)
-
-    result = searched(formulate(problem, objective))
-    optima = threshold_optima(result, searched, gap)
+        problem, gap = _with_round_cones(problem), options.direction_gap
+    search: ModeSearch = partial(search_modes, options=options, limits=limits)
+    if mode is not None:
+        requirements = _checked_mode(problem, options.rules, mode)
+        search = partial(in_mode, mode=mode, requirements=requirements)
+    result = search(SearchState(formulate(problem, objective), options.rules, options.solver))
+    optima = threshold_optima(result, search, gap)
     return solution_of(result, options.rules, given_mode=mode, optima=optima)
 
 
+@Derived
 def _with_round_cones(problem: QuasistaticProblem) -> QuasistaticProblem:
     """Return the problem with round cones; a copy even so, as what is derived may not be itself."""
     return problem.with_changes(cone="round")
-
-
-_ROUND = Derived(_with_round_cones)
 
 
 def _checked_mode(

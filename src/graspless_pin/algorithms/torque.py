@@ -12,7 +12,12 @@ from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack, get_type_hints, overload
 
-from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import (
+    DEFAULT_OPTIONS,
+    SolveKeywords,
+    SolveOptions,
+    need_uncertainty,
+)
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode
@@ -259,16 +264,6 @@ def _solved(
     from graspless_pin.algorithms.robust_torques import solve_robust
 
     return solve_robust(problem, objective, uncertainty, how, feedback=feedback, mode=mode)
-
-
-def need_uncertainty(feedback: object) -> None:
-    """Refuse feedback beside what is known exactly.
-
-    Raises:
-        ArgumentError: If there is some.
-    """
-    if feedback is not None:
-        raise ArgumentError("feedback", "adds to torques for an uncertainty; give one, too")
 
 
 class NamedObjective(NamedTuple):

@@ -10,11 +10,13 @@ on what the search began with, but where several sets of forces are equally good
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from graspless_pin.algorithms.batch_optimum import WarmStart
+from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.search import (
@@ -25,7 +27,6 @@ from graspless_pin.algorithms.search import (
     threshold_optima,
     undecided,
 )
-from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.solve import as_stable, solution_of, solve_problem
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
@@ -65,15 +66,13 @@ def solve_from(
     if rules.by_direction:
         return solve_problem(problem, objective, options, rest=rest), start
     state = _WarmState(formulate(problem, objective), rules, options.solver, start=start)
-
-    def cold(formulation: Formulation) -> SearchResult:
-        return search_modes(SearchState(formulation, rules, options.solver), options, limits)
-
     try:
         result = _search(state, options, limits)
     except UndecidedMotionError:
         result = undecided(state)
-    best = solution_of(result, rules, optima=threshold_optima(result, cold))
+    cold = partial(search_modes, options=options, limits=limits)
+    optima = threshold_optima(result, cold)
+    best = solution_of(result, rules, optima=optima)
     return as_stable(best, options, limits, rest), state.left_behind()
 
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from graspless_pin.cli.guard import INTERNAL_ERROR, INTERRUPTED, INTERRUPTION, begin
+from graspless_pin.cli import INTERNAL_ERROR, INTERRUPTED, INTERRUPTION, begin
 
 __all__ = ["app"]
 

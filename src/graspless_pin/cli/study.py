@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.guard import INTERRUPTED
+from graspless_pin.cli import INTERRUPTED
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.report.document import SampleDocuments
 from graspless_pin.studies import compute_study, load_study, results_parts, results_summary

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import all_finite, read_only
+from graspless_pin.problem.checks import read_only
 
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
@@ -184,7 +184,7 @@ def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ArgumentError(name, f"needs numbers, got {values!r}") from error
-    if not all_finite((array,)):
+    if not np.isfinite(array).all():
         raise ArgumentError(name, f"needs finite numbers, got {array.tolist()}")
     return array
 

@@ -76,34 +76,16 @@ def kind_of_data(data: Any) -> str | None:
     """Return what the content of a YAML or JSON file is, by its keys."""
     if not isinstance(data, dict):
         return None
-
-    def has(*names: str) -> bool:
-        return all(name in data for name in names)
-
-    if has("status", "contacts", "certificate"):
+    keys = data.keys()
+    if keys >= {"status", "contacts", "certificate"}:
         return "JSON document"
-    if has("scene", "vary"):
+    if keys >= {"scene", "vary"}:
         return "study"
-    if has("object", "friction") or has("object", "hand") or has("object", "supports"):
+    if "object" in keys and keys & {"friction", "hand", "supports"}:
         return "scene"
-    if ("urdf" in data or "model" in data) and "object" not in data:
+    if keys & {"urdf", "model"} and "object" not in keys:
         return "robot file"
     return None
-
-
-def other_kind(path: Path, wanted: str, found: str | None) -> str:
-    """Return what to say where a file is of another kind than is wanted; empty: it is not.
-
-    Args:
-        path: The file.
-        wanted: What it should be.
-        found: What it is, as far as is known.
-    """
-    if found is None or found == wanted:
-        return ""
-    advice = _WHAT_TO_DO.get(found, "give a file of {language}")
-    hint = advice.format(path=path, language=_LANGUAGES.get(wanted, "text"))
-    return f"{path}: is {_a(found)}, not {_a(wanted)}; {hint}"
 
 
 def encoding_in_words(content: bytes, start: int) -> str:
@@ -238,8 +220,11 @@ def refuse_other_kind(path: Path, kind: FileKind, found: str | None) -> None:
     Raises:
         GrasplessPinError: The kind's error.
     """
-    if message := other_kind(path, kind.name, found):
-        raise kind.error(message)
+    if found is None or found == kind.name:
+        return
+    advice = _WHAT_TO_DO.get(found, "give a file of {language}")
+    hint = advice.format(path=path, language=_LANGUAGES.get(kind.name, "text"))
+    raise kind.error(f"{path}: is {_a(found)}, not {_a(kind.name)}; {hint}")
 
 
 @contextmanager

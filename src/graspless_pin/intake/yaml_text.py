@@ -84,8 +84,13 @@ def parse_yaml(text: str) -> ParsedYaml:
         TextError: It is no plain YAML, repeats a key, is nested more than 50 levels deep or has
             more than 30 000 entries, anchors written out.
     """
+    loader = YamlLoader(text)
     try:
-        return _parsed(YamlLoader(text))
+        root = loader.get_single_node()
+        if root is None:
+            return ParsedYaml(None, {})
+        lines = _lines_of(root)
+        return ParsedYaml(loader.construct_document(root), lines)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise TextError(f"is not plain YAML: {_advice(error)}", line) from None
@@ -95,49 +100,47 @@ def parse_yaml(text: str) -> ParsedYaml:
         raise TextError(f"is not plain YAML: {problem}; put text in quotes") from error
 
 
-def _parsed(loader: YamlLoader) -> ParsedYaml:
-    root = loader.get_single_node()
-    if root is None:
-        return ParsedYaml(None, {})
+def _lines_of(root: yaml.Node) -> dict[Location, int]:
+    """Return the line of each key and item, in the order of the text; without recursion."""
     lines: dict[Location, int] = {}
-    _index(root, (), frozenset(), lines)
-    return ParsedYaml(loader.construct_document(root), lines)
-
-
-def _index(
-    node: yaml.Node, location: Location, above: frozenset[int], lines: dict[Location, int]
-) -> None:
-    line = node.start_mark.line + 1
-    if id(node) in above:
-        raise TextError("an anchor contains itself; write it out", line)
-    if len(lines) > MOST_ENTRIES:
-        raise TextError(
-            f"has more than {MOST_ENTRIES} entries; shapes of many points are for mesh files, and "
-            "anchors that repeat anchors grow without bound",
-            line,
-        )
-    if len(location) > DEEPEST_YAML:
-        raise TextError(f"is nested too deeply; at most {DEEPEST_YAML} levels are possible", line)
-    above |= {id(node)}
-    lines.setdefault(location, line)
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
+    waiting: list[tuple[yaml.Node | None, yaml.Node, Location, frozenset[int]]] = [
+        (None, root, (), frozenset())
+    ]
+    while waiting:
+        key, node, location, above = waiting.pop()
+        if key is not None:
             _check_scalar(key, location)
-            name = str(key.value)
-            inner = (*location, name)
-            if inner in lines:
+            location = (*location, str(key.value))
+            if location in lines:
                 raise TextError(
-                    f"{'.'.join(map(str, inner))}: duplicate key, first on line {lines[inner]}; "
-                    "keep one",
+                    f"{'.'.join(map(str, location))}: duplicate key, first on line "
+                    f"{lines[location]}; keep one",
                     key.start_mark.line + 1,
                 )
-            lines[inner] = key.start_mark.line + 1
-            _index(value, inner, above, lines)
-    elif isinstance(node, yaml.SequenceNode):
-        for index, value in enumerate(node.value):
-            _index(value, (*location, index), above, lines)
-    else:
-        _check_scalar(node, location)
+            lines[location] = key.start_mark.line + 1
+        line = node.start_mark.line + 1
+        if id(node) in above:
+            raise TextError("an anchor contains itself; write it out", line)
+        if len(lines) > MOST_ENTRIES:
+            raise TextError(
+                f"has more than {MOST_ENTRIES} entries; shapes of many points are for mesh files, "
+                "and anchors that repeat anchors grow without bound",
+                line,
+            )
+        if len(location) > DEEPEST_YAML:
+            raise TextError(
+                f"is nested too deeply; at most {DEEPEST_YAML} levels are possible", line
+            )
+        above |= {id(node)}
+        lines.setdefault(location, line)
+        if isinstance(node, yaml.MappingNode):
+            waiting += [(name, value, location, above) for name, value in reversed(node.value)]
+        elif isinstance(node, yaml.SequenceNode):
+            items = reversed([*enumerate(node.value)])
+            waiting += [(None, value, (*location, index), above) for index, value in items]
+        else:
+            _check_scalar(node, location)
+    return lines
 
 
 def _check_scalar(node: yaml.Node, location: Location) -> None:

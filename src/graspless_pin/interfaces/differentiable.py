@@ -67,6 +67,7 @@ class _Sizes(NamedTuple):
     center: FloatArray
 
 
+@Derived
 def _sizes_of(evaluator: Evaluator) -> _Sizes:
     state = evaluator.pinned(twist=np.zeros(6))  # says what is wrong with the evaluator
     scene = evaluator.scene_at(twist=np.zeros(6))
@@ -77,9 +78,6 @@ def _sizes_of(evaluator: Evaluator) -> _Sizes:
     )  # fmt: skip
     worst = np.inf if evaluator.algorithm is Algorithm.TORQUE else -np.inf
     return _Sizes(inputs, len(state.gaps), problem.joint_names, worst, own.center_of_mass)
-
-
-_SIZES: Derived[Evaluator, _Sizes] = Derived(_sizes_of)
 
 
 class Operator:
@@ -118,7 +116,7 @@ class Operator:
             self._twist = finite_array("twist", twist, (*np.shape(twist)[:-1], 6))
         self._evaluator, self._with_torques = evaluator, with_torques
         self._is_given = [one is not None for one in given]
-        self._sizes = sizes = _SIZES.of(evaluator)
+        self._sizes = sizes = _sizes_of(evaluator)
         self.inputs = sizes.inputs
         self.size = 1 + sizes.gap_count + with_torques * len(sizes.torque_names)
 

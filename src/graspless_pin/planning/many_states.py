@@ -32,8 +32,8 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.programs.objectives import Margin
-from graspless_pin.scene.joints import possible_columns
 from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.problem_data import possible_columns
 from graspless_pin.solution.tables import brief_figure
 
 Progress = Callable[[int, int], object]
@@ -217,7 +217,7 @@ def _found_by_processes(
     size = min(_CHUNK, max(1, -(-(states.total - begin) // (4 * workers))))
     ends = [*range(begin, states.total, size), states.total]
     chunks = [slice(*ends[k : k + 2]) for k in range(len(ends) - 1)] or [slice(0, 0)]
-    processes, token = kept_processes(), _TOKENS.of(solver)
+    processes, token = kept_processes(), _token_of(solver)
 
     def found(chunk: slice) -> Arrays:
         child = processes.taken(_found_there)
@@ -237,7 +237,7 @@ def _found_by_processes(
             threads.shutdown(wait=True, cancel_futures=True)
 
 
-_TOKENS: Derived[StateSolver, str] = Derived(lambda _: uuid4().hex, most=math.inf)
+_token_of: Derived[StateSolver, str] = Derived(lambda _: uuid4().hex, most=math.inf)
 """What tells a solver from all others, in any process."""
 _SOLVERS: dict[str, StateSolver] = {}
 """Those that this process was sent, by token: what they have learned serves the next chunk."""

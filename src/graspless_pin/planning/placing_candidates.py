@@ -44,7 +44,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.quasistatic import contact_map
 from graspless_pin.scene import Scene
 from graspless_pin.scene.entry_findings import box_around
-from graspless_pin.scene.state_findings import hand_overlaps
+from graspless_pin.scene.scene_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
 
 _CLEAR_OF_OBJECT = 2e-4  # m, of the open hand

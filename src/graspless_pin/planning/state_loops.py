@@ -39,10 +39,9 @@ from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.batch_states import PlainProblems, PlainStates, loops_of
-from graspless_pin.scene.joints import possible_columns
 from graspless_pin.scene.load_wrenches import carried_loads
-from graspless_pin.scene.problem_data import jointed_contacts, loads_of
-from graspless_pin.scene.state_findings import StateChecks, state_findings
+from graspless_pin.scene.problem_data import jointed_contacts, loads_of, possible_columns
+from graspless_pin.scene.scene_findings import StateChecks, state_findings
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
 COVERAGES = None, *Coverage

@@ -27,8 +27,8 @@ from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.batch_states import PlainStates
 from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.scene_findings import ALL_CHECKS, StateChecks
 from graspless_pin.scene.scene_stability import rest_model_of
-from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 
 if TYPE_CHECKING:

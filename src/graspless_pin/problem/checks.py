@@ -9,7 +9,6 @@ import operator
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from enum import StrEnum
-from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -36,12 +35,6 @@ def read_only(array: _Array) -> _Array:
     """Return the array itself, marked read-only."""
     array.setflags(write=False)
     return array
-
-
-def make_read_only(arrays: Sequence[FloatArray]) -> None:
-    """Mark arrays read-only."""
-    for array in arrays:
-        array.setflags(write=False)
 
 
 def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -112,12 +105,6 @@ def all_finite(arrays: Sequence[FloatArray]) -> bool:
 def all_within(arrays: Sequence[FloatArray], most: float = LARGEST) -> bool:
     """Return whether every entry of every array is a number of at most this magnitude."""
     return all(all_true(np.abs(array) <= most) for array in arrays)
-
-
-def in_order(arrays: Sequence[FloatArray], *, strictly: bool = False) -> bool:
-    """Whether all entries of an array are below those of the next one, or equal if not strictly."""
-    below = np.less if strictly else np.less_equal
-    return all(all_true(below(low, high)) for low, high in pairwise(arrays))
 
 
 def squared_lengths(vectors: FloatArray) -> FloatArray:

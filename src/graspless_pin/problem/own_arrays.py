@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
-
 import numpy as np
 
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, SMALLEST
@@ -15,7 +12,6 @@ from graspless_pin.problem.checks import (
     JointUnit,
     all_true,
     all_within,
-    make_read_only,
     read_only,
 )
 from graspless_pin.problem.cones import checked_cone
@@ -72,10 +68,11 @@ def problem_of_own_arrays(
         and isinstance(cone_edges, int)
         and cone_edges >= 3
         and not is_too_small(external_wrench)
-        and _are_possible(
-            (positions, external_wrench, jacobian, friction, sliding, gravity_torques),
-            friction, external_wrench, lower, upper, LARGEST_LOAD_OVER_LIMIT * max_normal_force,
-        )
+        # All entries are numbers, coefficients not negative, and limits in their order.
+        and all_within((positions, external_wrench, jacobian, friction, sliding, gravity_torques))
+        and all_within((external_wrench[:3],), LARGEST_LOAD_OVER_LIMIT * max_normal_force)
+        and all_true(friction >= 0.0)
+        and all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
     ):  # fmt: skip
         # The constructor finds what is wrong and names it.
         return QuasistaticProblem(positions, normals, external_wrench, jacobian, friction=friction,
@@ -83,10 +80,11 @@ def problem_of_own_arrays(
                    max_normal_force=max_normal_force, cone_edges=cone_edges, cone=cone,
                    joint_names=joint_names, joint_units=joint_units,
                    gravity_torques=gravity_torques)  # fmt: skip
-    make_read_only((
+    for array in (
         positions, normals, external_wrench, jacobian, friction, tangents, sliding, lower,
         upper, gravity_torques,
-    ))  # fmt: skip
+    ):  # fmt: skip
+        array.setflags(write=False)
     return unchecked(
         QuasistaticProblem,
         positions=positions,
@@ -98,7 +96,7 @@ def problem_of_own_arrays(
         sliding=sliding,
         lower_torque=lower,
         upper_torque=upper,
-        max_normal_force=_constant(len(positions), max_normal_force),
+        max_normal_force=read_only(np.full(len(positions), max_normal_force)),
         cone_edges=cone_edges,
         cone=checked_cone(cone),
         joint_names=joint_names,
@@ -107,26 +105,3 @@ def problem_of_own_arrays(
         wrench_matrix=None,
         passive_units=FREE_BODY,
     )
-
-
-def _are_possible(
-    arrays: Sequence[FloatArray],
-    friction: FloatArray,
-    wrench: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    most_load: float,
-) -> bool:
-    """Whether all entries are numbers, coefficients not negative and limits in their order."""
-    return (
-        all_within(arrays)
-        and all_within((wrench[:3],), most_load)
-        and all_true(friction >= 0.0)
-        and all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
-    )
-
-
-@lru_cache(maxsize=64)
-def _constant(count: int, value: float) -> FloatArray:
-    """(count,) read-only array of one value."""
-    return read_only(np.full(count, value))

@@ -422,6 +422,7 @@ def checked_problem(problem: object) -> QuasistaticProblem:
     return problem
 
 
+@Derived
 def contact_map(problem: QuasistaticProblem) -> FloatArray:
     """Return [W^T, J] of eq. (22) in contact frames, made once for a problem in use.
 
@@ -431,15 +432,8 @@ def contact_map(problem: QuasistaticProblem) -> FloatArray:
     Returns:
         (M, 3, P + L) read-only.
     """
-    return _MAPS.of(problem)
-
-
-def _assembled(problem: QuasistaticProblem) -> FloatArray:
     count, passive, joints = problem.contact_count, problem.passive_count, problem.joint_count
     world = np.empty((count, 3, passive + joints))
     world[:, :, :passive] = problem.W.T.reshape(count, 3, passive)
     world[:, :, passive:] = problem.jacobian.reshape(count, 3, joints)
     return read_only(problem.frames.transpose(0, 2, 1) @ world)
-
-
-_MAPS = Derived(_assembled)

@@ -116,12 +116,6 @@ class ConeRows:
     places: NDArray[np.int_]
 
 
-def cone_rows(problem: QuasistaticProblem) -> ConeRows:
-    """Return the rows of a problem's friction cones."""
-    mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
-    return _cone_rows(problem.cone_model, mask, friction, problem.cone_edges)
-
-
 def face_rows(layout: ForceLayout, friction: FloatArray, section: Section) -> ConeRows:
     """Return the side faces of cones, h_m^T f + e <= 0 (42).
 
@@ -172,7 +166,15 @@ def _rows(
 
 
 @lru_cache(maxsize=_MOST_KEPT)
-def _cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> ConeRows:
+def cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> ConeRows:
+    """Return the rows of a problem's friction cones.
+
+    Args:
+        model: Its `cone_model`.
+        mask: Bytes of its `has_cone`.
+        friction: Bytes of its `friction`.
+        edges: Its `cone_edges`.
+    """
     layout = layout_of(mask)
     coefficients = np.frombuffer(friction)[layout.cones]
     if model.second_order:
@@ -182,18 +184,18 @@ def _cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> Co
 
 @lru_cache(maxsize=_MOST_KEPT)
 def reach_of(mask: bytes, friction: bytes) -> FloatArray:
-    """Return `cone_reach` by the bytes of the problem's `has_cone` and `friction`."""
+    """Return (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
+
+    Args:
+        mask: Bytes of the problem's `has_cone`.
+        friction: Bytes of its `friction`.
+    """
     layout = layout_of(mask)
     coefficients, tangent = np.frombuffer(friction)[layout.cones, None], layout.friction
     reach = np.zeros((2, layout.size))
     reach[1, layout.normal] = 1.0
     reach[1, tangent], reach[0, tangent] = coefficients, -coefficients
     return read_only(reach)
-
-
-def cone_reach(problem: QuasistaticProblem) -> FloatArray:
-    """Return (2, n) bounds of forces inside cones, each in limits of its contact's normal force."""
-    return reach_of(problem.has_cone.tobytes(), problem.friction.tobytes())
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,16 +342,21 @@ class ForceRows:
 
 def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
     """Assemble the constraints of a problem in its force coordinates."""
-    reach = cone_reach(problem)
+    mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
+    reach = reach_of(mask, friction)
     force, joints = coordinates.force_scale, coordinates.joint_scale
     limit = problem.max_normal_force / force
     weight = 1.0 / passive_levers(problem.passive_units, coordinates.length_scale)
     passive = len(weight)
     effects = _effects(problem, coordinates)
+    whole = reach * limit[coordinates.layout.owner]
+    boxes = (whole,)
+    if limit.max() > FARTHEST:
+        boxes = reach * np.minimum(limit, FARTHEST)[coordinates.layout.owner], whole
     return ForceRows(
         problem=problem,
         coordinates=coordinates,
-        cones=cone_rows(problem),
+        cones=cone_rows(problem.cone_model, mask, friction, problem.cone_edges),
         reach=reach,
         limit=limit,
         balance=(effects[:, :passive] * weight).T,
@@ -359,7 +366,7 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
         lower=(problem.lower_torque - problem.gravity_torques) / joints,
         upper=(problem.upper_torque - problem.gravity_torques) / joints,
         gravity=problem.gravity_torques / joints,
-        boxes=_boxes(reach, coordinates, limit),
+        boxes=boxes,
     )
 
 
@@ -372,17 +379,6 @@ def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Floa
         kinetic = problem.kinetic_directions[without_cone, None] @ problem.frames[without_cone]
         effects[layout.normal[without_cone]] = (kinetic @ local[without_cone])[:, 0]
     return effects
-
-
-def _boxes(
-    reach: FloatArray, coordinates: ForceCoordinates, limit: FloatArray
-) -> tuple[FloatArray, ...]:
-    """Return the `ForceRows.boxes` of a problem."""
-    owner = coordinates.layout.owner
-    whole = reach * limit[owner]
-    if limit.max() <= FARTHEST:
-        return (whole,)
-    return reach * np.minimum(limit, FARTHEST)[owner], whole
 
 
 def force_reach(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:

@@ -329,7 +329,7 @@ class ProgramStructure:
     Attributes:
         layout: Where the force coordinates stand.
         face_count: Side faces of all cones.
-        reach: (2, n) see `cone_reach`.
+        reach: (2, n) see `reach_of`.
         sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
         friction: (M,) coefficients.
         section: Of their cones, a regular one.

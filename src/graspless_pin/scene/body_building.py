@@ -112,7 +112,7 @@ def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArr
     pieces = kept.get(f"{name}: pieces", sources)
     if pieces is None:
         pieces = kept.put(f"{name}: pieces", sources, made.shapes)
-    body = changed(made, shapes=pieces, geometries=pieces.geometries)
+    body = changed(made, shapes=pieces)
     placed = kept.get(f"{name}: placed pieces", (pieces, pose))
     if placed is None:
         placed = kept.put(f"{name}: placed pieces", (pieces, pose), body.placed_bodies)

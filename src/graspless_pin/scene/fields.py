@@ -23,8 +23,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.records import PickledByFields, changed
-from graspless_pin.scene.body_schema import ObjectEntry
-from graspless_pin.scene.hand_schema import HandEntry
+from graspless_pin.scene.body_schema import HandEntry, ObjectEntry
 from graspless_pin.scene.loads import Acceleration, Load
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 from graspless_pin.scene.scene_schema import SceneEntry, SolveEntry

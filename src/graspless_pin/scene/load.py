@@ -25,14 +25,14 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.reading import named_positions
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
-from graspless_pin.holding.controller import Controller
+from graspless_pin.holding.controller import DAMPING, Controller
+from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.records import changed
 from graspless_pin.scene.body_building import build_object, build_pose, build_support, twist_of
+from graspless_pin.scene.body_schema import HandEntry, MountEntry
 from graspless_pin.scene.build_cache import Last, SceneParts
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields, friction_by_name
-from graspless_pin.scene.hand_schema import HandEntry, MountEntry
-from graspless_pin.scene.joints import gains_of_robots
 from graspless_pin.scene.loads import Acceleration, Load
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene_findings import findings_of
@@ -62,6 +62,97 @@ _NOT_OF_THE_MOUNTS = {
     "mounts",
 }
 """Keys of the hand; each mount is told by itself."""
+
+
+def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None = None) -> _Scene:
+    """Build the scene of a parsed file.
+
+    Args:
+        kind: The class of scenes.
+        source: The file, perhaps with changed content.
+        parts: What earlier scenes of the same folder left; None: nothing is shared.
+
+    Raises:
+        SceneError: See `load_scene`.
+    """
+    if not isinstance(source.data, dict):
+        raise SceneError(
+            f"{source.where(())}: found {reprlib.repr(source.data)}; a scene is a mapping with the "
+            "keys object, friction, hand, supports, ..."
+        )
+    parts = parts or SceneParts()
+    entry = parts.validated(source)
+    with capture() as found:
+        bodies = _bodies(source, parts, entry)
+        _check_weight(source, entry, bodies.object)
+        scene = _with_figures(kind, source, parts, entry, bodies)
+    of_hand = () if scene.hand is None else scene.hand.findings
+    placed = [one if one in of_hand else source.placed(one) for one in found]
+    emit(*placed)
+    vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
+    vars(scene)["_stated"] = StatedFields.of(source)
+    if entry.warnings == "error":
+        wrong = [one for one in findings_of(scene) if one.severity is not Severity.NOTE]
+        placed = [source.placed(one) for one in wrong]
+        lines = [one if one.place else replace(one, place=source.where(())) for one in placed]
+        if lines:
+            says = "(an error, as the scene says 'warnings: error')"
+            raise SceneError("\n".join(f"{one} {says}" for one in lines))
+    return scene
+
+
+class Bodies(NamedTuple):
+    """What is built of the bodies of a scene file.
+
+    Attributes:
+        names: Of supports and links.
+        object: The object.
+        others: Other fields of a scene by name.
+    """
+
+    names: tuple[str, ...]
+    object: ManipulatedObject
+    others: Mapping[str, Any]
+
+
+def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
+    """Build hand, supports and object, and then what is said of them; tell what looks wrong."""
+    parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
+    others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
+    with parts.stage("bodies", *parted, *others) as stage:
+        if stage.made is not None:
+            return stage.made
+        hand = None
+        if entry.hand is not None:
+            hand = build_hand(file, parts, entry.hand)
+        supports = tuple(
+            build_support(file, parts, ("supports", index), item)
+            for index, item in enumerate(entry.supports)
+        )
+        supports = parts.latest.get("supports", supports) or parts.latest.put(
+            "supports", supports, supports
+        )
+        links = () if hand is None else hand.link_names
+        names = tuple([support.name for support in supports])
+        _check_names(file, entry, links)
+        moved = build_object(file, parts, entry.object)
+        materials = _materials(file, parts, entry)
+        fields_by_name = {
+            "hand": hand,
+            "supports": supports,
+            "materials": materials,
+            "hand_material": None if entry.hand is None else entry.hand.material,
+            "given_contacts": _contacts(file, parts, entry, names, links),
+            "motion": _motion(file, parts, entry.motion, hand),
+            "acceleration": _acceleration(file, parts, entry.acceleration, hand),
+            "controller": _controller(file, parts, entry, hand),
+            "uncertainty": _uncertainty(file, parts, entry, hand, names, materials),
+            "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
+            "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
+        }
+        emit(*entry_findings(entry, materials))
+        stage.made = Bodies((*names, *links), moved, fields_by_name)
+    return stage.made
 
 
 def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
@@ -160,95 +251,33 @@ def _robot(file: YamlSource, parts: SceneParts, entry: MountEntry) -> RobotDescr
     return parts.robots[key]
 
 
-def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None = None) -> _Scene:
-    """Build the scene of a parsed file.
+def _gains_of_robots(hand: Hand) -> Controller:
+    """Return what the robot files of a hand say of the feedback at its joints.
 
-    Args:
-        kind: The class of scenes.
-        source: The file, perhaps with changed content.
-        parts: What earlier scenes of the same folder left; None: nothing is shared.
+    Gains of one robot's ``default``, or of all its joints, are those of each of its fingers; with
+    one robot without a prefix, of all joints. Where no file states any, it is not decided.
 
     Raises:
-        SceneError: See `load_scene`.
+        RobotError: If a file states gains of what is no joint or finger.
     """
-    if not isinstance(source.data, dict):
-        raise SceneError(
-            f"{source.where(())}: found {reprlib.repr(source.data)}; a scene is a mapping with the "
-            "keys object, friction, hand, supports, ..."
-        )
-    parts = parts or SceneParts()
-    entry = parts.validated(source)
-    with capture() as found:
-        bodies = _bodies(source, parts, entry)
-        _check_weight(source, entry, bodies.object)
-        scene = _with_figures(kind, source, parts, entry, bodies)
-    of_hand = () if scene.hand is None else scene.hand.findings
-    placed = [one if one in of_hand else source.placed(one) for one in found]
-    emit(*placed)
-    vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
-    vars(scene)["_stated"] = StatedFields.of(source)
-    if entry.warnings == "error":
-        wrong = [one for one in findings_of(scene) if one.severity is not Severity.NOTE]
-        placed = [source.placed(one) for one in wrong]
-        lines = [one if one.place else replace(one, place=source.where(())) for one in placed]
-        if lines:
-            says = "(an error, as the scene says 'warnings: error')"
-            raise SceneError("\n".join(f"{one} {says}" for one in lines))
-    return scene
-
-
-class Bodies(NamedTuple):
-    """What is built of the bodies of a scene file.
-
-    Attributes:
-        names: Of supports and links.
-        object: The object.
-        others: Other fields of a scene by name.
-    """
-
-    names: tuple[str, ...]
-    object: ManipulatedObject
-    others: Mapping[str, Any]
-
-
-def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
-    """Build hand, supports and object, and then what is said of them; tell what looks wrong."""
-    parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-    others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
-    with parts.stage("bodies", *parted, *others) as stage:
-        if stage.made is not None:
-            return stage.made
-        hand = None
-        if entry.hand is not None:
-            hand = build_hand(file, parts, entry.hand)
-        supports = tuple(
-            build_support(file, parts, ("supports", index), item)
-            for index, item in enumerate(entry.supports)
-        )
-        supports = parts.latest.get("supports", supports) or parts.latest.put(
-            "supports", supports, supports
-        )
-        links = () if hand is None else hand.link_names
-        names = tuple([support.name for support in supports])
-        _check_names(file, entry, links)
-        moved = build_object(file, parts, entry.object)
-        materials = _materials(file, parts, entry)
-        fields_by_name = {
-            "hand": hand,
-            "supports": supports,
-            "materials": materials,
-            "hand_material": None if entry.hand is None else entry.hand.material,
-            "given_contacts": _contacts(file, parts, entry, names, links),
-            "motion": _motion(file, parts, entry.motion, hand),
-            "acceleration": _acceleration(file, parts, entry.acceleration, hand),
-            "controller": _controller(file, parts, entry, hand),
-            "uncertainty": _uncertainty(file, parts, entry, hand, names, materials),
-            "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
-            "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
-        }
-        emit(*entry_findings(entry, materials))
-        stage.made = Bodies((*names, *links), moved, fields_by_name)
-    return stage.made
+    robots = [(mount.prefix, mount.robot()) for mount in hand.mounts]
+    if all(robot.stiffness is None for _, robot in robots):
+        return Controller()
+    known = [*hand.actuation.names, *hand.fingers]
+    for prefix, robot in robots:
+        robot.check_gains([one.removeprefix(prefix) for one in known if one.startswith(prefix)])
+    gains: dict[str, dict[str, float]] = {"stiffness": {}, "damping": {}}
+    for kind, found in gains.items():
+        for prefix, robot in robots:
+            stated = getattr(robot, kind)
+            own = dict(stated) if isinstance(stated, Mapping) else {DEFAULT_GAIN: stated}
+            rest = own.pop(DEFAULT_GAIN, None)
+            if rest is not None and not prefix:
+                found[DEFAULT_GAIN] = rest
+            elif rest is not None:
+                found |= {name: rest for name in hand.fingers if name.startswith(prefix)}
+            found |= {prefix + name: gain for name, gain in own.items()}
+    return Controller(gains["stiffness"], gains["damping"] or DAMPING)
 
 
 def _controller(
@@ -264,7 +293,7 @@ def _controller(
         controller = Controller()
         if hand is not None:
             with file.at(("hand",), ("robot",)):
-                controller = gains_of_robots(hand)
+                controller = _gains_of_robots(hand)
         if isinstance(stated, ControllerEntry):
             own = {name: getattr(stated, name) for name in stated.model_fields_set}
             controller = replace(controller, **own)

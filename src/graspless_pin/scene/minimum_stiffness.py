@@ -52,8 +52,7 @@ from graspless_pin.scene.geometric_stiffness import (
     refuse_flat_on_flat,
     surfaces_of,
 )
-from graspless_pin.scene.joints import fingers_of_motors
-from graspless_pin.scene.problem_data import problem_of, rest_problem
+from graspless_pin.scene.problem_data import fingers_of_motors, problem_of, rest_problem
 
 _ROUNDING = 1e-10
 _PART = 1e-3

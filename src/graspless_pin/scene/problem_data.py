@@ -11,23 +11,34 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import SceneError, StateError, StateFault
+from graspless_pin.geometry.contact.contact_points import ContactArrays
+from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
 from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.scene.contact_arrays import contacts_of, touching_of
 from graspless_pin.scene.fields import SceneFields, label_of
-from graspless_pin.scene.joints import (
-    ControlledJoints,
-    inertia_of_columns,
-    joint_columns,
-    torque_limits,
-    weight_torques,
-)
 from graspless_pin.scene.load_wrenches import inertial_torques, object_inertia, object_wrench
 from graspless_pin.scene.motion_and_contacts import SceneContacts
+
+
+class ControlledJoints(NamedTuple):
+    """L joints.
+
+    Attributes:
+        jacobian: (3M, L) J of eq. (12), world axes.
+        names: L names.
+        units: L units of their torques.
+        hybrid_count: How many of them, the last ones, are hybrid fingers.
+    """
+
+    jacobian: FloatArray
+    names: tuple[str, ...]
+    units: tuple[JointUnit, ...]
+    hybrid_count: int = 0
 
 
 class JointedContacts(NamedTuple):
@@ -136,7 +147,7 @@ def jointed_contacts(scene: SceneFields) -> JointedContacts:
         joints = joint_columns(hand, touching)
     except SceneError as error:
         raise error.at(label_of(scene)) from error
-    made = JointedContacts(contacts, touching.positions_about(center), tangents, joints)
+    made = JointedContacts(contacts, touching.positions - center, tangents, joints)
     return scene._kept.put("jointed contacts", sources, made)
 
 
@@ -244,9 +255,15 @@ def friction_at(scene: SceneFields, group: str, body: str) -> float:
 
 
 def _limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, FloatArray]:
-    """Return (lower, upper), each (L,)."""
-    most = scene.hybrid_force_limit or scene.max_normal_force
-    return torque_limits(scene.hand, state.joints.hybrid_count, most)
+    """Return (lower, upper), each (L,), N m or N."""
+    hybrid = state.joints.hybrid_count
+    if scene.hand is None:
+        return np.zeros(0), np.zeros(0)
+    lower, upper = scene.hand.effort_limits
+    if not hybrid:
+        return lower, upper
+    most = np.full(hybrid, scene.hybrid_force_limit or scene.max_normal_force)
+    return np.concatenate([lower, np.zeros(hybrid)]), np.concatenate([upper, most])
 
 
 def _carried(scene: SceneFields, state: JointedContacts) -> FloatArray:
@@ -255,8 +272,100 @@ def _carried(scene: SceneFields, state: JointedContacts) -> FloatArray:
     gravity = scene.gravity if scene.count_own_weight else None
     carried = scene._kept.get("carried", (state, gravity))
     if carried is None:
-        carried = weight_torques(hand, hybrid, gravity)
+        carried = np.zeros(len(state.joints.names))
+        motors = len(carried) - hybrid
+        if hand is not None and gravity is not None and motors:
+            carried[:motors] = hand.gravity_torques(gravity)
         scene._kept.put("carried", (state, gravity), carried)
     if gravity is None or scene.acceleration is None:
         return carried
     return carried + np.concatenate([inertial_torques(scene), np.zeros(hybrid)])
+
+
+def joint_columns(hand: Hand | None, touching: ContactArrays) -> ControlledJoints:
+    """Return the force-controlled joints, then the hybrid fingers.
+
+    Args:
+        hand: At its configuration; None: there is no column.
+        touching: M contacts, hand first.
+
+    Raises:
+        StateError: If a hybrid finger touches at several points.
+    """
+    if hand is None:
+        return ControlledJoints(np.zeros((3 * len(touching), 0)), (), ())
+    count = touching.hand_count
+    links = (*touching.bodies[:count], *(None,) * (len(touching.bodies) - count))
+    jacobian = hand.contact_jacobian(links, touching.positions)
+    joints = ControlledJoints(jacobian, hand.actuated_joint_names, hand.effort_units)
+    return _with_hybrid_fingers(joints, hand, touching) if hand.control.hybrid_fingers else joints
+
+
+def possible_columns(hand: Hand | None) -> dict[str, JointUnit]:
+    """Return the units by name of all columns that `joint_columns` may have, whatever touches."""
+    if hand is None:
+        return {}
+    forces = dict.fromkeys(map(_column_of, hand.control.hybrid_fingers), JointUnit.FORCE)
+    return dict(zip(hand.actuated_joint_names, hand.effort_units, strict=True)) | forces
+
+
+def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
+    """Return the (L, L) inertia of the columns of J: zero where a hybrid finger commands a force.
+
+    Args:
+        hand: At its configuration; None: there is no column.
+        count: L.
+    """
+    inertia = np.zeros((count, count))
+    if hand is not None:
+        own = hand.joint_inertia()
+        inertia[: len(own), : len(own)] = own
+    return inertia
+
+
+def fingers_of_motors(hand: Hand) -> dict[str, str]:
+    """Return the finger of each motor that moves links of one finger alone."""
+    moved: dict[str, set[str | None]] = {}
+    for link, carrier in hand.tree.link_joints.items():
+        own = np.abs(hand.actuation.from_joints[hand.tree.supports[carrier]]).sum(axis=0)
+        for column in np.flatnonzero(own):
+            moved.setdefault(hand.actuation.names[column], set()).add(hand.finger_of(link))
+    return {
+        name: finger
+        for name, of in moved.items()
+        if len(of - {None}) == 1
+        for finger in of
+        if finger is not None
+    }
+
+
+def _with_hybrid_fingers(
+    joints: ControlledJoints, hand: Hand, touching: ContactArrays
+) -> ControlledJoints:
+    """Append a column n for the one contact of each hybrid finger (Sec. II-A)."""
+    names = list(joints.names)
+    hybrid = [
+        index
+        for index, link in enumerate(touching.bodies[: touching.hand_count])
+        if hand.is_hybrid(link)
+    ]
+    columns = np.zeros((len(joints.jacobian), len(hybrid)))
+    for column, index in enumerate(hybrid):
+        columns[3 * index : 3 * index + 3, column] = touching.normals[index]
+        finger = hand.finger_of(touching.bodies[index])
+        name = _column_of(finger)
+        if name in names:
+            raise StateError(
+                StateFault.AMBIGUOUS,
+                f"hybrid finger {finger!r} touches the object at several points; a hybrid finger "
+                "has exactly one contact: give the contacts, or control it by force",
+            )
+        names.append(name)
+    units = (*joints.units, *(JointUnit.FORCE for _ in hybrid))
+    jacobian = np.hstack([joints.jacobian, columns])
+    return ControlledJoints(jacobian, tuple(names), units, len(hybrid))
+
+
+def _column_of(finger: str | None) -> str:
+    """Return the name of a hybrid finger's column."""
+    return f"{finger}.normal_force"

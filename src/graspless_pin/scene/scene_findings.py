@@ -1,10 +1,14 @@
-"""What is wrong with a scene at this moment, from its data: near misses, overlaps, odd figures."""
+"""What is wrong with a scene at this moment, from its data: near misses, overlaps, odd figures.
+
+`state_findings` tells whether its hand stands where torques mean nothing: off the object, or in
+something. Evaluators, studies and paths ask there, too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,18 +16,17 @@ from graspless_pin.algorithms.torque import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
 from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE
-from graspless_pin.geometry.contact.contact_points import ContactArrays
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.curvature import normal_jumps
 from graspless_pin.geometry.contact.distances import near_pairs, nearest_separation, separation
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
+from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, meant_lengths, unit_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
-from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.scene.stated_contact_findings import stated_contact_findings
 from graspless_pin.scene.uncertain_figures import unused_surfaces
 
@@ -41,6 +44,86 @@ _SLACK = 1e-6
 _JUMP = np.radians(20.0)
 _UNEVEN = 0.1
 """Contact tolerances: gaps of one rigid body that differ by less are the same."""
+
+
+class StateChecks(NamedTuple):
+    """What is looked for in a state.
+
+    Attributes:
+        collisions: Whether links may not be deeper than ``max_penetration`` in a support or in each
+            other, see `unwanted_overlaps`.
+        need_hand: Whether the hand has to touch the object.
+    """
+
+    collisions: bool = True
+    need_hand: bool = True
+
+
+ALL_CHECKS = StateChecks()
+
+
+def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tuple[Finding, ...]:
+    """Return the serious findings that depend on where bodies are, the gravest first.
+
+    Args:
+        scene: The scene.
+        checks: What is looked for.
+
+    Raises:
+        SceneError: If the hand has to touch, and the contacts cannot be found for another reason
+            than that nothing touches.
+    """
+    if scene.hand is None:
+        return ()
+    found = [_of_overlap(one) for one in hand_overlaps(scene)] if checks.collisions else []
+    if checks.need_hand and not _hand_touches(scene):
+        found.append(
+            Finding(
+                FindingCode.HAND_TOUCHES_NOTHING,
+                scene.object.name,
+                f"no link of the hand touches object '{scene.object.name}'",
+                "move the hand (base_pose, in metres and radians), have it placed (graspless-pin "
+                "place), or close its fingers (graspless-pin close)",
+                ("hand", "base_pose"),
+            )
+        )
+    return gravest_first(found) if len(found) > 1 else tuple(found)
+
+
+def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
+    """Return where the hand is in itself or in a support deeper than ``max_penetration``."""
+    hand, deepest = scene.hand, scene.max_penetration
+    if hand is None:
+        return ()
+    supports = [support.placed_bodies for support in scene.supports]
+    sources = hand.positions, hand.tree, *supports, deepest
+    overlaps = scene._kept.get("overlaps", sources)
+    if overlaps is None:
+        overlaps = unwanted_overlaps(hand, scene.supports, tolerance=deepest)
+        scene._kept.put("overlaps", sources, overlaps)
+    return overlaps
+
+
+def _hand_touches(scene: SceneFields) -> bool:
+    try:
+        return contacts_of(scene).arrays.hand_count > 0
+    except StateError as error:
+        if error.kind is StateFault.NO_CONTACT:
+            return False
+        raise
+
+
+def _of_overlap(one: Overlap) -> Finding:
+    on_support = one.kind is BodyKind.SUPPORT
+    return Finding(
+        FindingCode.HAND_THROUGH_SUPPORT if on_support else FindingCode.HAND_THROUGH_ITSELF,
+        one.link,
+        str(one),
+        "move the hand (base_pose, q): it cannot stand there"
+        if on_support
+        else "change q; if only the collision shapes are too wide, disable the pair in an SRDF",
+        ("hand",),
+    )
 
 
 def findings_of(scene: SceneFields) -> tuple[Finding, ...]:

@@ -31,8 +31,14 @@ from graspless_pin.intake.fields import (
     no_truth_value,
 )
 from graspless_pin.problem.cones import CONE_MODELS
-from graspless_pin.scene.body_schema import Direction, ObjectEntry, SupportEntry, TwistEntry, Vector
-from graspless_pin.scene.hand_schema import HandEntry
+from graspless_pin.scene.body_schema import (
+    Direction,
+    HandEntry,
+    ObjectEntry,
+    SupportEntry,
+    TwistEntry,
+    Vector,
+)
 
 ConeEdges = Annotated[int, Field(ge=3, le=MOST_CONE_EDGES), BeforeValidator(no_truth_value)]
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from graspless_pin.holding.verdict import MovingPart, Stability, StabilityKeywor
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.scene.fields import SceneFields
-from graspless_pin.scene.joints import fingers_of_motors
-from graspless_pin.scene.problem_data import problem_of, rest_problem
+from graspless_pin.scene.problem_data import fingers_of_motors, problem_of, rest_problem
 from graspless_pin.solution import TorqueSolution
 
 if TYPE_CHECKING:

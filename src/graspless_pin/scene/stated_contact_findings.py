@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from itertools import chain
 
 from graspless_pin.findings import Finding, FindingCode
-from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.distances import distances_to_point
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.fields import SceneFields
@@ -71,7 +71,7 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
 
 
 def _points_out(
-    bodies: list[CollisionBody], point: FloatArray, normal: FloatArray, tolerance: float
+    bodies: PlacedBodies, point: FloatArray, normal: FloatArray, tolerance: float
 ) -> bool:
     """Return whether the object lies behind a point of its surface, as its normal sees it.
 

@@ -32,9 +32,13 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.entry_findings import box_around, meant_lengths
 from graspless_pin.scene.fields import SceneFields, label_of
-from graspless_pin.scene.joints import fingers_of_motors, joint_columns
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
-from graspless_pin.scene.problem_data import jointed_contacts, problem_of
+from graspless_pin.scene.problem_data import (
+    fingers_of_motors,
+    joint_columns,
+    jointed_contacts,
+    problem_of,
+)
 from graspless_pin.scene.uncertain_figures import by_contact_and_joint
 
 _OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")

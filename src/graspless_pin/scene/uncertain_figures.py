@@ -16,7 +16,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields
-from graspless_pin.scene.joints import fingers_of_motors, possible_columns
+from graspless_pin.scene.problem_data import fingers_of_motors, possible_columns
 
 
 def check_names(

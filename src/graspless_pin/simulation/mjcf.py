@@ -186,7 +186,7 @@ def hand_surface(friction: FrictionOf, link: str) -> Surface:
 def placed_pieces(body: ManipulatedObject | Support) -> Iterator[tuple[Any, FloatArray]]:
     """Yield the convex pieces of a body, each with its (4, 4) pose in the body's frame."""
     poses = body.shape.placements()
-    for number, piece in enumerate(body.geometries):
+    for number, piece in enumerate(body.shapes.geometries):
         yield piece, np.eye(4) if poses is None else poses[number]
 
 

@@ -26,8 +26,8 @@ from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.records import Record
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.fields import label_of
-from graspless_pin.scene.joints import fingers_of_motors
 from graspless_pin.scene.load_wrenches import ActingForce, acting_forces, hand_motion
+from graspless_pin.scene.problem_data import fingers_of_motors
 from graspless_pin.simulation.mjcf import (
     OBJECT,
     FrictionOf,

@@ -29,8 +29,8 @@ from graspless_pin.scene.problem_data import (
     renewed_row,
 )
 from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.scene_findings import StateChecks, state_findings
 from graspless_pin.scene.scene_stability import rest_model_of, solution_verdict
-from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.studies.rows import (
     OBJECTIVE_VALUE,

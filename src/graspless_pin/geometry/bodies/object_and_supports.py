@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,15 +34,6 @@ class _PlacedShape(PickledByFields, ABC):
     def _pose(self) -> NDArray[np.float64]:
         """(4, 4) T_world_shape."""
 
-    @cached_property
-    def geometries(self) -> tuple[Any, ...]:
-        """The coal geometries of the shape's convex pieces, made at first use.
-
-        Raises:
-            MeshError: See `Shape.pieces`.
-        """
-        return self.shape.pieces()
-
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the body as contact detection takes it: its convex pieces, all of its name.
 
@@ -54,12 +44,13 @@ class _PlacedShape(PickledByFields, ABC):
 
     @cached_property
     def shapes(self) -> BodyShapes:
-        """Names and geometries of its convex pieces, which do not change with its pose.
+        """Names and coal geometries of its convex pieces, which do not change with its pose.
 
         Raises:
             MeshError: See `Shape.pieces`.
         """
-        return BodyShapes((self.name,) * len(self.geometries), self.geometries)
+        pieces = self.shape.pieces()
+        return BodyShapes((self.name,) * len(pieces), pieces)
 
     @cached_property
     def placed_bodies(self) -> PlacedBodies:

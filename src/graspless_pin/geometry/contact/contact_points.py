@@ -20,7 +20,6 @@ from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.problem.checks import (
     FloatArray,
     finite_array,
-    make_read_only,
     read_only,
     squared_lengths,
 )
@@ -142,10 +141,6 @@ class ContactArrays(Brief, Sequence[ContactPoint]):
             self.distances[index],
         )
 
-    def positions_about(self, point: FloatArray) -> FloatArray:
-        """Return the (M, 3) positions seen from a point (3,), m."""
-        return self.positions - point
-
     def chosen(self, rows: Sequence[int]) -> ContactArrays:
         """Return the contacts at some indices."""
         return ContactArrays(
@@ -161,15 +156,10 @@ class ContactArrays(Brief, Sequence[ContactPoint]):
         return self.of_own(
             self.bodies + others.bodies,
             self.kinds + others.kinds,
-            _stacked(self.positions, others.positions),
-            _stacked(self.normals, others.normals),
+            np.concatenate((self.positions, others.positions)),
+            np.concatenate((self.normals, others.normals)),
             self.distances + others.distances,
         )
-
-
-def _stacked(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the rows of two (K, 3) arrays."""
-    return np.concatenate((first, second))
 
 
 SPEED_TOLERANCE = 1e-3
@@ -340,8 +330,8 @@ def classified(
     numbers, sliding, leaving = _motion_states(
         touching.positions, touching.normals, twist, center, others, turning, speed_tolerance
     )
-    make_read_only((sliding, leaving))
-    return ClassifiedMotion(tuple([_STATES[number] for number in numbers]), sliding, leaving)
+    states = tuple([_STATES[number] for number in numbers])
+    return ClassifiedMotion(states, read_only(sliding), read_only(leaving))
 
 
 def _motion_states(

@@ -212,7 +212,7 @@ def convex_set(name: str, geometry: Any) -> ConvexSet:
         MeshError: The points of a hull all lie in one plane.
     """
     try:
-        return _SETS.of(geometry)
+        return _set_of(geometry)
     except (SceneError, MeshError) as error:
         raise type(error)(f"body '{name}': {error}") from error
 
@@ -240,7 +240,7 @@ def _convert(geometry: Any) -> ConvexSet:
     )
 
 
-_SETS: Derived[Any, ConvexSet] = Derived(_convert, most=math.inf)
+_set_of: Derived[Any, ConvexSet] = Derived(_convert, most=math.inf)
 
 
 _IDENTITY: Any = coal.Transform3s()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
@@ -89,6 +89,7 @@ class Solids:
         )
 
 
+@partial(Derived, most=math.inf)
 def solids_of(shapes: BodyShapes) -> Solids:
     """Return the sets of some shapes, remembered for as long as the shapes live.
 
@@ -96,10 +97,6 @@ def solids_of(shapes: BodyShapes) -> Solids:
         SceneError: A geometry is of a kind that contacts cannot be found for.
         MeshError: The points of a hull all lie in one plane.
     """
-    return _SOLIDS.of(shapes)
-
-
-def _solids(shapes: BodyShapes) -> Solids:
     sets = tuple(
         convex_set(name, geometry)
         for name, geometry in zip(shapes.names, shapes.geometries, strict=True)
@@ -211,9 +208,6 @@ def box_centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
     """(K, 3) centres of the boxes around bodies, world frame, m."""
     rotated = bodies.poses[:, :3, :3] @ solids.centers[..., None]
     return rotated[..., 0] + bodies.poses[:, :3, 3]
-
-
-_SOLIDS = Derived(_solids, most=math.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,18 +144,15 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         as_pose("T_world_base", np.eye(4) if mount.T_world_base is None else mount.T_world_base)
         for mount in mounts
     ]
-    models = [
-        read_model(robot, prefix, with_shapes=with_shapes)
-        for robot, prefix in zip(robots, prefixes, strict=True)
-    ]
-    couplings = [
-        coupling
-        for robot, model, prefix in zip(robots, models, prefixes, strict=True)
-        for coupling in _couplings(robot, model, prefix)
-    ]
+    models: list[RobotModel] = []
+    couplings: list[JointCoupling] = []
     cuts: dict[str, Cut] = {}
-    for mount, robot, model in zip(mounts, robots, models, strict=True):
-        cuts |= _cuts(mount, robot, model) if with_shapes else {}
+    for mount, robot in zip(mounts, robots, strict=True):
+        model = read_model(robot, mount.prefix, with_shapes=with_shapes)
+        models.append(model)
+        couplings += _couplings(robot, model, mount.prefix)
+        if with_shapes:
+            cuts |= _cuts(mount, robot, model)
     tree = build_tree(
         list(zip(models, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
     )

@@ -18,7 +18,7 @@ from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import finite_numbers
-from graspless_pin.problem.checks import all_finite, in_order, unknown_name
+from graspless_pin.problem.checks import all_finite, all_true, unknown_name
 
 
 def joint_positions(
@@ -139,7 +139,7 @@ def _within_limits(
     """
     leaders, (lower, upper) = tree.coupling.leaders, tree.tolerated
     positions.setflags(write=False)
-    if in_order((lower, positions, upper)):
+    if all_true((lower <= positions) & (positions <= upper)):
         return positions
     if q is None:
         q = {tree.joint_names[joint]: positions[joint] for joint in leaders}

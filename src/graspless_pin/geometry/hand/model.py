@@ -397,7 +397,7 @@ class Hand(Record):
     @property
     def _links(self) -> PosedLinks:
         """The links at the configuration."""
-        return _LINKS.of(self)
+        return _links_of(self)
 
     def _at(self, positions: NDArray[np.float64]) -> Hand:
         """Return this hand at (n,) read-only positions; nothing else is checked again."""
@@ -422,4 +422,4 @@ def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
     return replace(hand, tree=tree, base_poses=poses, mounts=mounts)
 
 
-_LINKS: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))
+_links_of: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))

@@ -15,7 +15,7 @@ import numpy as np
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
+from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.robot_model import (
     FREE_KINDS,
     MOVABLE_KINDS,
@@ -275,12 +275,8 @@ def _shape(
             _tell_of_empty(where, shape.tag, key, shape.get(key, ""))
             return None
         sizes.append(size[0] if count == 1 else tuple(size))
-    return LinkShape(_primitive(where, kind, sizes), T)
-
-
-def _primitive(where: str, kind: type[Shape], sizes: Sequence[float | tuple[float, ...]]) -> Shape:
     try:
-        return kind(*sizes)
+        return LinkShape(kind(*sizes), T)
     except ArgumentError as error:
         raise RobotError(f"{where} has a {kind.kind} that cannot be: {error}") from error
 
@@ -302,10 +298,9 @@ def _origin(where: str, element: ET.Element) -> FloatArray:
     """Return the (4, 4) pose that the ``<origin>`` of a joint, shape or mass states."""
     origin = element.find("origin")
     stated = {} if origin is None else origin.attrib
-    position, angles = (
-        _numbers(where, f"{element.tag} origin {key}", stated.get(key, "0 0 0"), 3)
-        for key in ("xyz", "rpy")
-    )
+    what = f"{element.tag} origin"
+    position = _numbers(where, f"{what} xyz", stated.get("xyz", "0 0 0"), 3)
+    angles = _numbers(where, f"{what} rpy", stated.get("rpy", "0 0 0"), 3)
     return pose_matrix(position, angles)
 
 

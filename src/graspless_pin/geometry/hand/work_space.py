@@ -10,7 +10,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from graspless_pin.problem.checks import FloatArray, make_read_only
+from graspless_pin.problem.checks import FloatArray, read_only
 
 _REAL = np.dtype(np.float64).itemsize
 _POSE = 12 * _REAL
@@ -47,20 +47,14 @@ class WorkSpace:
         """Return joint poses and Jacobian columns at a configuration vector (nq,)."""
         with self._lock:
             pin.computeJointJacobians(self._model, self._data, q)
-            poses = self._poses()
+            poses = self._frame.copy()
+            if self._columns is None:
+                poses[:, :3] = [pose.homogeneous[:3] for pose in self._data.oMi]
+            else:
+                poses[:, :3] = self._columns
             J = np.array(self._data.J)
         J = J.reshape(6, -1)  # the binding drops the dimension of one joint
-        make_read_only((poses, J))
-        return Kinematics(poses, J)
-
-    def _poses(self) -> FloatArray:
-        """(n + 1, 4, 4) poses as Pinocchio holds them now."""
-        poses = self._frame.copy()
-        if self._columns is None:
-            poses[:, :3] = [pose.homogeneous[:3] for pose in self._data.oMi]
-        else:
-            poses[:, :3] = self._columns
-        return poses
+        return Kinematics(read_only(poses), read_only(J))
 
     def gravity_torques(self, q: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the (n,) torques that carry the links' weight at a configuration vector (nq,).

@@ -107,12 +107,9 @@ def _deepest(
     return found
 
 
+@Derived
 def pairs_of(tree: KinematicTree) -> NDArray[np.intp]:
     """Return the (P, 2) pairs of a hand's shapes that `unwanted_overlaps` compares, i below j."""
-    return _PAIRS.of(tree)
-
-
-def _pairs(tree: KinematicTree) -> NDArray[np.intp]:
     parents = [int(parent) for parent in tree.pinocchio_model.parents]
     robot_of = {name: k for k, (names, _) in enumerate(tree.bases) for name in names}
     robots = [robot_of[link] for link in tree.shapes.names]
@@ -129,18 +126,10 @@ def _pairs(tree: KinematicTree) -> NDArray[np.intp]:
     links = [frozenset((tree.shapes.names[i], tree.shapes.names[j])) for i, j in of_one_robot]
     neutral = tree.coupling.all_positions(np.clip(0.0, *tree.ranges))
     bodies = posed_links(tree, neutral).bodies
-    ever = tree.disabled_pairs | {
-        frozenset(names) for names in _deepest(bodies, bodies, _array(of_one_robot), 0.0)
-    }
+    near = np.array(of_one_robot, dtype=np.intp).reshape(-1, 2)
+    ever = tree.disabled_pairs | {frozenset(names) for names in _deepest(bodies, bodies, near, 0.0)}
     own = [pair for pair, names in zip(of_one_robot, links, strict=True) if names not in ever]
-    return read_only(_array(sorted([*apart, *own])))
-
-
-def _array(pairs: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
-
-
-_PAIRS: Derived[KinematicTree, NDArray[np.intp]] = Derived(_pairs)
+    return read_only(np.array(sorted([*apart, *own]), dtype=np.intp).reshape(-1, 2))
 
 
 class Clearance(NamedTuple):

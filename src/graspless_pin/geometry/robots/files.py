@@ -204,19 +204,13 @@ _MOST_KEPT = 32
 ROBOT_FILE = FileKind("robot file", 4, RobotError)
 
 
-def read_robot_file(file: Path) -> RobotFile:
-    """Read and validate one robot file.
-
-    Raises:
-        RobotError: If it cannot be read, is not plain YAML or not valid; names file, key and what
-            was found.
-    """
-    return _robot_file(file, read_text(file, ROBOT_FILE))
-
-
 @lru_cache(maxsize=_MOST_KEPT)
 def _robot_file(file: Path, text: str) -> RobotFile:
-    """Validate the text of a robot file, once: a study asks for its hand in every sample."""
+    """Validate the text of a robot file, once: a study asks for its hand in every sample.
+
+    Raises:
+        RobotError: If it is not plain YAML or not valid; names file, key and what was found.
+    """
     with errors_of_text(file, ROBOT_FILE):
         content = parse_yaml(text).data
     if not isinstance(content, dict):
@@ -247,6 +241,8 @@ def _robot_file(file: Path, text: str) -> RobotFile:
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
+_ROBOTS = _PACKAGE_ROBOTS if _PACKAGE_ROBOTS.is_dir() else _SOURCE_ROBOTS
+"""The folder of robot files, inside the installed package or beside its source."""
 
 
 _MODELS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -287,7 +283,7 @@ def describe_model(name: str) -> RobotDescription:
 
 def robot_names() -> tuple[str, ...]:
     """Return the names of the robot files that come with this package, sorted."""
-    return tuple(sorted(file.stem for file in _robots_folder().glob("*.yaml")))
+    return tuple(sorted(file.stem for file in _ROBOTS.glob("*.yaml")))
 
 
 def load_robot(name_or_path: str | Path) -> RobotDescription:
@@ -307,10 +303,10 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     if text.endswith((".yaml", ".yml")):
         file = Path(text)
     elif text in robot_names():
-        file = _robots_folder() / f"{text}.yaml"
+        file = _ROBOTS / f"{text}.yaml"
     else:
         raise RobotError(f"unknown robot {text!r}; {_similar(text, robot_names())}")
-    entry = read_robot_file(file)
+    entry = _robot_file(file, read_text(file, ROBOT_FILE))
     efforts = entry.effort_limits
     if entry.model is not None:
         try:
@@ -383,11 +379,6 @@ def find_robot(
         f"unknown robot {text!r}: give a .urdf file, a robot file or a model's name; "
         f"{_similar(text, [*robot_names(), *_models()])}"
     )
-
-
-def _robots_folder() -> Path:
-    """Return the folder of robot files, inside the installed package or beside its source."""
-    return _PACKAGE_ROBOTS if _PACKAGE_ROBOTS.is_dir() else _SOURCE_ROBOTS
 
 
 def _similar(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:

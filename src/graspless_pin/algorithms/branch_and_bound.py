@@ -1,15 +1,16 @@
-"""Search over the modes in the way that the options ask for.
+"""Best-first branch and bound over parts of all modes, driven by kinematic conflicts.
 
-Best-first branch and bound over parts of all modes, driven by kinematic conflicts, as of Land and
-Doig (Econometrica 28(3), 1960). The conflicts play the part of combinatorial Benders cuts (Codato
-and Fischetti, Oper. Res. 54(4), 2006): an infeasible set of kinematic conditions tells which
-decisions cannot stand together. A node is a part of all modes, and its program the relaxation with
-the friction that they allow. If no feasible mode admits the friction of its optimum, the kinematics
-name a conflict: items "contact l virtually slides with sign s along t_m" and "contact l is
-selected" that exclude each other. At least one of them must give way, and each child lets another
-one. A document's proof bounds and splits the same parts (`solution_proof`).
+Branch and bound as of Land and Doig (Econometrica 28(3), 1960). The conflicts play the part of
+combinatorial Benders cuts (Codato and Fischetti, Oper. Res. 54(4), 2006): an infeasible set of
+kinematic conditions tells which decisions cannot stand together. A node is a part of all modes, and
+its program the relaxation with the friction that they allow. If no feasible mode admits the
+friction of its optimum, the kinematics name a conflict: items "contact l virtually slides with sign
+s along t_m" and "contact l is selected" that exclude each other. At least one of them must give
+way, and each child lets another one. A document's proof bounds and splits the same parts
+(`solution_proof`).
 
-Search by listing: the relaxation first, then every maximal mode.
+`search_modes` chooses how the modes are searched: so, along directions, or by listing, which is the
+relaxation first and then every maximal mode.
 """
 
 from __future__ import annotations
