@@ -1,5 +1,6 @@
 """What a scene's problem is made of: contacts with the joints there, and what bears on them.
 
+The joints are columns of J: those under force control, then hybrid fingers.
 Loads, friction and limits may change while the contacts stay. `JointedContacts` is the same object
 then, which tells that one loop may solve many such scenes.
 """

@@ -30,10 +30,6 @@ class ContactLimits(NamedTuple):
     merge_distance: float
     max_points: int
 
-    def admit(self, gaps: Sequence[float]) -> bool:
-        """Return whether all of some gaps are those of contacts."""
-        return -self.max_penetration <= min(gaps) and max(gaps) <= self.tolerance
-
 
 class PatchContacts(NamedTuple):
     """The contacts that stand for one patch.
@@ -113,7 +109,8 @@ def _on_plane(
     face: _Face, T: FloatArray, normal: FloatArray, offset: float, place: int, limits: ContactLimits
 ) -> PatchContacts | None:
     """Contacts of a face at a pose T (4, 4) with a half-space; None if not all of it is near."""
-    if not limits.admit((face.corners @ T[:3].T @ normal - offset).tolist()):
+    gaps = (face.corners @ T[:3].T @ normal - offset).tolist()
+    if not -limits.max_penetration <= min(gaps) <= max(gaps) <= limits.tolerance:
         return None
     points = face.points @ T[:3].T
     heights = points @ normal - offset
