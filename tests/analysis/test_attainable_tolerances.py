@@ -184,6 +184,22 @@ def test_a_block_bears_a_push_as_its_feet_do_by_hand():
         assert one.borne == pytest.approx(given.borne, rel=0.015) or given.failing == np.inf
 
 
+def test_a_centre_of_mass_may_be_off_to_the_nearest_edge_between_the_feet():
+    """By hand: 4.71 cm, halfway between two corners of the polygon that stands for the disc."""
+    way = np.radians(61.875)
+    half = 0.16 / np.tan(way)
+    feet = [[0.1, 0.0, -0.05], [-0.06, half, -0.05], [-0.06, -half, -0.05]]
+    problem = QuasistaticProblem(
+        feet, [[0.0, 0.0, 1.0]] * 3, [0.0, 0.0, -9.8, 0.0, 0.0, 0.0], friction=0.5
+    )
+    off = tolerances(
+        problem, np.zeros(0), quantities=["centre of mass"], attainable=True, **COULOMB
+    )
+    (one,), edge = off.attainable, 0.1 * np.cos(way)
+    assert 0.98 * edge <= one.borne <= (1.0 + 1e-6) * edge
+    assert (1.0 - 1e-6) * edge <= one.failing <= 1.02 * edge
+
+
 def test_time_that_is_over_leaves_it_open():
     problem = contacts_alone("paper/cuboid_at_rest")
     torques = minimize_torque(problem, 0.05, **COULOMB).torques

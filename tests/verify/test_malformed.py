@@ -62,6 +62,19 @@ def refusal(document):
         return True
 
 
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        (("external_wrench",), "external_wrench is 'x'; it must be a list of 6"),
+        (("certificate", "bound"), "bound of certificate is 'x'; it must be a number"),
+        (("contacts", 0, "position"), "position of contact 0 is 'x'; it must be a list of 3"),
+    ],
+)
+def test_a_refusal_names_the_place(path, words, made):
+    with pytest.raises(ValueError, match=rf"^{words}$"):
+        verify_document(changed(made("tree"), *path, to="x"))
+
+
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("share", range(4))
 @pytest.mark.parametrize("name", PARTS)

@@ -213,9 +213,9 @@ class CurveSearch:
 
     def _toward(self, piece: Piece, begin: float) -> Program:
         """Return the program that looks for what lies farthest below a piece."""
-        steep = max(1.0, abs(piece.slope))
-        program = self.formulation.program
-        return aimed(program, 1.0 / steep, -piece.slope / steep, begin, piece.b)
+        aim = np.array([1.0, -piece.slope])
+        torque, margin = aim / np.abs(aim).max()
+        return aimed(self.formulation.program, torque, margin, begin, piece.b)
 
     def _below(self, program: Program, cutoff: float) -> SearchResult:
         """Search all modes for a value below the cutoff."""

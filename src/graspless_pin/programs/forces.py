@@ -267,10 +267,11 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
         margin: Required margin, N: the scale of a problem without a load, if large enough.
     """
     layout, scales = layout_of(problem.has_cone.tobytes()), problem.scales
+    strict = problem.strictness
     if margin > 0.0 and not problem.external_wrench.any():
         scales = scales.without_load(margin)
+        strict = problem.strictness_in(scales)
     force, length, joints = scales
-    strict = problem.strictness if scales is problem.scales else problem.strictness_in(scales)
     return ForceCoordinates(_directions(problem, layout), layout, force, joints, length, strict)
 
 
