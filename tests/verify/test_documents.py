@@ -16,6 +16,7 @@ from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.algorithms import solution_proof
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.outcome import Check, Verification, given
 from graspless_pin.report.verify.reading import read_problem
 
 STATUS = {
@@ -147,6 +148,22 @@ def test_a_proof_that_is_withdrawn_is_not_proven(made):
     verification = verify_document(document)
     assert verification.passed and not verification.proven
     assert "not proven here  optimal over all modes: it takes too long" in str(verification)
+
+
+@pytest.mark.parametrize(
+    ("passed", "words"),
+    [
+        ((True, True, True), "Verified: all figures and proofs of the document, in 3 checks, for"),
+        ((True, None, True), "in 3 checks, but the document proves not all that it claims: 'b'."),
+        ((None, None, None), "proves not all that it claims: 'a' and 2 more."),
+        ((None, False, False), "Not so: 2 of 3 checks failed, first 'b'."),
+    ],
+)
+def test_the_conclusion_counts_checks_but_not_what_is_given(passed, words):
+    lines = [Check(name, one, "") for name, one in zip("abc", passed, strict=True)]
+    told = Verification((given("contacts", "4 of them"), *lines))
+    assert words in told.conclusion and str(told).endswith(told.conclusion)
+    assert told.proven == (passed == (True, True, True))
 
 
 def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
