@@ -148,6 +148,11 @@ def test_torques_for_each_bear_it_and_none_bear_more(name, feedback, quantities)
         assert one.conflict
         if one.free_motion is not None:
             continue  # what is borne is rounding
+        if one.quantity.value in WAYS:
+            lengths = [
+                np.linalg.norm(what_is_off(problem, one.quantity, of)) for of in one.conflict
+            ]
+            assert max(lengths) <= (1.0 + 1e-9) * one.failing
         for times, served in ((1.01, False), (0.98 * one.borne / one.failing, True)):
             at = [times * what_is_off(problem, one.quantity, member) for member in one.conflict]
             members = [changed(problem, one.quantity, there, count) for there in at]

@@ -7,6 +7,7 @@ from tests.core.two_bodies import CORNERS, HEIGHT, MASSES, THREE, G, balances, o
 from graspless_pin import (
     QuasistaticProblem,
     Status,
+    Uncertainty,
     compare_rules,
     contact_force_bounds,
     disturbance_margin,
@@ -101,6 +102,12 @@ def test_gradients_are_those_of_differences():
     product = values.external_wrench[6] * gradients.point.forces[8, 0]
     assert product == pytest.approx(by_matrix, abs=2e-2)
     assert margin_sensitivity(problem).load == pytest.approx(gradients.load)
+
+
+@pytest.mark.parametrize("off", [{"mass": 0.1}, {"force": 0.1}, {"moment": 0.01}, {"tilt": 0.01}])
+def test_nothing_is_taken_as_off_of_two_objects(off):
+    with pytest.raises(ArgumentError, match="uncertainty: is of one free object"):
+        maximize_margin(QuasistaticProblem(**stacked(0.0)), uncertainty=Uncertainty(**off))
 
 
 def test_a_stack_relies_on_all_of_its_three_corners():

@@ -159,7 +159,7 @@ def members_of(
     friction = each_of("friction", uncertainty.friction, count, "contacts")
     factors, offsets = errors_of(problem, uncertainty)
     effort = each_of("effort", uncertainty.effort, joints, "joints")
-    sliding = np.flatnonzero(problem.is_sliding & (friction > 0.0))
+    sliding = np.flatnonzero(problem.is_sliding)
     _check_size(problem, uncertainty)
     ends = {
         "mass": _ends(np.array([mass_share(uncertainty, weight)])),

@@ -28,9 +28,9 @@ def number(value: object, where: str) -> float:
         real = float(value)
     except OverflowError:
         real = math.inf
-    if not (real == 0.0 or _SMALLEST <= abs(real) <= LARGEST_READ):
-        if abs(real) < _SMALLEST:
-            return 0.0  # the rounding of zero
+    if abs(real) < _SMALLEST:
+        return 0.0  # zero, or the rounding of it
+    if not abs(real) <= LARGEST_READ:
         raise _wrong(where, value, f"a number up to {LARGEST_READ:g}")
     return real
 
