@@ -12,9 +12,10 @@ from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, 
 from verified_documents import SCALES, SOLUTIONS, changed, documented, failed, scaled, slab
 
 import graspless_pin.report.verify
-from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
+from graspless_pin import QuasistaticProblem, load_scene, maximize_margin, minimize_torque
 from graspless_pin.algorithms import solution_proof
 from graspless_pin.errors import UndecidedMotionError
+from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.outcome import Check, Verification, given
 from graspless_pin.report.verify.reading import read_problem
@@ -44,8 +45,23 @@ def test_all_that_a_document_claims_is_proven(made, name):
 
 
 @pytest.mark.parametrize("name", ["tree", "exact tree", "infeasible modes", "own squared shares"])
-def test_proofs_over_modes_have_several_leaves(made, name):
-    assert len(made(name)["proof"]["nodes"]) > 2
+def test_proofs_over_modes_have_several_nodes_and_their_leaves_are_counted(made, name):
+    nodes = made(name)["proof"]["nodes"]
+    leaves = sum(node["kind"] in ("bound", "kinematic") for node in nodes)
+    assert len(nodes) > 2
+    words = "one leaf" if leaves == 1 else f"{leaves} leaves"
+    assert f": {words}" in str(verify_document(made(name)))
+
+
+def test_what_an_object_weighs_is_told_where_mass_and_gravity_are():
+    cuboid = load_scene("examples/paper/cuboid_at_rest.yaml")
+    document = solution_document(cuboid.solve(), cuboid)
+    mass, gravity = document["object"]["mass"], document["gravity"]
+    weight = mass * sum(one**2 for one in gravity) ** 0.5
+    said = str(verify_document(document))
+    assert f"the object weighs {weight:.6g} N" in said and "one leaf" in said
+    for path in (("gravity",), ("object", "mass")):
+        assert "weighs" not in str(verify_document(changed(document, *path, to=None)))
 
 
 @pytest.mark.sampled(2)
