@@ -203,6 +203,8 @@ def test_a_centre_of_mass_may_be_off_to_the_nearest_edge_between_the_feet():
     (one,), edge = off.attainable, 0.1 * np.cos(way)
     assert 0.98 * edge <= one.borne <= (1.0 + 1e-6) * edge
     assert (1.0 - 1e-6) * edge <= one.failing <= 1.02 * edge
+    ways = [[np.cos(way), np.sin(way), 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]
+    np.testing.assert_allclose(off.each[0].along(ways), [edge, 0.1, 0.06], rtol=1e-5)
 
 
 def test_time_that_is_over_leaves_it_open():
