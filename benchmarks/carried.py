@@ -32,7 +32,7 @@ def carried() -> str:
     scene = load_scene(_SCENE)
     rows = []
     for algorithm in ("margin", "torque"):
-        arm = Evaluator(scene, attached_to=_LINK, algorithm=algorithm, required_margin=_MARGIN)
+        arm = Evaluator(scene, attached_to=_LINK, algorithm=algorithm, margin=_MARGIN)
         for name, q in (("paths", paths(arm)), ("random", drawn(arm))):
             rows.append([algorithm, name, *_row(scene, arm, q)])
     headers = ["algorithm", "states", "found", "full us", "attached us", "full / attached"]

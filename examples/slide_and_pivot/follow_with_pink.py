@@ -71,7 +71,7 @@ def run():
     ]
     tips = np.array([task.tips(q) for q in followed])
     off = tips - [task.tip_goals(state[0]) for state in states]
-    torque = Evaluator(task.scene, algorithm="torque", required_margin=KEPT)
+    torque = Evaluator(task.scene, algorithm="torque", margin=KEPT)
     return Result(
         states,
         task.profile(task.waypoints([START, GOAL])),

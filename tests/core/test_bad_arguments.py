@@ -1,6 +1,7 @@
 """Bad arguments are refused with the argument, the index and the value that is wrong."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,6 +54,11 @@ def changed(array, index, value):
     copy = np.array(array, dtype=float)
     copy[index] = value
     return copy
+
+
+def untyped(function: Any) -> Any:
+    """A function as one sees it who does not check types."""
+    return function
 
 
 # Argument, its bad value, and what the message must say besides the argument's name.
@@ -224,6 +230,9 @@ BAD_CALLS = [
      ["'relative'", "'absolute'", "'limits'"]),
     (lambda p: maximize_margin(p, solver="abacus"), "solver", SOLVERS_WORDS),
     (lambda p: minimize_torque(p, 0.1, solver="abacus"), "solver", SOLVERS_WORDS),
+    (lambda p: untyped(maximize_margin)(p, sign_rul="exact"), "sign_rul", ["mean 'sign_rule'?"]),
+    (lambda p: untyped(contact_force_bounds)(p, [0.0], timelimit=1.0), "timelimit",
+     ["mean 'time_limit'?"]),
     (lambda p: enumerate_modes(p, sign_rule="loose"), "sign_rule", ["'loose'"]),
     (lambda p: p.margin_of(np.zeros((2, 3))), "forces", ["(2, 3)", "(3, 3)"]),
     (lambda _: assemble_joint_space([[0.0, 0.0, 0.9]], []), "normals", ["row 0", "length 0.9"]),

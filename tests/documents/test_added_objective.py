@@ -32,7 +32,7 @@ from graspless_pin.viewer.panels import result_html
 named, plain = map(load_scene, sys.argv[1:])
 evaluators = (
     Evaluator(named),
-    Evaluator(plain, algorithm="total_torque", required_margin=0.2, evenness=0.5),
+    Evaluator(plain, algorithm="total_torque", margin=0.2, evenness=0.5),
 )
 q = evaluators[0].configuration() + np.array([0.0, 1e-4, 2e-4])[:, None]
 states = [one.evaluate_many(q, evaluations=[0, 1, 2]) for one in evaluators]

@@ -70,7 +70,7 @@ def problem_at(scene: Any, q: np.ndarray) -> QuasistaticProblem:
 def test_states_are_those_of_the_same_contacts_moved_along(algorithm, force):
     scene = bar(force=force)
     evaluator = Evaluator(
-        scene, attached_to="panda_hand", algorithm=algorithm, collisions=False, required_margin=0.5
+        scene, attached_to="panda_hand", algorithm=algorithm, collisions=False, margin=0.5
     )
     q = drawn(evaluator, 30, 1)
     solve = maximize_margin if algorithm == "margin" else minimize_torque
@@ -168,7 +168,7 @@ def test_a_grip_about_the_middle_by_hand():
     middle[:3, 3] = [0.45, 0.0, 0.25]
     scene = scene.with_changes(object=scene.object.with_pose(middle))
     evaluator = Evaluator(
-        scene, attached_to="panda_hand", algorithm="torque", required_margin=0.0, collisions=False
+        scene, attached_to="panda_hand", algorithm="torque", margin=0.0, collisions=False
     )
     level = {"panda_joint6": 2.3113407 - 0.5 * np.pi}
     for turn in (0.0, 0.1, 0.39, 0.5 * np.pi):
@@ -370,7 +370,7 @@ def test_loads_bear_on_a_carried_object(name, force, monkeypatch):
 
 
 def test_validity_and_motions_of_a_carried_object():
-    evaluator = Evaluator(bar(), attached_to="panda_hand", required_margin=4.0)
+    evaluator = Evaluator(bar(), attached_to="panda_hand", margin=4.0)
     free, there = {"panda_joint1": 0.3}, {"panda_joint1": 0.9}
     good, bad = evaluator.validity(free), evaluator.validity(there)
     assert good.valid and good.margin == pytest.approx(evaluator.evaluate(free).margin, abs=1e-6)

@@ -44,7 +44,7 @@ def fresh(name, q, T=None, twist=None):
 @pytest.mark.parametrize("algorithm", ["margin", "torque"])
 @pytest.mark.parametrize("name", SCENES)
 def test_it_equals_loading_and_solving(name, algorithm):
-    evaluator = Evaluator(example(name), algorithm=algorithm, required_margin=0.05)
+    evaluator = Evaluator(example(name), algorithm=algorithm, margin=0.05)
     rng = np.random.default_rng(3)
     seen = Counter()
     for _ in range(6):
@@ -239,7 +239,9 @@ def test_bad_input_is_an_error(arguments, message):
     ("options", "message"),
     [
         ({"algorithm": "both"}, "algorithm: is 'both'"),
-        ({"required_margin": -1.0}, "required_margin: is -1.0"),
+        ({"margin": -1.0}, "^margin: is -1.0"),
+        ({"scale": "limits"}, "^scale: is no option of the algorithm 'margin'"),
+        ({"margn": 0.2}, "^margn: is no option; did you mean 'margin'"),
         ({"scale": "big", "algorithm": "torque"}, "scale: is 'big'"),
         ({"sign_rule": "any"}, "sign_rule: is 'any'"),
         ({"regularization": -1.0}, "regularization: is -1.0"),
@@ -282,7 +284,7 @@ def test_threads_share_an_evaluator():
 
 @pytest.mark.parametrize("name", ["trihand_push_box", "allegro_mug_against_wall"])
 def test_it_survives_pickling(name):
-    evaluator = Evaluator(example(name), algorithm="torque", required_margin=0.2)
+    evaluator = Evaluator(example(name), algorithm="torque", margin=0.2)
     before = evaluator.evaluate()
     other = pickle.loads(pickle.dumps(evaluator))  # noqa: S301 - our own bytes
     assert other.required_margin == 0.2
@@ -309,7 +311,7 @@ def test_states_by_directions_are_solved_each_by_itself():
     """No state's answer is carried over: where an answer has a gap, two searches may differ."""
     scene = example("paper/cuboid_at_rest")
     options: dict[str, Any] = {"sign_rule": "direction", "direction_gap": 1e-3}
-    evaluator = Evaluator(scene, algorithm="torque", required_margin=0.1, **options)
+    evaluator = Evaluator(scene, algorithm="torque", margin=0.1, **options)
     expected = scene.solve("torque", margin=0.1, **options)
     for _ in range(2):
         solution = evaluator.evaluate().solution

@@ -47,7 +47,7 @@ def cost(evaluate: Callable[[], Evaluation]) -> float:
 )
 def test_a_kept_evaluation_is_small(scene, algorithm, moved, required):
     """With torques, and without where none bear the margin."""
-    evaluator = Evaluator(scene, algorithm=algorithm, required_margin=required)
+    evaluator = Evaluator(scene, algorithm=algorithm, margin=required)
     rng = np.random.default_rng(0)
     home, pose = evaluator.configuration(), np.array(scene.object.T_world_object)
     uphill = pose[:3, 0].copy()

@@ -269,7 +269,7 @@ def test_bad_input_is_an_error(arguments, message):
 
 
 def test_a_margin_is_asked_for_as_of_one_state():
-    evaluator = Evaluator(example("trihand_push_box"), required_margin=0.2)
+    evaluator = Evaluator(example("trihand_push_box"), margin=0.2)
     q = np.array([evaluator.configuration()] * 2)
     best = evaluator.evaluate().margin
     assert evaluator.are_feasible(q).tolist() == [best >= 0.2] * 2

@@ -73,7 +73,7 @@ def test_sliding_is_declared_along_the_path():
 
 def test_every_waypoint_is_the_evaluators_answer():
     scene = example("trihand_pivot_box")
-    evaluator = Evaluator(scene, algorithm="torque", required_margin=0.2)
+    evaluator = Evaluator(scene, algorithm="torque", margin=0.2)
     path = pivoting(np.linspace(0.0, 0.003, 4))
     profile = evaluate_path(evaluator, path, regularization=0.0)
     for k, waypoint in enumerate(path):

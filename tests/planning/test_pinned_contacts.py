@@ -168,7 +168,7 @@ def test_pinned_evaluators_are_pickled_and_take_many_states():
 
 
 def test_a_state_without_torques_still_has_gaps():
-    evaluator = pinned("trihand_push_box", algorithm="torque", required_margin=1e3)
+    evaluator = pinned("trihand_push_box", algorithm="torque", margin=1e3)
     state = evaluator.pinned()
     assert not state.evaluation.found
     assert state.margin == -np.inf and np.isnan(state.optimum)

@@ -78,7 +78,7 @@ def test_of_balls_what_is_proven_counts_and_not_the_bound() -> None:
 
 def test_members_of_a_state_are_in_balance() -> None:
     evaluator = Evaluator(
-        example(MUG), uncertainty=UNKNOWN, algorithm="torque", required_margin=0.05, **COULOMB
+        example(MUG), uncertainty=UNKNOWN, algorithm="torque", margin=0.05, **COULOMB
     )
     state = evaluator.evaluate(states_of(evaluator, 1, 0.001)[0])
     assert state.robust is not None

@@ -122,7 +122,7 @@ def test_clearance_is_the_least_of_all_distances(name):
 
 def test_margin_is_the_largest_one():
     scene = example("trihand_push_box")
-    evaluator = Evaluator(scene, algorithm="torque", required_margin=0.1)
+    evaluator = Evaluator(scene, algorithm="torque", margin=0.1)
     best = maximize_margin(scene.problem()).margin
     for required, valid in ((0.999 * best, True), (1.001 * best, False)):
         found = evaluator.validity(margin=required)

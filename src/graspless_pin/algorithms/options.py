@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Self
@@ -17,6 +18,7 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.problem.checks import choice, real_number, whole_number
 from graspless_pin.solvers import ANY_SOLVER, check_solver
+from graspless_pin.suggestions import names_in_words
 from graspless_pin.tree_search import NO_LIMITS as NO_LIMITS
 from graspless_pin.tree_search import Limits as Limits
 
@@ -49,6 +51,17 @@ class SolveKeywords(RuleOptions, total=False):
     direction_gap: float
     stability: str
     verdict_nodes: int
+
+
+def refuse_unknown(names: Iterable[str], known: Collection[str]) -> None:
+    """Refuse options that there are not.
+
+    Raises:
+        ArgumentError: Naming the first, with what was probably meant.
+    """
+    for name in names:
+        if name not in known:
+            raise ArgumentError(name, f"is no option; {names_in_words(name, known)}")
 
 
 @dataclass(frozen=True)
@@ -96,6 +109,7 @@ class SolveOptions:
         direction_gap: float = 1e-4,
         stability: str = RequiredStability.WEAK,
         verdict_nodes: int = NODE_LIMIT,
+        **unknown: object,
     ) -> Self:
         """Return checked options.
 
@@ -113,11 +127,13 @@ class SolveOptions:
                 one, which the solution's `guarantee` proves.
             verdict_nodes: Sets of outcomes that each verdict on torques may look at, for
                 ``strong``.
+            unknown: None.
 
         Raises:
             ArgumentError: If an option is not known or a figure out of range.
             SolverUnavailableError: If the solver is not installed.
         """
+        refuse_unknown(unknown, SolveKeywords.__annotations__)
         return cls(
             Rules.parse(sign_rule, sliding_rule, static_friction),
             check_solver(solver),

@@ -8,7 +8,7 @@ help are made of the list below. The figures of an objective are the arguments o
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack, get_type_hints, overload
 
@@ -17,6 +17,7 @@ from graspless_pin.algorithms.options import (
     SolveKeywords,
     SolveOptions,
     need_uncertainty,
+    refuse_unknown,
 )
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError
@@ -341,11 +342,23 @@ def objective_and_options(
     Raises:
         ArgumentError: See `objective_named` and `SolveOptions.parse`.
     """
-    figures = {key for own in _FIGURES.values() for key in own}
+    figures = list(dict.fromkeys(key for own in _FIGURES.values() for key in own))
+    refuse_unknown(chosen, [*figures, *SolveKeywords.__annotations__])
     objective = objective_named(algorithm, chosen)
     return objective, SolveOptions.parse(
         **{key: value for key, value in chosen.items() if key not in figures}
     )
+
+
+def refuse_useless(keys: Iterable[str], algorithm: str) -> None:
+    """Refuse keys that change nothing under an algorithm.
+
+    Raises:
+        ArgumentError: See `useless`.
+    """
+    for key in keys:
+        if why := useless(key, algorithm):
+            raise ArgumentError(key, why)
 
 
 def useless(key: str, algorithm: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.options import SolveKeywords
-from graspless_pin.algorithms.torque import objective_and_options
+from graspless_pin.algorithms.torque import objective_and_options, refuse_useless
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.attached_states import AttachedConfigurations
@@ -80,7 +80,7 @@ class Evaluator:
         scene: Scene,
         *,
         algorithm: str | None = None,
-        required_margin: float | None = None,
+        margin: float | None = None,
         scale: str | None = None,
         regularization: float | None = None,
         collisions: bool = True,
@@ -97,7 +97,7 @@ class Evaluator:
             scene: The scene; what `evaluate` is not told stays as it is there.
             algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
                 name.
-            required_margin: See the attributes.
+            margin: The attribute `required_margin`.
             scale: See `minimize_torque`.
             regularization: See `maximize_margin`; positive: torques change continuously from
                 state to state as long as the contacts do.
@@ -121,27 +121,24 @@ class Evaluator:
             options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
-            ArgumentError: If an option is not known or a figure out of range; if there is no link
-                ``attached_to``, it stands still, or not all that touches the object moves with it;
-                or if there is an uncertainty beside pins or ``stability="strong"``, or it is none
-                of the scene's.
+            ArgumentError: If an option is not known or none of the algorithm's, or a figure is out
+                of range; if there is no link ``attached_to``, it stands still, or not all that
+                touches the object moves with it; or if there is an uncertainty beside pins or
+                ``stability="strong"``, or it is none of the scene's.
             SceneError: If the object shall move with a link and the scene has no contacts.
             SolverUnavailableError: If the solver is not installed.
         """
         checked_scene(scene)
-        given = {
-            "algorithm": algorithm,
-            "margin": required_margin,
-            "scale": scale,
-            "regularization": regularization,
-            **options,
-        }
+        given = {"algorithm": algorithm, "margin": margin, "scale": scale, **options}
+        given["regularization"] = regularization
         stated = {name: value for name, value in given.items() if value is not None}
         chosen = {**scene.solve_options, **stated}
-        self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
+        self.required_margin = real_number("margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
         self.attached_to = attached_to
         how = objective_and_options(**chosen)
+        stated.pop("margin", None)  # `is_feasible` asks for it under any algorithm
+        refuse_useless(stated, chosen.get("algorithm", "margin"))
         checks = StateChecks(collisions, need_hand)
         at: Configurations
         if attached_to is None:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.options import SolveOptions, need_uncertainty
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.torque import objective_and_options, useless
+from graspless_pin.algorithms.torque import objective_and_options, refuse_useless
 from graspless_pin.errors import (
     ArgumentError,
     GrasplessPinError,
@@ -223,9 +223,7 @@ class Scene(SceneFields):
                 if "solver" in options:
                     raise
                 raise SceneError(f"{label_of(self)}: solve.{error}") from error
-        for key in options:
-            if why := useless(key, name):
-                raise ArgumentError(key, why)
+        refuse_useless(options, name)
         return asked
 
     def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
