@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections.abc import Iterator
@@ -13,7 +14,8 @@ from pathlib import Path
 def draft_of(path: Path) -> Iterator[Path]:
     """Give a file to write; it gets its final name when the block ends without an error.
 
-    Drafts of the same file that killed processes have left are removed.
+    Its folder is made where there is none. Drafts of the same file that killed processes have left
+    are removed.
 
     Args:
         path: The final name. What has it is replaced.
@@ -21,6 +23,7 @@ def draft_of(path: Path) -> Iterator[Path]:
     Raises:
         OSError: If the file cannot be moved, or the block raises it.
     """
+    make_folder_of(path)
     remove_stale_drafts(path)
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -28,6 +31,19 @@ def draft_of(path: Path) -> Iterator[Path]:
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def make_folder_of(path: Path) -> None:
+    """Make the folder that a file is to stand in, and those above it, where there are none.
+
+    Raises:
+        OSError: If it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        code = errno.ENOTDIR
+        raise NotADirectoryError(code, os.strerror(code), str(path.parent)) from None
 
 
 def remove_stale_drafts(path: Path) -> None:

@@ -4,6 +4,7 @@ import json
 import os
 import platform
 import re
+import shutil
 import stat
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from cli_tools import ALLEGRO, PAPER, ROOT, assert_refused, run, solve_text, spoilt
+from cli_tools import ALLEGRO, LINES, PAPER, ROOT, assert_refused, run, solve_text, spoilt
 from matplotlib.image import imread
 
 from graspless_pin import bounds, compiled, contact_force_bounds, load_scene
@@ -255,11 +256,37 @@ def test_a_failed_write_keeps_what_was_there(tmp_path, monkeypatch, step):
 
 def test_places_that_cannot_be_written(tmp_path):
     (tmp_path / "file").touch()
-    for target in (tmp_path, tmp_path / "none" / "x.json", tmp_path / "file" / "x.json"):
+    for target in (tmp_path, tmp_path / "file" / "x.json"):
         assert_refused(
             run("solve", SPHERE, "--no-verdict", "--json", target), f"{target}: cannot be written ("
         )
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("solve", "--no-verdict", "--json"),
+        ("report", "--no-verdict", "--no-ranges", "-o"),
+        ("settle", "-o"),
+        ("new", "-o"),
+        ("plot", "--kind", "squeeze", "-o"),
+        ("simulate", "--export"),
+    ],
+)
+def test_folders_of_outputs_are_made(command, tmp_path):
+    """Paths in scene files are those from there."""
+    scene, folder = tmp_path / "scene.yaml", tmp_path / "a" / "b"
+    scene.write_text(LINES.replace("lever_100mm", "lever_100mm.yaml"), encoding="utf-8")
+    for file in (ROOT / "robots").glob("lever_100mm.*"):
+        shutil.copy(file, tmp_path)
+    name, *options = command
+    source = ("lever_100mm", "sphere:0.03") if name == "new" else (scene,)
+    suffix = {"settle": ".yaml", "new": ".yaml", "plot": ".png", "report": ".html"}
+    file = folder / f"out{suffix.get(name, '.json')}"
+    result = run(name, *source, *options, file)
+    assert result.exit_code in (0, 1), result.output
+    assert file.is_file()
 
 
 def test_a_pipe_is_written_to_and_not_replaced(tmp_path):

@@ -289,7 +289,7 @@ def test_a_file_is_not_written_over_unasked(rest: Scene, tmp_path: Path) -> None
     with pytest.raises(SceneError, match=r"x\.txt: a scene file ends in \.yaml or \.yml"):
         rest.save(tmp_path / "x.txt")
     with pytest.raises(SceneError, match="cannot be written"):
-        rest.save(tmp_path / "none" / "x.yaml")
+        rest.save(path / "x.yaml")
 
 
 def test_what_no_file_can_say_is_refused(rest: Scene, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import ControllerOption, plain_errors
 from graspless_pin.cli.solve import solved_scene
 from graspless_pin.cli.tolerances import tolerances_under
@@ -98,7 +99,7 @@ def plot(
         else:
             _draw_study(results, kind, (x, y, value), figure)
         try:
-            output.parent.mkdir(parents=True, exist_ok=True)
+            make_folder_of(output)
             with fonts_without_remarks():
                 figure.savefig(output, dpi=150)
         except (OSError, ValueError) as error:

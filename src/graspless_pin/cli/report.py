@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
+from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import (
     ControllerOption,
     echo_findings,
@@ -116,7 +117,7 @@ def report(
     with plain_errors():
         case = _case(source, scene, None if no_verdict else verdict_nodes, controller)
         try:
-            output.parent.mkdir(parents=True, exist_ok=True)
+            make_folder_of(output)
         except OSError as error:
             raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
         bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)

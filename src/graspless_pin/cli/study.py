@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli import INTERRUPTED
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.report.document import SampleDocuments
@@ -56,7 +57,7 @@ def study(
             loaded = replace(loaded, record=SampleDocuments(proofs.absolute()))
         # Where the folder cannot be made, the run says so.
         with suppress(OSError):
-            output.parent.mkdir(parents=True, exist_ok=True)
+            make_folder_of(output)
         begin = time.monotonic()
         try:
             elsewhere = nullcontext((None, None)) if dask is None else dask_executor(dask)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from graspless_pin.atomic_write import draft_of
+from graspless_pin.atomic_write import draft_of, make_folder_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.compound import Compound
@@ -64,15 +65,23 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
         raise SceneError(
             f"{target}: is there already; choose another name, or give overwrite=True (--overwrite)"
         )
+    with _told_of(target):
+        make_folder_of(target)  # paths in the text are relative to it
     text = make(target)
+    with _told_of(target), draft_of(target) as draft:
+        draft.write_text(text, encoding="utf-8", newline="")
+    return target
+
+
+@contextmanager
+def _told_of(target: Path) -> Iterator[None]:
+    """Say which file cannot be written."""
     try:
-        with draft_of(target) as draft:
-            draft.write_text(text, encoding="utf-8", newline="")
+        yield
     except OSError as error:
         raise SceneError(
             f"{target}: cannot be written ({error.strerror}); choose another place"
         ) from error
-    return target
 
 
 def scene_text(scene: SceneFields, target: Path) -> str:

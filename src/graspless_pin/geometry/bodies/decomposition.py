@@ -284,7 +284,6 @@ def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
     """Write pieces so that no other process ever sees half a file."""
     counts = np.array([len(piece) for piece in pieces])
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
         with draft_of(file) as draft, draft.open("wb") as stream:
             np.savez(stream, points=np.concatenate(pieces), counts=counts)
     except OSError as error:
