@@ -82,6 +82,7 @@ class FindingCode(StrEnum):
     NO_RESERVE = "no-reserve", Severity.WARNING
     NOT_OPTIMAL = "not-proven-optimal", Severity.WARNING
     THRESHOLD = "hangs-on-threshold", Severity.WARNING
+    IDLE_MOUNT = "mount-touches-nothing", Severity.NOTE
     AMBIGUOUS_NORMAL = "ambiguous-normal", Severity.NOTE
     NEUTRAL_OUTSIDE = "neutral-outside-limits", Severity.NOTE
     LOCKED_JOINT = "joint-without-travel", Severity.NOTE

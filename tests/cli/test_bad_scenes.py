@@ -146,6 +146,9 @@ OF_THE_POSE = {
     "quaternion: [0, 0, 0, 0]": (
         ":11: object.pose.quaternion: a quaternion x, y, z, w must not be zero"
     ),
+    "quaternion: [1, 0, 2, 0]": (
+        ":11: object.pose.quaternion: found [1.0, 0.0, 2.0, 0.0], of length 2.236; needs x, y, z, w"
+    ),
 }
 """The same of its pose."""
 ADDED = {
@@ -177,7 +180,7 @@ ADDED = {
         ":5: motion.hand.joint_velocities: unknown independent joint 'hing'; did you"
     ),
     "solve: {solver: simplex}": (
-        ": solve.solver: 'simplex' is not installed; available: clarabel, highs,"
+        ": solve.solver: 'simplex' is unknown or not installed; available: clarabel, highs,"
     ),
     "solve: {margin: -1}": f":3: solve.margin: found -1; needs {NUMBER} >= 0",
     "solve: {algorithm: best}": ":3: solve.algorithm: found 'best'; needs 'margin' or 'torque'",

@@ -165,14 +165,42 @@ def test_wrong_usage_is_exit_code_2(arguments):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--algorithm", "torque", "--margin", "-1"), "margin: is -1.0; it must be"),
-        (("--algorithm", "torque", "--margin", "nan"), "margin: is nan; it must be"),
+        (("--algorithm", "torque", "--margin", "-1"), "error: --margin: is -1.0; it"),
+        (("--algorithm", "torque", "--margin", "nan"), "error: --margin: is nan; it"),
         (("--algorithm", "torque", "--margin", "1e200"), "is 1e+200; it must be from 0 to 1e+30"),
-        (("--scale", "limits"), "scale: is no option of the algorithm 'margin' and would change"),
+        (("--node-limit", "0"), "error: --node-limit: is 0"),
+        (("--solver", "gurobi2"), "error: --solver: 'gurobi2' is unknown or not installed"),
+        (
+            ("--scale", "limits"),
+            "error: --scale: is no option of the algorithm 'margin' and would change",
+        ),
     ],
 )
 def test_bad_options(options, message):
     assert_refused(run("solve", SPHERE, *options), message)
+
+
+def test_what_is_no_choice_is_told_with_the_nearest():
+    for algorithm in ("Torque", "torqe"):
+        said = " ".join(run("solve", SPHERE, "--algorithm", algorithm).output.split())
+        assert f"'{algorithm}' is not one of 'margin', 'torque'." in said.replace(" │ │ ", " ")
+        assert "Did you mean 'torque'?" in said.replace(" │ │ ", " ")
+        assert "Value error" not in said
+
+
+def test_shapes_and_tables_that_are_none(tmp_path):
+    for text in ("cube:0.06", "cube:6,5,8"):
+        refused = run("new", "allegro_right", text, "-o", tmp_path / "scene.yaml")
+        assert_refused(refused, "error: OBJECT: 'cube' is no shape; known: box, sphere, ")
+    refused = run("plot", SPHERE, "-o", tmp_path / "x.png")
+    assert_refused(refused, "error: RESULTS: is a scene: ask for --kind squeeze or tolerances")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_arguments_are_named_as_the_help_does():
+    assert_refused(run("example", "foo"), "error: NAME: there is no example 'foo'")
+    refused = run("close", ALLEGRO, "-o", "x.yaml", "--finger", "pinky")
+    assert_refused(refused, "error: --finger: unknown finger 'pinky'")
 
 
 def solved(*options):

@@ -71,4 +71,4 @@ def test_a_hand_without_a_place_is_an_answer() -> None:
 def test_options_are_checked() -> None:
     run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "0.4")
     assert_refused(run(*place("--approach", "down")), "--approach: needs three numbers")
-    assert_refused(run(*place("--finger", "thumb")), "fingers: unknown finger 'thumb'")
+    assert_refused(run(*place("--finger", "thumb")), "--finger: unknown finger 'thumb'")

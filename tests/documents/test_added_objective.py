@@ -204,10 +204,10 @@ def test_the_command_line_asks_for_it(package, expected, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--algorithm", "total_torque", "--evenness", "-1"), "error: evenness: is -1"),
+        (("--algorithm", "total_torque", "--evenness", "-1"), "error: --evenness: is -1"),
         (("--algorithm", "total_torque", "--scale", "limits"),
          "scale: is no option of the algorithm 'total_torque' and would change nothing here"),
-        (("--margin", "0.1"), "ask for 'torque' or 'total_torque', or leave it out"),
+        (("--margin", "0.1"), "ask for algorithm 'torque' or 'total_torque', or leave it out"),
         (("--algorithm", "total"), "'total' is not one of 'margin', 'torque', 'total_torque'"),
     ],
 )  # fmt: skip

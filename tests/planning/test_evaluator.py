@@ -257,7 +257,7 @@ def test_bad_options_are_errors(options, message):
 def test_other_bad_ones():
     with pytest.raises(ArgumentError, match="must be a Scene"):
         Evaluator("scene.yaml")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(SolverUnavailableError, match="'cplex' is not installed"):
+    with pytest.raises(SolverUnavailableError, match="'cplex' is unknown or not installed"):
         Evaluator(example("trihand_push_box"), solver="cplex")
     with pytest.raises(ArgumentError, match=r"margin: is -0\.5"):
         Evaluator(example("trihand_push_box")).is_feasible(margin=-0.5)

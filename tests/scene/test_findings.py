@@ -67,6 +67,7 @@ CASES = {
     "centre of mass": ("mass: 1.0", "mass: 1.0\n  center_of_mass: [0, 0, 0.101]",
                        "center-of-mass-outside", "box", "outside the box around its shape"),
     "gravity": ("-9.8", "-9810", "unlikely-gravity", "gravity", "9810 m/s^2"),
+    "gravity upward": ("-9.8", "9.8", "unlikely-gravity", "gravity", "points up: [0.0, 0.0, 9.8]"),
     "a payload in grams": ("friction: 0.3", "friction: 0.3\nloads: [{name: bag, mass: 51}]",
                            "unlikely-load", "bag",
                            "the mass of load 'bag', 51 kg, is 51 times the mass of object 'box'"),
@@ -87,6 +88,30 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("ways", "expected"),
+    [
+        ({"right/": 0.003}, ["finger-missed"]),
+        ({"right/": 0.006}, ["mount-touches-nothing"]),
+        ({"right/": 0.4}, ["mount-touches-nothing"]),
+        ({"right/": 0.4, "left/": -0.4}, ["hand-touches-nothing"]),
+    ],
+)
+def test_a_robot_that_touches_nothing_beside_one_that_does(ways, expected):
+    scene = load_scene(EXAMPLES / "box_between_walls.yaml")
+    hand = hand_of(scene)
+    poses = {prefix: hand.base_poses[prefix].copy() for prefix in ways}
+    for prefix, way in ways.items():
+        poses[prefix][0, 3] += way
+    moved = found(scene.with_changes(hand=hand.with_base_at(poses)))
+    assert [*moved] == expected
+    if expected == ["mount-touches-nothing"]:
+        told = moved[FindingCode.IDLE_MOUNT]
+        away = f"it is {1e3 * ways['right/']:.0f} mm from object 'box'"
+        assert f"robot 'right/' touches nothing: {away}" in str(told)
+        assert told.key == ("hand", "mounts", 0, "base_pose")
+
+
 @pytest.mark.parametrize(("old", "new", "code", "subject", "said"), CASES.values(), ids=CASES)
 def test_a_fault_is_found(tmp_path, old, new, code, subject, said):
     one = found(loaded(tmp_path, (old, new)))[FindingCode(code)]
@@ -104,7 +129,7 @@ def test_a_fault_is_found(tmp_path, old, new, code, subject, said):
         ("size: [0.2, 0.2, 0.2]", "size: [200, 200, 100]", "unlikely-density",
          "the size looks like millimetres, 0.2 x 0.2 x 0.1 m?"),
         ("size: [0.2, 0.2, 0.2]", "size: [60, 50, 80]", "unlikely-size",
-         "it looks like millimetres, 0.06 x 0.05 x 0.08 m?"),
+         "it looks like millimetres, 0.06 x 0.05 x 0.08 m, or centimetres, 0.6 x 0.5 x 0.8 m?"),
         ("mass: 1.0", "mass: 1.0\n  center_of_mass: [0, 1.5, 50]", "center-of-mass-outside",
          "in metres: millimetres are [0, 0.0015, 0.05] m"),
         ("mass: 1.0", "mass: 1.0\n  center_of_mass: [0, 0, 5]", "center-of-mass-outside",

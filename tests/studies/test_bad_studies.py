@@ -168,7 +168,7 @@ CHECKING = {
     },
     "algorithm: margin": {
         "algorithm: margin, solver: simplex": (
-            ": compute.solver: 'simplex' is not installed; available: clarabel,"
+            ": compute.solver: 'simplex' is unknown or not installed; available: clarabel,"
         ),
     },
 }

@@ -61,7 +61,7 @@ def test_columns_can_be_chosen(results, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--x", "mass"], "error: x: is 'mass'; the table has the columns"),
+        (["--x", "mass"], "error: --x: is 'mass'; the table has the columns"),
         (["--kind", "boundary", "--value", "mode"], "error: outcome: is 'mode'"),
         (["-o", "picture.txt"], "error: picture.txt: cannot be written (Format 'txt'"),
     ],

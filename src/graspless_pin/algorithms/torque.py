@@ -368,7 +368,7 @@ def useless(key: str, algorithm: str) -> str:
         return ""
     return (
         f"is no option of the algorithm {algorithm!r} and would change nothing here; ask for "
-        f"{' or '.join(map(repr, others))}, or leave it out"
+        f"algorithm {' or '.join(map(repr, others))}, or leave it out"
     )
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from graspless_pin.cli import INTERNAL_ERROR, INTERRUPTED, INTERRUPTION, begin
 
@@ -46,9 +46,12 @@ class _LoadedWhenCalled(TyperGroup):
     """A group whose list of commands loads none of them."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; say so where it is interrupted."""
+        """Run the command; say so where it is interrupted, and what a wrong choice is near to."""
         try:
             return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = _with_near_choice(error.message)
+            raise
         except KeyboardInterrupt:
             typer.echo(INTERRUPTION, err=True, nl=False)
             raise typer.Exit(INTERRUPTED) from None
@@ -63,6 +66,35 @@ class _LoadedWhenCalled(TyperGroup):
         """Return the command that the arguments name, loaded now."""
         name, listed, rest = super().resolve_command(ctx, args)
         return name, listed and _loaded(str(name)), rest
+
+
+def _with_near_choice(message: str) -> str:
+    """Return what is said of a wrong value, with the choice that was probably meant."""
+    from graspless_pin.suggestions import nearest_name
+
+    plain = message.removeprefix("Value error, ")
+    given, is_choice, choices = plain.partition(" is not one of ")
+    near = nearest_name(given.strip("'"), re.findall(r"'(.*?)'", choices)) if is_choice else None
+    return plain if near is None else f"{plain} Did you mean {near!r}?"
+
+
+class _Command(TyperCommand):
+    """A command that tells its errors which options were given."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        from graspless_pin.cli.outcome import GIVEN_OPTIONS
+
+        given = {
+            f"{one.name}{'s' * one.multiple}": name if name.startswith("-") else name.upper()
+            for one, name in ((one, one.opts[0]) for one in self.params)
+            if (source := ctx.get_parameter_source(one.name)) and source.name == "COMMANDLINE"
+        }
+        token = GIVEN_OPTIONS.set(given)
+        try:
+            return super().invoke(ctx)
+        finally:
+            GIVEN_OPTIONS.reset(token)
 
 
 def _summary(name: str) -> str:
@@ -82,7 +114,7 @@ def _loaded(name: str) -> Any:
     description, title, examples = (inspect.getdoc(called) or "").partition("Examples:\n")
     shown = "\n\n".join([title.strip(), *map(str.strip, examples.splitlines())])
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name, help=description, epilog=shown)(called)
+    alone.command(name, cls=_Command, help=description, epilog=shown)(called)
     return typer.main.get_command(alone)
 
 

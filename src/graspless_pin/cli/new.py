@@ -21,6 +21,7 @@ from graspless_pin.progress import waiting_for
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, NewSceneText, new_scene_text
 from graspless_pin.scene.saving import write_scene_file
+from graspless_pin.suggestions import names_in_words
 
 _PRIMITIVES = {
     kind: ",".join(
@@ -183,6 +184,8 @@ def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
                 for key in fields(make)
             )
         )
+    if re.fullmatch(r"[-+.,\deE]+", rest):
+        raise ArgumentError("OBJECT", f"{kind!r} is no shape; {names_in_words(kind, _PRIMITIVES)}")
     if not Path(text).suffix:
         raise ArgumentError("OBJECT", f"found {text!r}; needs a mesh file or one of {_LENGTHS}")
     return MeshShape(Path(text), scale, convex="decompose" if decompose else "hull")

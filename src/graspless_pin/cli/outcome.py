@@ -6,7 +6,7 @@ import math
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -53,7 +53,7 @@ def plain_errors() -> Iterator[None]:
         try:
             yield
         except GrasplessPinError as error:
-            echo_error(str(error))
+            echo_error(_of_options(str(error)))
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         except MemoryError:
             echo_error("there is not enough memory for this input")
@@ -61,6 +61,16 @@ def plain_errors() -> Iterator[None]:
         finally:
             echo_findings(found)
             _PRINTED.reset(token)
+
+
+GIVEN_OPTIONS: ContextVar[Mapping[str, str]] = ContextVar("given_options")
+"""Options of the command line by the argument that each becomes."""
+
+
+def _of_options(message: str) -> str:
+    """Return a message that names an option where it names the argument that this becomes."""
+    argument, colon, rest = message.partition(": ")
+    return f"{GIVEN_OPTIONS.get({}).get(argument, argument)}{colon}{rest}"
 
 
 def loaded_scene(path: Path) -> Scene:

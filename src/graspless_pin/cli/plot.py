@@ -140,6 +140,10 @@ def _draw_study(
     figure: Figure,
 ) -> None:
     """Draw a result of a study."""
+    if results.suffix.lower() in (".yaml", ".yml"):
+        raise ArgumentError(
+            "RESULTS", "is a scene: ask for --kind squeeze or tolerances, or give a study's table"
+        )
     x, y, value = columns
     table = read_results(results)
     across = x or _varied(table, "x", ())

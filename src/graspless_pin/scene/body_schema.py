@@ -5,6 +5,7 @@ The hand is made of robots: how these are mounted and controlled.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, Union
 
 from pydantic import (
@@ -46,6 +47,17 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     return vector
 
 
+def _unit(quaternion: tuple[float, ...]) -> tuple[float, ...]:
+    length = math.hypot(*quaternion)
+    if length and abs(length - 1.0) > _ROUNDED:  # zero is refused as a rotation
+        raise ValueError(
+            f"found {list(quaternion)}, of length {length:.4g}; needs x, y, z, w of length 1"
+        )
+    return quaternion
+
+
+_ROUNDED = 0.02
+"""How far lengths of quaternions may be from 1: [0.7, 0, 0, 0.7] passes."""
 Vector = tuple[Finite, Finite, Finite]
 Moments = tuple[Positive, Positive, Positive]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
@@ -63,8 +75,8 @@ class PoseEntry(Entry):
         description="[rad] roll, pitch, yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF",
     )
     rpy_deg: Vector | None = Field(default=None, description="[deg] the same in degrees")
-    quaternion: tuple[Finite, Finite, Finite, Finite] | None = Field(
-        default=None, description="[1] x, y, z, w"
+    quaternion: Annotated[tuple[Finite, Finite, Finite, Finite], AfterValidator(_unit)] | None = (
+        Field(default=None, description="[1] x, y, z, w, of length 1")
     )
     matrix: tuple[Vector, Vector, Vector] | None = Field(
         default=None, description="[1] rows of the rotation matrix R"

@@ -109,6 +109,7 @@ def materials_in_words(own: str | None, others: Iterable[str | None]) -> str:
 
 _DENSITIES = 1.0, 30_000.0  # kg/m^3; a balloon, more than osmium
 _LARGEST = 5.0  # m, of what hands move
+_HELD = 0.1  # m, of most
 
 
 def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Finding]:
@@ -126,7 +127,7 @@ def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Fin
             FindingCode.UNLIKELY_SIZE,
             made.name,
             f"object '{made.name}' is {_lengths(size)} m large, beside a hand",
-            f"give lengths in metres: it looks like millimetres, {_lengths(1e-3 * size)} m?",
+            f"give lengths in metres: it looks like {_in_metres(size)}?",
             ("object", "shape"),
         )
     if not _DENSITIES[0] <= density <= _DENSITIES[1]:
@@ -164,8 +165,8 @@ def _meant(made: ManipulatedObject, density: float, size: FloatArray) -> str:
         1e-3: f"the mass looks like grams, {1e-3 * made.mass:.3g} kg?",
         1e9: f"the size looks like millimetres, {_lengths(1e-3 * size)} m?",
         1e3: f"the density looks like g/cm^3, {1e3 * density:.3g} kg/m^3?",
-        1e6: f"it looks like millimetres and grams, {_lengths(1e-3 * size)} m and "
-        f"{1e-3 * made.mass:.3g} kg?",
+        1e6: f"it looks like centimetres, {_lengths(1e-2 * size)} m, or millimetres and grams, "
+        f"{_lengths(1e-3 * size)} m and {1e-3 * made.mass:.3g} kg?",
     }
     for factor, words in words_by_factor.items():
         if _DENSITIES[0] <= factor * density <= _DENSITIES[1]:
@@ -187,6 +188,13 @@ def meant_lengths(given: FloatArray, longest: FloatArray) -> str:
         if (np.abs(factor * given) <= longest).all()
     ]
     return f": {', '.join(fitting)}" if fitting else ""
+
+
+def _in_metres(size: FloatArray) -> str:
+    """Return what a size would be that is given in a smaller unit, the likelier one first."""
+    units = {"millimetres": 1e-3, "centimetres": 1e-2}
+    likely = sorted(units.items(), key=lambda unit: abs(math.log(unit[1] * size.max() / _HELD)))
+    return ", or ".join(f"{unit}, {_lengths(factor * size)} m" for unit, factor in likely)
 
 
 def _lengths(size: FloatArray) -> str:

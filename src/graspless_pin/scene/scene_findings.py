@@ -15,7 +15,7 @@ import numpy as np
 from graspless_pin.algorithms.torque import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
-from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE
+from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.curvature import normal_jumps
 from graspless_pin.geometry.contact.distances import near_pairs, nearest_separation, separation
@@ -34,6 +34,7 @@ STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
 _NEAR = 5.0  # contact tolerances
 _STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
+_UPWARD = np.cos(np.radians(45.0))
 _LEAST_GRAVITY = 9.81  # m/s^2, where loads are held against the object's weight
 _HEAVIEST_LOAD = 50.0
 """Of the object's mass or weight."""
@@ -200,6 +201,14 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
             "gravity",
             f"gravity is {gravity:g} m/s^2",
             "give it in metres per second squared: 9.81 on Earth",
+            ("gravity",),
+        )
+    if scene.gravity[2] > _UPWARD * gravity:
+        yield Finding(
+            FindingCode.UNLIKELY_GRAVITY,
+            "gravity",
+            f"gravity points up: {scene.gravity.tolist()} m/s^2",
+            f"where z of the world points up, it is [0, 0, {-gravity:g}]",
             ("gravity",),
         )
     stated = [(("friction", name), name, value) for name, value in scene.friction.items()]
@@ -414,6 +423,34 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
                 f"contact (contact_tolerance: {_length(tolerance)})",
                 f"{way}, or raise contact_tolerance",
                 ("hand", key),
+            )
+    if len(hand.mounts) > 1:
+        missed = {link for gap, link in nearest.values() if gap <= reach}
+        yield from _idle_mounts(scene, hand, touching, missed)
+
+
+def _idle_mounts(
+    scene: SceneFields, hand: Hand, touching: set[str], missed: set[str]
+) -> Iterator[Finding]:
+    """Find robots of a hand that touch nothing while others do, nor nearly so."""
+    index = {mount.prefix: place for place, mount in enumerate(hand.mounts)}
+    prefixes = sorted(index, key=len, reverse=True)
+    bodies: dict[str, list[CollisionBody]] = {prefix: [] for prefix in index}
+    for body in hand.placed_bodies:
+        bodies[next(prefix for prefix in prefixes if body.name.startswith(prefix))].append(body)
+    named = {prefix: {body.name for body in own} for prefix, own in bodies.items()}
+    if not any(names & touching for names in named.values()):
+        return
+    for prefix, own in bodies.items():
+        if own and not named[prefix] & (touching | missed):
+            gap = nearest_separation(own, scene.object.placed_bodies).distance
+            yield Finding(
+                FindingCode.IDLE_MOUNT,
+                prefix,
+                f"robot '{prefix}' touches nothing: it is {_length(gap)} from object "
+                f"'{scene.object.name}'",
+                "correct its base_pose (m, rad) or q, or leave it out, if it should touch",
+                ("hand", "mounts", index[prefix], "base_pose"),
             )
 
 

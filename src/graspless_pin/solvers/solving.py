@@ -53,7 +53,8 @@ def check_solver(name: str) -> str:
         near = nearest_name(name, (ANY_SOLVER, *available_solvers()))
         meant = "" if near is None else f"did you mean {near!r}? "
         raise SolverUnavailableError(
-            f"solver: {name!r} is not installed; {meant}available: {', '.join(available_solvers())}"
+            f"solver: {name!r} is unknown or not installed; {meant}available: "
+            f"{', '.join(available_solvers())}"
         )
     return name
 
