@@ -40,9 +40,19 @@ _INSTEAD = {
     ("scene", "Hand"): "a hand has no object: pass a Scene",
     ("scene", "str"): "load it with load_scene(path)",
     ("scene", "dict"): "write it to a YAML file and load that with load_scene(path)",
+    ("torques", "TorqueSolution"): "pass solution.torques",
+    ("torques", "RobustSolution"): "pass its torques",
+    ("torques", "Evaluation"): "pass evaluation.torques",
+    ("torques", "dict"): "pass them in the order of problem.joint_names",
+    ("torques", "mappingproxy"): "pass solution.torques, in the order of problem.joint_names",
     ("path", "Scene"): "it is loaded already",
     ("path", "dict"): "write it to a YAML file and give its path",
 }
+
+
+def knows_instead(argument: str, value: object) -> bool:
+    """Return whether there is something else to pass for such a value."""
+    return (argument, type(value).__name__) in _INSTEAD
 
 
 def what_to_pass(argument: str, value: object, wanted: str) -> str:

@@ -56,9 +56,9 @@ def changed(array, index, value):
     return copy
 
 
-def untyped(function: Any) -> Any:
-    """A function as one sees it who does not check types."""
-    return function
+def untyped(value: Any) -> Any:
+    """What is passed by somebody who does not check types."""
+    return value
 
 
 # Argument, its bad value, and what the message must say besides the argument's name.
@@ -233,6 +233,11 @@ BAD_CALLS = [
     (lambda p: untyped(maximize_margin)(p, sign_rul="exact"), "sign_rul", ["mean 'sign_rule'?"]),
     (lambda p: untyped(contact_force_bounds)(p, [0.0], timelimit=1.0), "timelimit",
      ["mean 'time_limit'?"]),
+    (lambda p: stability(p, untyped(maximize_margin(p))), "torques",
+     ["is a TorqueSolution", "pass solution.torques"]),
+    (lambda p: stability(p, untyped({"hinge": 0.1})), "torques",
+     ["is a dict", "in the order of problem.joint_names"]),
+    (lambda p: contact_force_bounds(p, [0.1] * 7), "torques", ["(7,)", "(2,), one per joint"]),
     (lambda p: enumerate_modes(p, sign_rule="loose"), "sign_rule", ["'loose'"]),
     (lambda p: p.margin_of(np.zeros((2, 3))), "forces", ["(2, 3)", "(3, 3)"]),
     (lambda _: assemble_joint_space([[0.0, 0.0, 0.9]], []), "normals", ["row 0", "length 0.9"]),

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.errors import ArgumentError
-from graspless_pin.suggestions import names_in_words, nearest_name
+from graspless_pin.suggestions import knows_instead, names_in_words, nearest_name, what_to_pass
 
 _LARGEST_OF = {"regularization": LARGEST_REGULARIZATION}
 
@@ -25,6 +25,8 @@ FloatArray = NDArray[np.float64]
 SINGULAR = 1e-12
 """An inertia matrix with ones on its diagonal is singular where an eigenvalue is below this."""
 
+_ENTRIES = {"torques": ", one per joint"}
+"""What the entries of an argument are, by its name."""
 _UNIT_TOLERANCE = 1e-6
 _SYMMETRIC = 1e-9
 _Choice = TypeVar("_Choice", bound=StrEnum)
@@ -56,6 +58,8 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
             array = np.array(value, dtype=np.float64) if raw.dtype.kind in "fiub" else None
     if array is None:
         text = next((one for one in _flat(value) if isinstance(one, str)), None)
+        if knows_instead(name, value):
+            raise ArgumentError(name, what_to_pass(name, value, "array of real numbers"))
         must = "it must be an array of real numbers"
         raise ArgumentError(name, f"is {value!r:.200}; {must}{_without_quotes(text)}")
     if array.shape != shape and (
@@ -63,7 +67,8 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
         or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True))
     ):
         expected = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
-        raise ArgumentError(name, f"has shape {array.shape}; expected {expected}")
+        meant = _ENTRIES.get(name, "")
+        raise ArgumentError(name, f"has shape {array.shape}; expected {expected}{meant}")
     if np.count_nonzero(np.isnan(array)):
         index = tuple(int(i) for i in np.argwhere(np.isnan(array))[0])
         raise ArgumentError(name, f"is NaN at index {index}; every entry must be a number")
