@@ -1,7 +1,7 @@
 """Grips of what is not known exactly: robust torques and nominal ones, beside MuJoCo.
 
 Members of a set are drawn at random: the scene is changed, the torques stay what they are for the
-scene as it is meant to be. Each grip is looked at lifted, without the table, and on it.
+nominal scene. Each grip is looked at lifted, without the table, and on it.
 ``python -m benchmarks.uncertain_grips`` goes on where it stopped.
 """
 

@@ -21,7 +21,7 @@ LARGEST_REGULARIZATION = 1e9
 LONGEST_TIME = 1e6
 """A time limit, s: eleven days."""
 LARGEST_LOAD_OVER_LIMIT = 1e12
-"""The load over the largest normal force; beyond, no double holds both."""
+"""The load over the largest normal force; beyond, double precision cannot hold both."""
 MOST_CONE_EDGES = 1024
 """Edges of a friction cone."""
 MOST_SAMPLES = 10_000_000

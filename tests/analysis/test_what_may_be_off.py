@@ -11,6 +11,7 @@ from graspless_pin import (
     minimize_torque,
     tolerances,
 )
+from graspless_pin.algorithms.tolerances import Tolerance, Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError, NoSolutionError
 
@@ -108,6 +109,16 @@ def test_a_block_on_a_slope_by_hand():
     tilt = off.of(Quantity.TILT)
     assert 0.9 * np.arctan(inside) < tilt.borne < np.arctan(0.5)
     assert "centre of mass" in str(off)
+
+
+def test_the_table_has_no_powers_of_ten_and_the_unit_of_each_figure():
+    """2050 % is read at once, 2.05e+03 % is not; a hinge gives way by rad, a slide by m."""
+    problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+    given = Tolerance(Quantity.MASS_MORE, 20.483, 100.0, deflection=0.291)
+    for units, unit in ((("N m", "N m"), "rad"), (("N", "N"), "m"), (("N m", "N"), "rad or m")):
+        of = problem.with_changes(joint_units=units)
+        (row,) = Tolerances(of, np.zeros(2), (given,), np.zeros(3), None).table()[1]
+        assert row == ("more mass", "2050 %", "10000 %", "", "", f"0.29 {unit}")
 
 
 def test_tilt_of_a_scene_against_scenes_that_are_tilted():

@@ -45,7 +45,7 @@ def test_what_matters_stands_before_the_tables():
             "keeps its motion: nothing else is an outcome",
             "margin e = 2.30006 N",
             "At worst, these torques leave a margin of 0 N, over all admissible contact forces.",
-            "The margin is limited by losing contact at contacts 3, 4 (slope) and by slipping",
+            "The margin is limited by the distance to losing contact at contacts 3, 4",
             "/hinge is nearest its limit: ",  # both fingers are, up to rounding
             "4.7700 of ",
         )

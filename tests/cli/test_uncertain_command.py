@@ -70,10 +70,11 @@ def test_the_answer_is_the_torques_for_the_whole_set(
     assert result.exit_code == 0
     assert "Not known exactly: mass ±20 %, centre of mass ±1 cm." in said
     assert f"max |torque| = {robust.max_torque:.6g} N m, proven for the whole set" in said
-    assert f"as it is meant to be margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in said
+    alone = f"margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}"
+    assert f"for the nominal scene alone {alone}" in said
     assert f"Least room: {robust.members[robust.worst].words}." in said
     # The verdict on these torques is not one on each member.
-    assert "Under these torques, as it is meant to be: holds" in said
+    assert "The nominal scene under these torques: holds" in said
     assert f"graspless-pin tolerances {cuboid}" in said
     answer = robust_answer(scene, "torque", **options)
     assert answer.held is not None
@@ -87,7 +88,7 @@ def test_margins_are_the_largest_for_the_whole_set(cuboid: Path) -> None:
     scene = load_scene(cuboid)
     robust, nominal = scene.solve(uncertainty=True), scene.solve()
     assert f"Torques for all of it: margin e = {robust.margin:.6g} N" in said
-    assert f"as it is meant to be margin e = {nominal.margin:.6g} N" in said
+    assert f"for the nominal scene alone margin e = {nominal.margin:.6g} N" in said
     assert robust.margin < 0.96 * nominal.margin
 
 
@@ -174,7 +175,7 @@ def test_the_checker_tells_what_it_takes_as_given(document: dict[str, Any]) -> N
         {one.name for one in verify_document(each).checks if one.given}
         for each in (document, weaker)
     )
-    assert "the figures of the scene as it is meant to be" in before
+    assert "the figures of the nominal scene" in before
     bound = "what no torques for all members are better than"
     assert after - before == {bound, "verdicts on the corners"}
 
@@ -201,7 +202,7 @@ def sampled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     assert result.exit_code == 0
     said = words(result.stdout)
     assert "Not known exactly: mass ±20 %, contact positions up to 2 mm." in said
-    assert "proven for the whole set with contacts where they are meant to be; as it is" in said
+    assert "proven for the whole set with contacts at their nominal positions; for" in said
     assert "Sampled, not proven: 200 of 200 random members with contacts moved keep" in said
     return read_document(target)
 
@@ -341,7 +342,8 @@ def test_where_no_torques_serve_the_set(tmp_path: Path) -> None:
     assert 2 <= len(conflict) <= np.linalg.matrix_rank(problem.jacobian) + 1  # Helly
     nominal = load_scene(SPHERE).solve("torque", margin=0.1, static_friction="coulomb")
     assert (
-        f"As it is meant to be: margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}" in said
+        f"For the nominal scene alone: margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}"
+        in said
     )
     run("solve", file, *ASKED, "--stability", "strong", "--no-verdict", "--json", target)
     assert read_document(target)["uncertainty"]["served_share"] == pytest.approx(share, abs=2e-3)
@@ -414,7 +416,7 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1})
     heavy = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1}, max_normal_force=2.0)
     result = run("solve", heavy, *ASKED)
-    assert result.exit_code == 1 and "Not even as it is meant to be" in words(result.stdout)
+    assert result.exit_code == 1 and "Not even for the nominal scene" in words(result.stdout)
     monkeypatch.setattr(uncertain_members, "MOST_MEMBERS", 100)
     many = {"mass": 0.1, "center_of_mass": 0.1, "tilt": 0.1}
     result = run("solve", stating(tmp_path, CUBOID, uncertainty=many))
@@ -487,7 +489,7 @@ def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
 def test_commands_without_torques_for_the_set_say_so(
     tmp_path: Path, command: tuple[str, ...]
 ) -> None:
-    """The ball has torques as it is meant to be, and constant ones serve no two masses."""
+    """The nominal ball has torques, and constant ones serve no two masses."""
     scene = stating(
         tmp_path, BALL, uncertainty=SET, solve={"algorithm": "torque", "static_friction": "coulomb"}
     )

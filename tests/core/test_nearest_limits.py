@@ -43,8 +43,8 @@ def test_what_limits_a_pinch():
         ContactLimit.SLIP: [0, 1],
     }
     assert margin_limit_words(solution, ["thumb", "index"]) == (
-        "The margin is limited by its normal-force limit at contacts 0, 1 (thumb, index) and by "
-        "available friction at contacts 0, 1 (thumb, index)."
+        "The margin is limited by the distance to its normal-force limit at contacts 0, 1 "
+        "(thumb, index) and by available friction at contacts 0, 1 (thumb, index)."
     )
 
 
@@ -53,7 +53,7 @@ def test_slipping_is_told_where_friction_is_used():
     solution = maximize_margin(pinch(external_wrench=[0, 0, -5, 0, 0, 0], max_normal_force=8.0))
     use = friction_use(solution.problem, solution.contact_forces)
     assert (use > 0.5).all()
-    assert "by slipping at contacts 0, 1." in margin_limit_words(solution)
+    assert "by the distance to slipping at contacts 0, 1." in margin_limit_words(solution)
     assert "available" not in margin_limit_words(solution)
 
 

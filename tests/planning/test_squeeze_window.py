@@ -57,6 +57,7 @@ def test_a_pressed_block_slips_below_and_meets_the_limit_above() -> None:
         f"joint '{problem.joint_names[0]}' has {lower.torques[0]:+.3g} to +0.5 N m"
     )
     assert pressed in str(window).splitlines()
+    assert "times the given direction" in str(window)
     holds = np.array([one is Holding.HOLDS for one in window.holding])
     torques = 2.0 * least + window.amounts
     np.testing.assert_array_equal(holds, torques > least)
@@ -109,7 +110,9 @@ def test_more_feedback_lets_the_hand_squeeze_more(pressed_ball) -> None:
         assert [one == "holds" for one in beyond.holding] == [False, True, False]
         assert beyond.amounts == pytest.approx([amounts[0], 0.0, amounts[1]])
         tops.append(window.upper.amount)
-        assert f"with joint feedback of {stiffness:g} N m/rad from " in str(window)
+        said = f"holds with joint feedback of {stiffness:g} N m/rad while torques change by "
+        assert str(window).startswith(said)
+        assert "-1 takes the squeeze away" in str(window)
         most = int(np.argmax(np.abs(window.direction)))
         told = [f"{end.torques[most]:+.3g}" for end in (window.lower, window.upper)]
         name = scene.problem().joint_names[most]

@@ -1,5 +1,7 @@
 """Disturbances by direction, and torque against margin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -134,6 +136,12 @@ def test_a_window_of_squeeze_shows_its_ends_and_samples():
     assert [text.get_text() for text in axes.texts] == ["may slip", "limit"]
     ends = [np.asarray(end.get_xdata()).item(0) for end in axes.lines[3:]]
     assert ends == [-0.4, 0.7]
+    end = WindowEnd(-1.0, np.ones(1), 2.0, EndReason.FINGER_MOVES, "fails: ...")
+    widest = squeeze_plot(replace(window, lower=end))
+    widest.figure.canvas.draw()
+    for name in widest.texts:  # beside the axis and its ticks
+        box = name.get_window_extent()
+        assert widest.bbox.x0 < box.x0 and box.x1 < widest.bbox.x1
     assert squeeze_plot(window, value="growth").get_ylabel() == "growth of small\nmotions [1/s]"
     pressed = squeeze_plot(window, value="normal_force")
     np.testing.assert_array_equal(pressed.lines[0].get_ydata(), window.normal_forces)

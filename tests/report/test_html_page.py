@@ -170,14 +170,14 @@ def test_ranges_over_all_outcomes_of_rest_are_told_where_they_differ(rough: bool
     pressed = "contacts 0, 1 and 2" if rough else "contacts 0 and 1"
     assert f"the supports may squeeze the object with any force: {pressed}" in section.text
     assert ruled.covers in section.text and every.covers in section.text
-    assert ("They are the same" in section.text) is not rough
+    assert ("The ranges are the same" in section.text) is not rough
     rows = section.rows()  # of one table
     if rough:
         assert [row[:2] for row in rows] == [
             ["0", "both"],
             ["1", "both"],
-            ["2", "rule"],
-            ["2", "rest"],
+            ["2", "by the rule"],
+            ["2", "any at rest"],
         ]
         assert rows[-1][2:] == ["same", "unbounded", "same"]
     else:

@@ -59,8 +59,11 @@ def test_without_force_ranges(tmp_path):
 def test_how_hard_the_hand_may_squeeze(tmp_path):
     target = tmp_path / "report.html"
     assert run(SPHERE, "-o", target, "--no-ranges", "--squeeze").exit_code == 0
-    section = read_html(target.read_text(encoding="utf-8")).section("squeeze")
-    words = r"In between the hand presses with [\d.]+ to [\d.]+ N \(sum of normal forces\); joint '"
+    page = read_html(target.read_text(encoding="utf-8"))
+    section = page.section("squeeze")
+    assert "#squeeze" in [one.attributes.get("href") for one in page.all("a")]
+    assert "times the torques of the internal forces" in section.text
+    words = r"From end to end the hand presses with [\d.]+ to [\d.]+ N \(sum of normal forces\)"
     assert re.search(words, section.text)
     assert len(section.all("svg")) == 3
 
@@ -72,8 +75,8 @@ def test_how_far_each_may_be_off(tmp_path, monkeypatch):
     assert run(ball, "-o", target, "--controller", "1", *options).exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
     section = page.section("off")
-    assert "torques that the joints' stiffness adds to" in section.text
-    assert "Attainable is what torques bear that are chosen for" in section.text
+    assert "these torques and the joints' feedback" in section.text
+    assert "one vector of torques, chosen for this quantity alone" in section.text
     assert re.search(r"centre of mass [\d.]+ cm [\d.]+ cm \[", section.text)
     titles = [one.text for one in section.all("title")]
     assert len(titles) == 3 and titles[0].startswith("How far the centre of mass may be off")

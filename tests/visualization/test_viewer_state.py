@@ -64,7 +64,7 @@ def torques_of(shown):
 
 
 def test_what_is_not_known_exactly_counts(paper):
-    """The page shows the torques for the whole set, under the scene as it is meant to be."""
+    """The page shows the torques for the whole set, under the nominal scene."""
     unknown = paper.with_changes(uncertainty=Uncertainty(mass=0.2, center_of_mass=0.01))
     asked = Settings("torque", 0.1)
     shown = answer_settings(unknown, asked)

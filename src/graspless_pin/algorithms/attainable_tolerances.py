@@ -267,7 +267,8 @@ class AttainableTolerance(Brief):
         quantity: Which.
         borne: In the unit of `Tolerance.borne`. Proven under plain Coulomb friction.
         failing: From here on no torques were found; inf where there is no such size.
-        torques: (L,) torques that bear `borne`, N m (N); with feedback those as it is meant to be.
+        torques: (L,) torques that bear `borne`, N m (N); with feedback those of the nominal
+            problem.
         conflict: Members that no torques serve together at `failing`; empty: it is not proven.
         in_time: Whether the search went to its end; else torques may bear more than `borne`.
         free_motion: (P + L,) a motion that no contact resists, along which these members need
@@ -290,7 +291,7 @@ class AttainableTolerance(Brief):
         if self.free_motion is not None:
             return "free motion"
         count = len(self.conflict)
-        return f"{count} member{'s' if count > 1 else ''}" if count else ""
+        return {0: "", 1: "1 member infeasible"}.get(count, f"{count} members in conflict")
 
 
 @dataclass(frozen=True)

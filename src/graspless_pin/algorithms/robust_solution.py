@@ -37,13 +37,13 @@ class Coverage(StrEnum):
 
     @property
     def where_meant(self) -> str:
-        """The same in words, of members with contacts where they are meant to be."""
-        return f"{self} with contacts where they are meant to be"
+        """The same in words, of members with contacts at their nominal positions."""
+        return f"{self} with contacts at their nominal positions"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(Brief):
-    """Members of a set with contacts that are not where they are meant to be.
+    """Members of a set with contacts that are not at their nominal positions.
 
     See the example of `Uncertainty`.
 
@@ -52,7 +52,7 @@ class Samples(Brief):
         served: How many of them the torques serve: nothing is proven of others.
         solved: How many were drawn before, with contacts as far off as they may be: all of them are
             served, or solved for.
-        where_meant: Which members it is proven for with contacts where they are meant to be.
+        where_meant: Which members it is proven for with contacts at their nominal positions.
     """
 
     count: int

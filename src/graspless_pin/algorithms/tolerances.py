@@ -31,7 +31,7 @@ from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertaint
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import FloatArray, choice, finite_array, read_only
+from graspless_pin.problem.checks import FloatArray, JointUnit, choice, finite_array, read_only
 from graspless_pin.problem.members import feedback_torques, under_commands
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
@@ -49,7 +49,7 @@ _CERTAIN = 1e-6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tolerance(Brief):
-    """How far one quantity may be off, all others being as they are meant to be.
+    """How far one quantity may be off, all others at their nominal values.
 
     See the example of `tolerances`.
 
@@ -154,9 +154,11 @@ class Tolerances(Brief):
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Return headers and rows of that table, with figures in %, cm, degrees, N and N m."""
         rows: list[tuple[str, ...]] = []
+        kinds = dict.fromkeys(self.problem.joint_units)
+        unit = " or ".join("m" if one is JointUnit.FORCE else "rad" for one in kinds)
         for one in self.each:
             contacts = ", ".join(map(str, one.contacts))
-            far = f"{one.deflection:.2g}" if one.deflection > _CERTAIN else ""
+            far = f"{one.deflection:.2g} {unit}" if one.deflection > _CERTAIN else ""
             figures = _figures(one)
             rows.append((one.quantity, *figures, self._way(one), contacts, far))
         headers = ("off", "borne", "fails at", "direction", "at contact", "joints give way")
@@ -166,7 +168,7 @@ class Tolerances(Brief):
             return headers, rows
         chosen = [(*_figures(one), one.why) for one in self.attainable]
         rows = [(*row, *more) for row, more in zip(rows, chosen, strict=True)]
-        return (*headers, "attainable", "none from", "conflict"), rows
+        return (*headers, "attainable", "none from", "why"), rows
 
     def _way(self, one: Tolerance) -> str:
         if one.direction is None:
@@ -181,8 +183,13 @@ class Tolerances(Brief):
 def _figures(one: Tolerance | AttainableTolerance) -> tuple[str, str]:
     """Return how much is borne, and what is not, in the unit that people think in."""
     scale, unit = one.quantity.scale, one.quantity.unit
-    fails = f"{scale * one.failing:.3g} {unit}" if np.isfinite(one.failing) else "none found"
-    return f"{scale * one.borne:.3g} {unit}", fails
+    fails = f"{_digits(scale * one.failing)} {unit}" if np.isfinite(one.failing) else "none found"
+    return f"{_digits(scale * one.borne)} {unit}", fails
+
+
+def _digits(value: float) -> str:
+    """Return three digits, up to a million without a power of ten."""
+    return f"{float(f'{value:.3g}'):.6g}"
 
 
 def tolerances(

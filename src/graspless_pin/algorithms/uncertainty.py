@@ -51,8 +51,8 @@ class Uncertainty(Brief):
         center_of_mass: (3,) m, how far it may be off along each axis, of the object in a scene
             and of the world for arrays.
         tilt: rad, how far gravity may be off its direction, to all sides, links included.
-        force: (3,) N that may push along each world axis, either way, on the centre of mass as it
-            is meant to be.
+        force: (3,) N that may push along each world axis, either way, on the nominal centre of
+            mass.
         moment: (3,) N m about each world axis.
         center_of_mass_radius: m, how far it may be off in any direction, beside that.
         force_radius: N on the centre of mass in any direction, beside `force`.

@@ -51,7 +51,9 @@ def plot(
     results: Annotated[
         Path,
         typer.Argument(
-            help="Table that study wrote: .parquet or .csv; of squeeze and tolerances, a scene."
+            metavar="TABLE|SCENE",
+            help="Table that study wrote, .parquet or .csv. For --kind squeeze and tolerances: a "
+            "scene.",
         ),
     ],
     output: Annotated[
@@ -77,10 +79,10 @@ def plot(
     ] = None,
     controller: ControllerOption = None,
 ) -> None:
-    """Draw the results of a study: a line, a map, or the boundary of what is found.
+    """Draw the results of a study, or how hard a scene's hand may squeeze and what it bears.
 
-    Of a scene, draw how hard its hand may squeeze with the torques of its algorithm, or what these
-    torques bear.
+    Of a study: a line, a map, or the boundary of what is found.
+    Of a scene: the window of squeeze, or which pushes and shifts are borne.
 
     Exit code 0: drawn; 1: there are no torques; 2: bad input.
 

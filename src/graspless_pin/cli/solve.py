@@ -160,7 +160,7 @@ def solved(
         options: See `Scene.solve`.
 
     Returns:
-        The solution, and None where all is as it is meant to be. Else that under the torques for
+        The solution, and None of a nominal scene. Else that under the torques for
         all that is not known; where there are none, that of the joined problem, without torques.
     """
     with waiting_for("solving"):

@@ -43,7 +43,7 @@ def printable(text: str) -> str:
 DEEPEST_JSON = 50
 """More levels of objects and lists than any document has."""
 LONGEST_JSON_NUMBER = 500
-"""More digits than any number has."""
+"""Digits of an integer; more are not read as a number."""
 
 
 def parse_json(text: str) -> Any:
@@ -74,14 +74,14 @@ _TOO_DEEP = f"is nested too deeply; at most {DEEPEST_JSON} levels are possible"
 
 def _whole(digits: str) -> int:
     if len(digits) > LONGEST_JSON_NUMBER or not math.isfinite(float(digits)):
-        raise TextError(f"has a whole number of {len(digits)} digits, which no double holds")
+        raise TextError(f"has an integer of {len(digits)} digits; at most 1.8e308 is possible")
     return int(digits)
 
 
 def _real(digits: str) -> float:
     value = float(digits)
     if not math.isfinite(value):
-        raise TextError(f"has the number {digits[:50]}, which no double holds")
+        raise TextError(f"has the number {digits[:50]}; at most 1.8e308 is possible")
     return value
 
 

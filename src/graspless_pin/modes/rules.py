@@ -50,7 +50,7 @@ class SlidingRule(StrEnum):
 
 
 class StaticFriction(StrEnum):
-    """Which static friction is believed. See the example of `maximize_margin`."""
+    """Which static friction is admitted. See the example of `maximize_margin`."""
 
     VIRTUAL_SLIDING = "virtual_sliding"
     """Only against a feasible virtual sliding: (22), (27) and (31) hold."""

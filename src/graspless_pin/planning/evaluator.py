@@ -117,7 +117,7 @@ class Evaluator:
                 joints but those behind the link.
             uncertainty: What is not known exactly: then torques are one vector that serves the
                 whole set, and margins are those that all members keep, see `Scene.solve`. True:
-                what the scene says of it. None: all is as it is meant to be.
+                what the scene says of it. None: the nominal scene.
             options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
@@ -166,7 +166,7 @@ class Evaluator:
 
     @property
     def uncertainty(self) -> Uncertainty | None:
-        """The set for all of which states are solved; None: all is as it is meant to be."""
+        """The set for all of which states are solved; None: the nominal scene."""
         return self._solver.uncertainty
 
     @property

@@ -53,7 +53,7 @@ class OtherJoints(StrEnum):
     """What joints do that a direction leaves out. See the example of `squeeze_window`."""
 
     FOLLOW = "follow"
-    """Their torques change as little as balance asks for."""
+    """Their torques change as little as balance admits."""
     FIXED = "fixed"
     """Their torques stay as they are."""
 
@@ -127,6 +127,7 @@ class SqueezeWindow(Brief):
         message: What the verdict says of the given torques.
         joint_names: L names of the joints.
         joint_units: L units of their torques.
+        of_internal_forces: Whether the direction is that of the internal contact forces.
     """
 
     direction: FloatArray
@@ -143,6 +144,7 @@ class SqueezeWindow(Brief):
     message: str
     joint_names: tuple[str, ...]
     joint_units: tuple[JointUnit, ...]
+    of_internal_forces: bool = False
 
     @property
     def squeezed(self) -> tuple[int, ...]:
@@ -170,9 +172,12 @@ class SqueezeWindow(Brief):
         if self.lower is None or self.upper is None:
             lines = [f"the given torques do not hold{with_what}: {self.message}"]
         else:
+            way = "the given direction"
+            if self.of_internal_forces:
+                way = "those of the internal forces\n(-1 takes the squeeze away, +1 doubles it)"
             lines = [
-                f"holds{with_what} from {self.lower.amount:+.3g} to {self.upper.amount:+.3g} times "
-                "the direction",
+                f"holds{with_what} while torques change by {self.lower.amount:+.3g} to "
+                f"{self.upper.amount:+.3g} times {way}",
                 self.ends_words,
                 f"with less: {self.lower.message}",
                 f"with more: {self.upper.message}",
@@ -206,8 +211,9 @@ def squeeze_window(
             internal contact forces, those of the rest's forces that balance each other, so that
             the amount -1 takes the squeeze away and 1 doubles it.
         other_joints: What joints do that have no part in the direction: ``follow`` changes their
-            torques by the least that balance asks for, in squares of shares of their limits, and
-            within 0.9 of the friction where that is enough; ``fixed`` by nothing.
+            torques as little as balance admits: the sum of squares, each over the joint's limit,
+            is least, with friction up to 0.9 of its coefficient where that is enough; ``fixed`` by
+            nothing.
             All joints follow around the direction of the internal forces.
         samples: How many on either side of the given torques, or the amounts themselves.
         precision: Of the ends, as a share of the window's width; 1: samples alone tell.
@@ -271,6 +277,7 @@ def squeeze_window(
         found[middle].failure[1] if not found[middle].holds else first.message,
         problem.joint_names,
         problem.joint_units,
+        of_internal_forces=direction is None,
     )
 
 

@@ -171,8 +171,8 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
         value: ``margin``, ``growth``, or ``normal_force``: the sum of the hand's normal forces.
 
     Returns:
-        The axes: multiples of the direction to the right; up N or 1/s. The window is shaded, its
-        ends say what fails there. Full dots are samples that hold, hollow ones others.
+        The axes: multiples of the window's direction to the right; up N or 1/s. The window is
+        shaded, its ends say what fails there. Full dots are samples that hold, hollow ones others.
 
     Raises:
         ArgumentError: If the value is not known.
@@ -185,7 +185,7 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
         >>> held = scene.with_changes(controller=Controller(1.0))
         >>> window = squeeze_window(held, torques, samples=2, precision=0.1)
         >>> squeeze_plot(window).get_xlabel()
-        'change of torques, in multiples of the direction'
+        'change of torques, in multiples of those of the internal forces'
     """
     figures = {
         "margin": (window.margins, "margin [N]"),
@@ -203,7 +203,8 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
             window.amounts[own], values[own], "o", color=blue, markerfacecolor=face,
             label="holds" if filled else "does not hold",
         )  # fmt: skip
-    axes.set_xlabel("change of torques, in multiples of the direction")
+    way = "those of the internal forces" if window.of_internal_forces else "the given direction"
+    axes.set_xlabel(f"change of torques, in multiples of {way}")
     axes.set_ylabel(label)
     from_zero(axes, values)
     room = _SIDE * (window.amounts[-1] - window.amounts[0])
@@ -234,7 +235,8 @@ def _plane(first: str, second: str) -> list[int]:
 
 
 _FOOT = 0.02
-_SIDE = 0.08
+_SIDE = 0.24
+"""Of the width: what the ends are called stands there."""
 
 
 def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:

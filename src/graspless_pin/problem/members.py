@@ -49,7 +49,7 @@ class Member(Brief):
         offsets: (L,) what is added to it, N m (N).
         words: What is different from the nominal problem.
         corner: The corner of a set that it is; None: it is no corner.
-        moved: (M, 3) m, how far contacts are from where they are meant to be, world axes; None:
+        moved: (M, 3) m, how far contacts are from their nominal positions, world axes; None:
             they are there.
         directions: (L, d) what joint stiffness adds with contacts there, see `feedback_torques`;
             None: the same as for the nominal problem.

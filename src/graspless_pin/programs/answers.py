@@ -1,6 +1,6 @@
 """What is proven of a program: answers that were checked, whoever gave them.
 
-No solver's status is believed. An answer counts when it meets the constraints and its own
+No solver's status is trusted. An answer counts when it meets the constraints and its own
 multipliers prove it optimal, by the dual bound over the box of the variables; infeasibility counts
 when multipliers prove it: a Farkas certificate.
 

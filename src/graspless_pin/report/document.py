@@ -65,8 +65,8 @@ def solution_document(
         verdict: Whether the object stays with the solution's torques; None: that of the
             disturbances, else of the solution's guarantee, if there is one.
         disturbances: Which ones these torques bear for certain.
-        answer: What was found for all that is not known of the scene; None: all is as it is meant
-            to be. The solution is that under these torques; where there are none, that of the
+        answer: What was found for all that is not known of the scene; None: the scene is
+            nominal. The solution is that under these torques; where there are none, that of the
             joined problem.
 
     Returns:

@@ -55,8 +55,8 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     covered = "all of it" if robust.samples is None else "all of it but where contacts are"
     told = [
         f"Not known exactly: {answer.uncertainty}.",
-        f"Torques for {covered}: {_figures(robust, answer)}, proven for {robust.proven_for}; as it "
-        f"is meant to be {_figures(answer.nominal, answer)}.",
+        f"Torques for {covered}: {_figures(robust, answer)}, proven for {robust.proven_for}; "
+        f"for the nominal scene alone {_figures(answer.nominal, answer)}.",
     ]
     samples = robust.samples
     if Coverage.CORNERS in (robust.coverage, samples and samples.where_meant):
@@ -134,8 +134,8 @@ def _why_none(answer: RobustAnswer) -> list[str]:
     if answer.with_feedback is not None:
         told.append(_feedback_words(answer.with_feedback))
     if not nominal.found:
-        return [*told, f"Not even as it is meant to be: {nominal.status.message}."]
-    return [*told, f"As it is meant to be: {_figures(nominal, answer)}."]
+        return [*told, f"Not even for the nominal scene: {nominal.status.message}."]
+    return [*told, f"For the nominal scene alone: {_figures(nominal, answer)}."]
 
 
 def _unserved(robust: RobustSolution) -> str:
@@ -152,7 +152,7 @@ def _unserved(robust: RobustSolution) -> str:
             told += f" Rest is lost where {last}: {robust.rest.verdicts[-1].message}."
         return told
     if robust.status is Status.UNVERIFIED:
-        return "Whether torques serve all of it is open: none were proven to. State less of it."
+        return "Whether torques serve all of it is open: none were proven to. Reduce it."
     return f"No torques for all of it: {robust.status.message}."
 
 

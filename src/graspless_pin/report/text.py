@@ -35,8 +35,8 @@ def scene_solution_text(
         solution: Its solution.
         verdict: What is said of whether the object stays: stands before the tables.
         bounds: The forces that its torques can end up with, for the margin at worst; or None.
-        answer: What was found for all that is not known of the scene; None: all is as it is meant
-            to be. Where torques were found, the solution is that under these.
+        answer: What was found for all that is not known of the scene; None: the scene is
+            nominal. Where torques were found, the solution is that under these.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -64,7 +64,7 @@ def scene_solution_text(
         title += f"\n{robust_text(answer)}"
         if not answer.found:
             return title
-        title += "\nUnder these torques, as it is meant to be:"
+        title += "\nThe nominal scene under these torques:"
     if verdict:
         title += f"\n{fill(verdict, COLUMNS, break_on_hyphens=False)}"
     remarks = _remarks(scene, solution, bounds) if solution.found else []

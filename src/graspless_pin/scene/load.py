@@ -372,7 +372,7 @@ FIELDS_BY_KEY = {key: field for key, (field, _) in _PLAIN.items() if key not in 
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:
-    """Refuse an object whose weight no double holds, or not beside the force that must bear it."""
+    """Refuse a weight that double precision cannot hold, alone or beside the largest force."""
     weight = made.mass * math.hypot(*entry.gravity)
     if 0.0 < weight < SMALLEST_LOAD:
         raise file.error(

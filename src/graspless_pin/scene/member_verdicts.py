@@ -106,7 +106,7 @@ def verdicts_of_members(
     Members with contacts moved are left out.
 
     Args:
-        scene: The scene as it is meant to be. Its controller counts, but with feedback the gains of
+        scene: The nominal scene. Its controller counts, but with feedback the gains of
             the robust torques.
         robust: Torques that serve what it may be.
         time_limit: Seconds for all corners together; None: as long as they take.
@@ -151,7 +151,7 @@ def verdicts_under(
     """Return verdicts on members under commanded torques, one after the other.
 
     Args:
-        scene: The scene as it is meant to be, under the controller that runs.
+        scene: The nominal scene, under the controller that runs.
         members: The members.
         commanded: (L,) N m (N).
         stiffness: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: none.
@@ -178,11 +178,11 @@ def scene_of_member(scene: _Scene, member: Member) -> _Scene:
     """Return a scene changed to what a member is: object, gravity, push and friction.
 
     Inertia goes with the mass, about the centre of mass where that is. What acted on the centre of
-    mass still acts where that was meant to be. Bodies have one coefficient each: the least of their
+    mass still acts at the nominal one. Bodies have one coefficient each: the least of their
     contacts.
 
     Args:
-        scene: The scene as it is meant to be.
+        scene: The nominal scene.
         member: One of its members.
     """
     changed, corner = scene, member.corner

@@ -36,7 +36,7 @@ class RobustAnswer(Brief):
     Attributes:
         uncertainty: What the scene says.
         robust: What was found for the whole set.
-        nominal: The solution of the scene as it is meant to be.
+        nominal: The solution of the nominal scene.
         held: The same scene under the torques for the set: the forces of the largest margin. None
             where nothing was found.
         served_share: The largest share of the set that is served: 1 where torques were found, NaN
@@ -186,7 +186,7 @@ def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSo
     """Return a solution of the scene's own contacts, for which there are no torques.
 
     Args:
-        nominal: That of the scene as it is meant to be.
+        nominal: That of the nominal scene.
         joined: That of the members together, not found; it tells why.
     """
     return changed(

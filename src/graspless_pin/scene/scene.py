@@ -81,7 +81,7 @@ class Scene(SceneFields):
         max_penetration: Deepest overlap that passes for contact, m.
         controller: What runs on the robot's joints beside the torques, for verdicts; its stiffness
             adds to torques for what is not known exactly.
-        uncertainty: What is not known exactly; None: all is as it is meant to be.
+        uncertainty: What is not known exactly; None: nothing, the scene is nominal.
         solve_options: Options of `solve` by name.
         load_findings: What looked wrong when it was loaded.
     """
@@ -183,7 +183,7 @@ class Scene(SceneFields):
             algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
                 name; None: the scene's.
             uncertainty: What is not known exactly: then one vector of torques serves its whole set.
-                True: what the scene says of it. Without it, all is as it is meant to be, whatever
+                True: what the scene says of it. Without it, the nominal scene, whatever
                 the scene says.
             options: Options of `maximize_margin`, `minimize_torque` or the other objective; beside
                 an uncertainty ``stability="strong"`` is asked at its corners, and there is

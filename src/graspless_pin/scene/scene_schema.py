@@ -172,7 +172,7 @@ class SolveEntry(Entry):
     )
     static_friction: Literal["virtual_sliding", "coulomb"] = Field(
         default="virtual_sliding",
-        description="coulomb: any force inside the cones is believed, without a virtual sliding",
+        description="coulomb: any force inside the cones is admitted, without a virtual sliding",
     )
     solver: Name = Field(default="auto", description="auto, or the name of an installed solver")
     regularization: Regularization = Field(
@@ -349,7 +349,7 @@ class SceneEntry(Entry):
         "of all joints, gains, or a word as for the stiffness",
     )
     uncertainty: UncertaintyEntry | None = Field(
-        default=None, description="what is not known exactly; default: all is as it is meant to be"
+        default=None, description="what is not known exactly; default: nothing, the nominal scene"
     )
     solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
 

@@ -45,7 +45,7 @@ def strong_for_members(
     Where a controller is stated, or feedback given, rest has to last under it.
 
     Args:
-        scene: The scene as it is meant to be.
+        scene: The nominal scene.
         objective: What is optimised.
         options: How; `verdict_nodes` bound each verdict, and `time_limit` the whole call.
         solved: Finds the best torques for the set.

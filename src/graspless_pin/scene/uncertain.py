@@ -56,7 +56,7 @@ def solve_uncertain(
     """Return torques that serve all that a scene may be: see `Scene.solve`.
 
     Args:
-        scene: The scene as it is meant to be.
+        scene: The nominal scene.
         objective: What is optimised.
         options: How.
         uncertainty: The set.
@@ -85,7 +85,8 @@ def solve_uncertain(
     if any(figures_in(uncertainty.contact_position)):
         raise ArgumentError(
             "contact_position",
-            "is sampled, and stability='strong' is asked at corners; leave out one of both",
+            "is sampled, and stability='strong' proves rest at vertices of the set only; leave "
+            "out one of the two",
         )
     # Loaded here: verdicts need their own search and solver.
     from graspless_pin.scene.strong_members import strong_for_members
@@ -123,7 +124,7 @@ def corners_in(
     """Return the corners of a set without balls, and what a scene's controller adds to commands.
 
     Args:
-        scene: The scene as it is meant to be.
+        scene: The nominal scene.
         uncertainty: The set.
     """
     problem, stiffness = problem_of(scene), None
@@ -162,7 +163,7 @@ def tolerances_of(
     """Return how far each thing may be off: see `Scene.tolerances`.
 
     Args:
-        scene: The scene as it is meant to be.
+        scene: The nominal scene.
         torques: (L,) N m (N).
         feedback: See `tolerances`; None: the stiffness that the scene's controller states.
         options: See `tolerances`; rules and solver are the scene's unless they say otherwise.

@@ -88,7 +88,8 @@ def _contacts_by_words(solution: TorqueSolution) -> dict[str, list[int]]:
     for limit, contacts in limiting_contacts(solution).items():
         for contact in contacts:
             unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED
-            by_limit.setdefault(_AVAILABLE_FRICTION if unused else limit, []).append(contact)
+            words = _AVAILABLE_FRICTION if unused else f"the distance to {limit}"
+            by_limit.setdefault(words, []).append(contact)
     return by_limit
 
 

@@ -1,9 +1,9 @@
 """What an answer is worth: its status, how well it is proven, and the verdict asked for.
 
-What proves an answer is what the search leaves of it, and the whole proof over all modes. The
-proof is a tree. Each node stands for a part of all modes. A leaf says why nothing in its part
-beats the stated bound: by multipliers of its program, or by a combination that excludes every
-virtual motion. An inner node says how its part is split, so that no mode is left out.
+The proof that no mode gives a better answer is the tree of the branch and bound search. Each node
+is a set of modes. A leaf holds the reason why no mode of its set beats the stated bound: the dual
+multipliers of its program, or a combination of constraints that excludes every virtual motion. An
+inner node states how its set is split, so that no mode is left out.
 """
 
 from __future__ import annotations

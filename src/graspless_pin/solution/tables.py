@@ -85,7 +85,7 @@ _NARROWEST = 12
 """Columns that a name is left at least."""
 _JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
 _CONTACT_LEGEND = (
-    "point from the centre of mass; normal force in N; of mu: friction used, or limit\n"
+    "point from the centre of mass; normal force in N; of mu: share of friction used\n"
     "slides: signs of the virtual sliding (B, S) along t1 and t2, .. none"
 )
 

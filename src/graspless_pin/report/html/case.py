@@ -104,8 +104,8 @@ def case_of_scene(
         file: The scene file that leads to it, for the command that solves it again; None: the scene
             was changed in Python, or made there.
         verdict: Whether the object stays with the solution's torques; None: it was not asked.
-        answer: What was found for all that is not known of the scene; None: all is as it is meant
-            to be. The solution is then the answer's.
+        answer: What was found for all that is not known of the scene; None: the scene is
+            nominal. The solution is then the answer's.
 
     Raises:
         ArgumentError: If the solution is of other contacts.

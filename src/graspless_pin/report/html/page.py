@@ -38,7 +38,7 @@ from graspless_pin.report.html.view import render, view_context
 from graspless_pin.report.verdict_data import read_motion, read_small_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
-from graspless_pin.solution.tables import shown, torque_size
+from graspless_pin.solution.tables import coordinate, shown, torque_size
 
 if TYPE_CHECKING:
     from graspless_pin.planning.squeeze_window import SqueezeWindow
@@ -133,7 +133,7 @@ def _context(
         "made_of": case.document.get("provenance") or {},
         "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
         "force": partial(_number, size=load),
-        "length": partial(_number, size=length),
+        "place": lambda value: coordinate(value, length).replace("-", "−"),
         "torque": partial(_number, size=torque_size(problem, torques)),
         "why": [line for line in why if not line.startswith(_SUGGESTION)],
         "suggestions": [line[2:] for line in why if line.startswith(_SUGGESTION)],

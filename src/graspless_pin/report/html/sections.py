@@ -249,14 +249,14 @@ def joined_ranges(
     """
     rows = []
     for contact, (cells, others) in enumerate(zip(ruled, at_rest, strict=True)):
-        over = "both" if cells == others else "rule"
+        over = "both" if cells == others else "by the rule"
         rows.append({"contact": contact, "over": over, "cells": cells})
-        if over == "rule":
+        if over != "both":
             findings = [
                 {"words": "same", "open": False} if cell == other else other
                 for cell, other in zip(cells, others, strict=True)
             ]
-            rows.append({"contact": contact, "over": "rest", "cells": findings})
+            rows.append({"contact": contact, "over": "any at rest", "cells": findings})
     return rows
 
 
@@ -276,7 +276,7 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
 
     Returns:
         ``coverage`` and ``words`` (sentences), ``conflict`` (members in words), and ``joints``:
-        name, torque for all of it, torque as it is meant to be.
+        name, torque for all of it, torque of the nominal scene.
     """
     stated = case.document.get("uncertainty")
     if not isinstance(stated, dict):

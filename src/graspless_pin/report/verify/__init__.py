@@ -1,6 +1,6 @@
 """Check a solution from its JSON document with numpy alone.
 
-Nothing of the package's own algebra is used, and nothing that the document states is believed: each
+Nothing of the package's own algebra is used, and nothing that the document states is trusted: each
 figure is worked out again from the data of the problem, and each proof is gone through.
 """
 

@@ -115,7 +115,7 @@ def _cost(stated: Part, problem: Problem) -> list[Check]:
 def unread_figures(
     document: dict[str, Any], status: str, *, complete: bool, has_modes: bool
 ) -> list[Check]:
-    """Return the line that names the figures which no claim leans on; none where there are none.
+    """Return the line that names the figures that no check uses; none where there are none.
 
     Args:
         document: The document, with a proof.
@@ -134,7 +134,7 @@ def unread_figures(
     }
     stated = {**{f"proof.{key}": one for key, one in document["proof"].items()}, **document}
     unread = [key for key, is_read in read.items() if not is_read and stated.get(key)]
-    words = f"nothing leans on {', '.join(unread)}"
+    words = f"no check uses {', '.join(unread)}"
     return [given("figures without a claim", words)] if unread else []
 
 

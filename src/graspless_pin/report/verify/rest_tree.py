@@ -299,12 +299,12 @@ def _cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
 def force_limit(proof: Part, wanted: float) -> tuple[float, Check]:
     """Return the normal forces up to which a proof holds, N, and whether they are enough.
 
-    None is stated where the proof leans on no limit: it has neither loads nor a tree.
+    None is stated where the proof uses no limit: it has neither loads nor a tree.
     """
     limit, name = proof.maybe("force_limit"), "force limit of the proof"
     if limit is None:
         leans = proof.maybe("loads") or proof.maybe("nodes")
-        detail = "none is stated, but the proof leans on one" if leans else "it leans on none"
+        detail = "none is stated, but the proof uses one" if leans else "it uses none"
         return wanted, holds(name, not leans, detail)
     detail = f"{limit:.6g} N, wanted {wanted:.6g} N"
     return limit, holds(name, limit >= (1.0 - tolerances.SAME) * wanted, detail)

@@ -33,7 +33,7 @@ from graspless_pin.report.verify.values import (
 
 _AS_STATED = {
     "at_corners": "verdicts on the corners",
-    "nominal": "the figures of the scene as it is meant to be",
+    "nominal": "the figures of the nominal scene",
 }
 """What nothing in the document proves."""
 _ARRAYS = ("frames", "limit", "v")
@@ -310,7 +310,7 @@ def _bound(stated: Part, proof: Part, joined: Problem) -> Check:
 def _covers(stated: Part, nested: dict[str, Any], joined: Problem, contacts: int) -> Check:
     """Whether the loads between corners are served: in one mode, or under plain Coulomb."""
     coverage = stated["coverage"]
-    if coverage == "sampled":  # where contacts are meant to be, more is claimed
+    if coverage == "sampled":  # with contacts at their nominal positions, more is claimed
         coverage = stated["samples"]["where_meant"]
     if coverage == "corners" or joined.coulomb:
         return holds("coverage", passed=True, detail=coverage)
