@@ -1,6 +1,6 @@
 """The members of an uncertain set that prove something of it: the corners of its boxes.
 
-Beside them members whose contacts are not where they are meant to be, drawn at random.
+Beside them members whose contacts are not at their nominal positions, drawn at random.
 """
 
 from __future__ import annotations
@@ -471,7 +471,7 @@ def moved_members(
     Normals stay, and so does how fast contacts slide.
 
     Args:
-        members: Those to draw from, with contacts where they are meant to be.
+        members: Those to draw from, with contacts at their nominal positions.
         radii: (M,) m, how far each contact may be off within its tangent plane.
         slopes: (3, 3M, L) what the Jacobian gains where contacts are moved along each world axis,
             per m; None: nothing.

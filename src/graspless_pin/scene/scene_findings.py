@@ -15,24 +15,25 @@ import numpy as np
 from graspless_pin.algorithms.torque import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
-from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody
-from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
-from graspless_pin.geometry.contact.curvature import normal_jumps
-from graspless_pin.geometry.contact.distances import near_pairs, nearest_separation, separation
+from graspless_pin.geometry.contact.contact_points import BodyKind
+from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.contact_findings import (
+    contact_findings,
+    in_mm,
+    stated_contact_findings,
+)
 from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, meant_lengths, unit_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
-from graspless_pin.scene.stated_contact_findings import stated_contact_findings
 from graspless_pin.scene.uncertain_figures import unused_surfaces
 
 STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
-_NEAR = 5.0  # contact tolerances
 _STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
 _UPWARD = np.cos(np.radians(45.0))
 _LEAST_GRAVITY = 9.81  # m/s^2, where loads are held against the object's weight
@@ -41,10 +42,6 @@ _HEAVIEST_LOAD = 50.0
 _UNLIMITED_EFFORT = {JointUnit.TORQUE: 1e3, JointUnit.FORCE: 1e5}
 _UNLIMITED_FORCE = 1e6  # N
 _OVER_WEIGHT = 1e4
-_SLACK = 1e-6
-_JUMP = np.radians(20.0)
-_UNEVEN = 0.1
-"""Contact tolerances: gaps of one rigid body that differ by less are the same."""
 
 
 class StateChecks(NamedTuple):
@@ -327,7 +324,7 @@ def _shallow_overlaps(scene: SceneFields) -> Iterator[Finding]:
                 one.link,
                 str(one),
                 "move them apart (base_pose, q); nothing pushes back between them, and more than "
-                f"max_penetration ({_length(scene.max_penetration)}) is serious",
+                f"max_penetration ({in_mm(scene.max_penetration)}) is serious",
                 ("max_penetration",),
             )
 
@@ -344,12 +341,8 @@ def _touching(scene: SceneFields) -> Iterator[Finding]:
         return
     if touching is not None and scene.uncertainty is not None:
         yield from unused_surfaces(scene)
-    names = set(() if touching is None else touching.bodies)
     if scene.given_contacts is None:
-        yield from _missed(scene, names)
-        if touching is not None:
-            yield from _doubtful(scene, touching)
-            yield from _uneven(scene, touching)
+        yield from contact_findings(scene, touching)
     if scene.hand is None:
         return
     off = state_findings(scene, StateChecks(collisions=False))
@@ -372,161 +365,5 @@ def _with_nearest(scene: SceneFields, found: Finding) -> Finding:
     gap, link = min(
         (nearest_separation([body], pieces).distance, body.name) for body in hand.placed_bodies
     )
-    nearest = f"{found.message}; the nearest one, '{link}', is {_length(gap)} away"
+    nearest = f"{found.message}; the nearest one, '{link}', is {in_mm(gap)} away"
     return replace(found, message=nearest)
-
-
-def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
-    """Find supports and fingers that miss the object by a few tolerances."""
-    tolerance, pieces = scene.contact_tolerance, scene.object.placed_bodies
-    reach = _NEAR * tolerance
-
-    for index, support in enumerate(scene.supports):
-        if support.name in touching:
-            continue
-        bodies = support.placed_bodies
-        gaps = [
-            separation(pieces[i], bodies[k]).distance for i, k in near_pairs(pieces, bodies, reach)
-        ]
-        gap = min(gaps, default=np.inf)
-        if (1.0 + _SLACK) * tolerance < gap <= reach:
-            yield Finding(
-                FindingCode.SUPPORT_MISSED,
-                support.name,
-                f"support '{support.name}' is {_length(gap)} from object '{scene.object.name}', so "
-                f"it is not a contact (contact_tolerance: {_length(tolerance)})",
-                "settle the object (graspless-pin settle), correct the pose, or raise "
-                "contact_tolerance",
-                ("supports", index, "pose"),
-            )
-    if scene.hand is None:
-        return
-    hand = scene.hand
-    nearest: dict[str, tuple[float, str]] = {}
-    bodies = hand.placed_bodies
-    fingers = {name: hand.finger_of(name) or name for name in {one.name for one in bodies}}
-    busy = {fingers[name] for name in touching if name in fingers}
-    for i, k in near_pairs(pieces, bodies, reach):
-        finger = fingers[bodies[k].name]
-        if finger not in busy:
-            gap = separation(pieces[i], bodies[k]).distance
-            nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
-    for finger, (gap, link) in nearest.items():
-        if (1.0 + _SLACK) * tolerance < gap <= reach:
-            way, key = "close the finger (graspless-pin close), correct q", "q"
-            if hand.finger_of(link) is None:
-                way, key = "move the hand closer (base_pose) if it should touch", "base_pose"
-            yield Finding(
-                FindingCode.FINGER_MISSED,
-                finger,
-                f"'{link}' is {_length(gap)} from object '{scene.object.name}', so it is not a "
-                f"contact (contact_tolerance: {_length(tolerance)})",
-                f"{way}, or raise contact_tolerance",
-                ("hand", key),
-            )
-    if len(hand.mounts) > 1:
-        missed = {link for gap, link in nearest.values() if gap <= reach}
-        yield from _idle_mounts(scene, hand, touching, missed)
-
-
-def _idle_mounts(
-    scene: SceneFields, hand: Hand, touching: set[str], missed: set[str]
-) -> Iterator[Finding]:
-    """Find robots of a hand that touch nothing while others do, nor nearly so."""
-    index = {mount.prefix: place for place, mount in enumerate(hand.mounts)}
-    prefixes = sorted(index, key=len, reverse=True)
-    bodies: dict[str, list[CollisionBody]] = {prefix: [] for prefix in index}
-    for body in hand.placed_bodies:
-        bodies[next(prefix for prefix in prefixes if body.name.startswith(prefix))].append(body)
-    named = {prefix: {body.name for body in own} for prefix, own in bodies.items()}
-    if not any(names & touching for names in named.values()):
-        return
-    for prefix, own in bodies.items():
-        if own and not named[prefix] & (touching | missed):
-            gap = nearest_separation(own, scene.object.placed_bodies).distance
-            yield Finding(
-                FindingCode.IDLE_MOUNT,
-                prefix,
-                f"robot '{prefix}' touches nothing: it is {_length(gap)} from object "
-                f"'{scene.object.name}'",
-                "correct its base_pose (m, rad) or q, or leave it out, if it should touch",
-                ("hand", "mounts", index[prefix], "base_pose"),
-            )
-
-
-def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
-    """Find deep overlaps, and normals that a small shift would turn."""
-    deepest: dict[str, float] = {}
-    for body, gap in zip(touching.bodies, touching.distances, strict=True):
-        deepest[body] = min(deepest.get(body, 0.0), gap)
-    for body, gap in deepest.items():
-        if gap < -(1.0 + _SLACK) * scene.contact_tolerance:
-            yield Finding(
-                FindingCode.DEEP_OVERLAP,
-                body,
-                f"'{body}' and object '{scene.object.name}' overlap by {_length(-gap)}",
-                "move them apart (settle, close_fingers); max_penetration is the overlap that "
-                "passes for contact",
-                ("max_penetration",),
-            )
-    others = [*(() if scene.hand is None else scene.hand.placed_bodies)]
-    others += [piece for support in scene.supports for piece in support.placed_bodies]
-    jumps = normal_jumps(scene.object.placed_bodies, others, touching, scene.contact_tolerance)
-    for body in dict.fromkeys(touching.bodies):
-        worst = max(jump for jump, name in zip(jumps, touching.bodies, strict=True) if name == body)
-        if worst > _JUMP:
-            yield Finding(
-                FindingCode.AMBIGUOUS_NORMAL,
-                body,
-                f"'{body}' touches object '{scene.object.name}' edge on edge: a small shift turns "
-                f"the normal there by {np.degrees(worst):.0f} degrees",
-                "shift one of them so that a face touches, or compare the answers beside it",
-            )
-
-
-def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
-    """Find contacts whose gaps a rigid body cannot close beside a nearer one of its own.
-
-    `contact_tolerance` says how far bodies may be from where they touch. Once the nearer contact
-    touches, a body may so slide along it by the tolerance, and turn by what faces count as parallel
-    within. That closes the other gap by no more than the sum of both, seen along its normal.
-    """
-    names, tolerance = touching.bodies, scene.contact_tolerance
-    gaps, normals = np.array(touching.distances), touching.normals
-    cosines = np.clip(normals @ normals.T, -1.0, 1.0)
-    sines = np.sqrt(1.0 - cosines**2)
-    levers = np.linalg.norm(touching.positions[:, None] - touching.positions, axis=2)
-    behind = gaps[:, None] - gaps * cosines
-    left = behind - tolerance * sines - PARALLEL_ANGLE * levers
-    # Links that no joint parts are one rigid body, and so are all supports.
-    links = {} if scene.hand is None else scene.hand.tree.link_joints
-    count = touching.hand_count
-    rigid = np.array([links[name] if k < count else -1 for k, name in enumerate(names)])
-    ranks = np.argsort(np.argsort(gaps, kind="stable"))
-    left[(rigid[:, None] != rigid) | (ranks[:, None] <= ranks)] = 0.0
-    most = left.max(axis=1, initial=0.0)
-    for name in dict.fromkeys(names):
-        far = max((k for k, one in enumerate(names) if one == name), key=lambda k: most[k])
-        if most[far] <= _UNEVEN * tolerance:
-            continue
-        near = int(np.argmax(left[far]))
-        gap, made = _length(gaps[far]), scene.object.name
-        beside = f"'{names[near]}', rigid with it,"
-        if names[near] == name:
-            beside = "another of its contacts"
-        angle = np.degrees(np.arctan2(behind[far, near], levers[far, near]))
-        yield Finding(
-            FindingCode.UNEVEN_GAPS,
-            name,
-            f"'{name}' is {gap} from object '{made}' at one contact, where {beside} is "
-            f"{_length(gaps[near])} from it: both count as contacts that bear, and they only touch "
-            f"at once if the bodies turn by {angle:.2g} degrees",
-            "correct their poses (q, base_pose, settle), or leave this contact out: "
-            f"contact_tolerance below {gap}",
-            ("contact_tolerance",),
-        )
-
-
-def _length(metres: float) -> str:
-    """Return a length in the unit that reads best."""
-    return f"{1e3 * metres:.4g} mm" if abs(metres) < 1.0 else f"{metres:.4g} m"

@@ -1,0 +1,277 @@
+"""What is doubtful of a scene's contacts: near misses, deep overlaps, gaps, stated contacts.
+
+Contacts that a scene states may contradict its shapes: points off them, normals the wrong way.
+Shapes may be simpler than what they stand for, so the contacts are used all the same.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from itertools import chain
+
+import numpy as np
+
+from graspless_pin.findings import Finding, FindingCode
+from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.contact_points import ContactArrays
+from graspless_pin.geometry.contact.curvature import normal_jumps
+from graspless_pin.geometry.contact.distances import (
+    distances_to_point,
+    near_pairs,
+    nearest_separation,
+    separation,
+)
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.fields import SceneFields
+
+_NEAR = 5.0  # contact tolerances
+_JUMP = np.radians(20.0)
+_UNEVEN = 0.1
+"""Contact tolerances: gaps of one rigid body that differ by less are the same."""
+_SLACK = 1e-6
+_STEP = 3.0
+"""Contact tolerances to either side, where it is looked on which one the object is."""
+
+
+def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
+    """Find stated contacts off the surfaces of object or body, and normals out of the object.
+
+    Both are measured by ``contact_tolerance``. Bodies without shapes are left out.
+    """
+    pieces: defaultdict[str, list[CollisionBody]] = defaultdict(list)
+    placed = [support.placed_bodies for support in scene.supports]
+    for body in chain(*placed, () if scene.hand is None else scene.hand.placed_bodies):
+        pieces[body.name].append(body)
+    made, tolerance = scene.object, scene.contact_tolerance
+    off: list[tuple[float, int, str]] = []
+    outward: list[int] = []
+    for index, contact in enumerate(scene.given_contacts or ()):
+        gaps = {
+            name: abs(float(distances_to_point(bodies, contact.position).min()))
+            for name, bodies in (
+                (f"object '{made.name}'", made.placed_bodies),
+                (f"'{contact.body}'", pieces[contact.body]),
+            )
+            if len(bodies)
+        }
+        far = [(gap, name) for name, gap in gaps.items() if gap > tolerance]
+        if far:
+            words = " and ".join(f"{_millimetres(gap)} from the surface of {on}" for gap, on in far)
+            off.append((max(far)[0], index, words))
+        elif _points_out(made.placed_bodies, contact.position, contact.normal, tolerance):
+            outward.append(index)
+    if outward:
+        several = len(outward) > 1
+        yield Finding(
+            FindingCode.NORMAL_POINTS_OUT,
+            made.name,
+            f"the normal{'s' * several} of stated contact{'s' * several} "
+            f"{', '.join(map(str, outward))} point{'s' * (not several)} out of object "
+            f"'{made.name}'",
+            "turn it round: normals point from the other body into the object",
+            ("contacts", outward[0], "normal"),
+        )
+    if off:
+        _, index, words = max(off)
+        others = f" ({len(off) - 1} more are off)" if len(off) > 1 else ""
+        yield Finding(
+            FindingCode.CONTACT_OFF_SURFACE,
+            made.name,
+            f"stated contact {index} is {words}{others}",
+            "give the point where they touch, in metres and world axes; if the shapes are simpler "
+            f"than the bodies, raise contact_tolerance ({_millimetres(tolerance)})",
+            ("contacts", index, "position"),
+        )
+
+
+def _points_out(
+    bodies: PlacedBodies, point: FloatArray, normal: FloatArray, tolerance: float
+) -> bool:
+    """Return whether the object lies behind a point of its surface, as its normal sees it.
+
+    Args:
+        bodies: Its convex pieces; those at the point count, and one that lies ahead is enough.
+        point: (3,) world, m.
+        normal: (3,) unit, world axes.
+        tolerance: m.
+    """
+    here = abs(distances_to_point(bodies, point)) <= tolerance
+    touching = [body for body, counts in zip(bodies, here, strict=True) if counts]
+    step = _STEP * tolerance * normal
+    ahead, behind = (distances_to_point(touching, point + way) for way in (step, -step))
+    return bool((ahead > behind + tolerance).all())
+
+
+def _millimetres(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm"
+
+
+def contact_findings(scene: SceneFields, touching: ContactArrays | None) -> Iterator[Finding]:
+    """Find what misses the object by little, and what touches it in a doubtful way.
+
+    Args:
+        scene: The scene, whose contacts are found.
+        touching: The contacts; None: there are none.
+    """
+    yield from _missed(scene, set(() if touching is None else touching.bodies))
+    if touching is not None:
+        yield from _doubtful(scene, touching)
+        yield from _uneven(scene, touching)
+
+
+def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
+    """Find supports and fingers that miss the object by a few tolerances."""
+    tolerance, pieces = scene.contact_tolerance, scene.object.placed_bodies
+    reach = _NEAR * tolerance
+
+    for index, support in enumerate(scene.supports):
+        if support.name in touching:
+            continue
+        bodies = support.placed_bodies
+        gaps = [
+            separation(pieces[i], bodies[k]).distance for i, k in near_pairs(pieces, bodies, reach)
+        ]
+        gap = min(gaps, default=np.inf)
+        if (1.0 + _SLACK) * tolerance < gap <= reach:
+            yield Finding(
+                FindingCode.SUPPORT_MISSED,
+                support.name,
+                f"support '{support.name}' is {in_mm(gap)} from object '{scene.object.name}', so "
+                f"it is not a contact (contact_tolerance: {in_mm(tolerance)})",
+                "settle the object (graspless-pin settle), correct the pose, or raise "
+                "contact_tolerance",
+                ("supports", index, "pose"),
+            )
+    if scene.hand is None:
+        return
+    hand = scene.hand
+    nearest: dict[str, tuple[float, str]] = {}
+    bodies = hand.placed_bodies
+    fingers = {name: hand.finger_of(name) or name for name in {one.name for one in bodies}}
+    busy = {fingers[name] for name in touching if name in fingers}
+    for i, k in near_pairs(pieces, bodies, reach):
+        finger = fingers[bodies[k].name]
+        if finger not in busy:
+            gap = separation(pieces[i], bodies[k]).distance
+            nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
+    for finger, (gap, link) in nearest.items():
+        if (1.0 + _SLACK) * tolerance < gap <= reach:
+            way, key = "close the finger (graspless-pin close), correct q", "q"
+            if hand.finger_of(link) is None:
+                way, key = "move the hand closer (base_pose) if it should touch", "base_pose"
+            yield Finding(
+                FindingCode.FINGER_MISSED,
+                finger,
+                f"'{link}' is {in_mm(gap)} from object '{scene.object.name}', so it is not a "
+                f"contact (contact_tolerance: {in_mm(tolerance)})",
+                f"{way}, or raise contact_tolerance",
+                ("hand", key),
+            )
+    if len(hand.mounts) > 1:
+        missed = {link for gap, link in nearest.values() if gap <= reach}
+        yield from _idle_mounts(scene, hand, touching, missed)
+
+
+def _idle_mounts(
+    scene: SceneFields, hand: Hand, touching: set[str], missed: set[str]
+) -> Iterator[Finding]:
+    """Find robots of a hand that touch nothing while others do, nor nearly so."""
+    index = {mount.prefix: place for place, mount in enumerate(hand.mounts)}
+    prefixes = sorted(index, key=len, reverse=True)
+    bodies: dict[str, list[CollisionBody]] = {prefix: [] for prefix in index}
+    for body in hand.placed_bodies:
+        bodies[next(prefix for prefix in prefixes if body.name.startswith(prefix))].append(body)
+    named = {prefix: {body.name for body in own} for prefix, own in bodies.items()}
+    if not any(names & touching for names in named.values()):
+        return
+    for prefix, own in bodies.items():
+        if own and not named[prefix] & (touching | missed):
+            gap = nearest_separation(own, scene.object.placed_bodies).distance
+            yield Finding(
+                FindingCode.IDLE_MOUNT,
+                prefix,
+                f"robot '{prefix}' touches nothing: it is {in_mm(gap)} from object "
+                f"'{scene.object.name}'",
+                "correct its base_pose (m, rad) or q, or leave it out, if it should touch",
+                ("hand", "mounts", index[prefix], "base_pose"),
+            )
+
+
+def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
+    """Find deep overlaps, and normals that a small shift would turn."""
+    deepest: dict[str, float] = {}
+    for body, gap in zip(touching.bodies, touching.distances, strict=True):
+        deepest[body] = min(deepest.get(body, 0.0), gap)
+    for body, gap in deepest.items():
+        if gap < -(1.0 + _SLACK) * scene.contact_tolerance:
+            yield Finding(
+                FindingCode.DEEP_OVERLAP,
+                body,
+                f"'{body}' and object '{scene.object.name}' overlap by {in_mm(-gap)}",
+                "move them apart (settle, close_fingers); max_penetration is the overlap that "
+                "passes for contact",
+                ("max_penetration",),
+            )
+    others = [*(() if scene.hand is None else scene.hand.placed_bodies)]
+    others += [piece for support in scene.supports for piece in support.placed_bodies]
+    jumps = normal_jumps(scene.object.placed_bodies, others, touching, scene.contact_tolerance)
+    for body in dict.fromkeys(touching.bodies):
+        worst = max(jump for jump, name in zip(jumps, touching.bodies, strict=True) if name == body)
+        if worst > _JUMP:
+            yield Finding(
+                FindingCode.AMBIGUOUS_NORMAL,
+                body,
+                f"'{body}' touches object '{scene.object.name}' edge on edge: a small shift turns "
+                f"the normal there by {np.degrees(worst):.0f} degrees",
+                "shift one of them so that a face touches, or compare the answers beside it",
+            )
+
+
+def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
+    """Find contacts whose gaps a rigid body cannot close beside a nearer one of its own.
+
+    `contact_tolerance` says how far bodies may be from where they touch. Once the nearer contact
+    touches, a body may so slide along it by the tolerance, and turn by what faces count as parallel
+    within. That closes the other gap by no more than the sum of both, seen along its normal.
+    """
+    names, tolerance = touching.bodies, scene.contact_tolerance
+    gaps, normals = np.array(touching.distances), touching.normals
+    cosines = np.clip(normals @ normals.T, -1.0, 1.0)
+    sines = np.sqrt(1.0 - cosines**2)
+    levers = np.linalg.norm(touching.positions[:, None] - touching.positions, axis=2)
+    behind = gaps[:, None] - gaps * cosines
+    left = behind - tolerance * sines - PARALLEL_ANGLE * levers
+    # Links that no joint parts are one rigid body, and so are all supports.
+    links = {} if scene.hand is None else scene.hand.tree.link_joints
+    count = touching.hand_count
+    rigid = np.array([links[name] if k < count else -1 for k, name in enumerate(names)])
+    ranks = np.argsort(np.argsort(gaps, kind="stable"))
+    left[(rigid[:, None] != rigid) | (ranks[:, None] <= ranks)] = 0.0
+    most = left.max(axis=1, initial=0.0)
+    for name in dict.fromkeys(names):
+        far = max((k for k, one in enumerate(names) if one == name), key=lambda k: most[k])
+        if most[far] <= _UNEVEN * tolerance:
+            continue
+        near = int(np.argmax(left[far]))
+        gap, made = in_mm(gaps[far]), scene.object.name
+        beside = f"'{names[near]}', rigid with it,"
+        if names[near] == name:
+            beside = "another of its contacts"
+        angle = np.degrees(np.arctan2(behind[far, near], levers[far, near]))
+        yield Finding(
+            FindingCode.UNEVEN_GAPS,
+            name,
+            f"'{name}' is {gap} from object '{made}' at one contact, where {beside} is "
+            f"{in_mm(gaps[near])} from it: both count as contacts that bear, and they only touch "
+            f"at once if the bodies turn by {angle:.2g} degrees",
+            "correct their poses (q, base_pose, settle), or leave this contact out: "
+            f"contact_tolerance below {gap}",
+            ("contact_tolerance",),
+        )
+
+
+def in_mm(metres: float) -> str:
+    """Return a length in the unit that reads best."""
+    return f"{1e3 * metres:.4g} mm" if abs(metres) < 1.0 else f"{metres:.4g} m"
