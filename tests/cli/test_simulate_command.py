@@ -77,9 +77,9 @@ def test_without_torques_there_is_nothing_to_simulate(tmp_path):
         (("--push", "1,2"), "--push: needs three numbers with commas: 1,0,0; got '1,2'"),
         (("--push", "1,2,nan"), "--push: needs three numbers"),
         (("--save", "out.gif"), "--save: needs a file that ends in .html or .mp4, got 'out.gif'"),
-        (("--seconds", "-1"), "seconds: is -1.0"),
+        (("--seconds", "-1"), "--seconds: is -1.0"),
         (("--controller", "-1"), "--controller: is -1.0"),
-        (("--friction-factor", "-1"), "friction_factor: is -1.0"),
+        (("--friction-factor", "-1"), "--friction-factor: is -1.0"),
     ],
 )
 def test_bad_options_are_refused(options, message):

@@ -343,8 +343,8 @@ def objective_and_options(
         ArgumentError: See `objective_named` and `SolveOptions.parse`.
     """
     figures = list(dict.fromkeys(key for own in _FIGURES.values() for key in own))
-    refuse_unknown(chosen, [*figures, *SolveKeywords.__annotations__])
     objective = objective_named(algorithm, chosen)
+    refuse_unknown(chosen, [*figures, *SolveKeywords.__annotations__])
     return objective, SolveOptions.parse(
         **{key: value for key, value in chosen.items() if key not in figures}
     )

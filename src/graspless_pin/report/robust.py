@@ -152,7 +152,7 @@ def _unserved(robust: RobustSolution) -> str:
             told += f" Rest is lost where {last}: {robust.rest.verdicts[-1].message}."
         return told
     if robust.status is Status.UNVERIFIED:
-        return "Whether torques serve all of it is open: none were proven to. Reduce it."
+        return "Whether torques serve all of it is open: none were proven to. Make it smaller."
     return f"No torques for all of it: {robust.status.message}."
 
 
