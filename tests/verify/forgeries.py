@@ -413,14 +413,14 @@ def open_leaf_alone(document: Document) -> None:
     _as_strong(document, [root, leaf, copy.deepcopy(leaf)])
 
 
-@forgery("slope")
+@forgery("corners")
 def arc_of_more_than_all_directions(document: Document) -> None:
     for node in document["stability"]["proof"]["nodes"]:
         if node["slip"] is not None:
             node["slip"] = [node["slip"][0], 40.0]
 
 
-@forgery("slope")
+@forgery("corners")
 def arcs_leave_a_gap(document: Document) -> None:
     node = next(n for n in document["stability"]["proof"]["nodes"] if n["slip"] is not None)
     node["slip"][1] -= 1e-9

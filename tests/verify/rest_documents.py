@@ -28,8 +28,8 @@ def slope(angle=0.3, friction=0.5):
 
 
 def corners():
-    """A block of 1 kg on its four corners, on a slope: three that are closed close the fourth."""
-    feet = [[x, y, -0.02] for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
+    """A block of 1 kg on a slope with a step: three corners that are closed close the fourth."""
+    feet = [[x, y, 0.1 * y - 0.02] for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
     return QuasistaticProblem(feet, [[0, 0, 1]] * 4, slope().external_wrench, friction=0.5,
                               cone="round", object_inertia=ONE_KILOGRAM)  # fmt: skip
 

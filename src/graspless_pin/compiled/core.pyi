@@ -195,6 +195,7 @@ class Bounds:
         commanded_spread: Array,
         loads: Array,
         tolerance: float,
+        patch_tolerance: float,
         force_limit: float,
         aside: Array,
         leaks: Array,

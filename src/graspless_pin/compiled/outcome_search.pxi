@@ -24,18 +24,23 @@ cdef double least_product(double x, double y, double center, double half_width) 
     return cos(turn) * x + sin(turn) * y
 
 
+cdef bint is_stuck(Py_ssize_t state, double half_width) noexcept nogil:
+    """Whether a contact does not slip, by itself or with its patch."""
+    return state == STICKING or half_width < 0.0
+
+
 cdef class Bounds:
     """What multipliers prove, see `holding.bounds.outcome_bound`, for one dynamics and loads."""
 
     cdef Py_ssize_t count, n
-    cdef double tolerance, force_limit
+    cdef double tolerance, patch_tolerance, force_limit
     cdef cnp.ndarray rows, load, mu, commanded, spread, own_spread, loads, reach, left, needed, pay
     cdef cnp.ndarray aside, leaks
     cdef bint is_whole
 
     def __init__(
         self, rows, load, friction, commanded, spread, commanded_spread, loads,
-        double tolerance, double force_limit, aside, leaks,
+        double tolerance, double patch_tolerance, double force_limit, aside, leaks,
     ):
         cdef cnp.ndarray matrix = as_reals(rows, 3)
         cdef Py_ssize_t k
@@ -49,6 +54,7 @@ cdef class Bounds:
         self.aside, self.leaks = as_vector(aside, self.n), as_vector(leaks, self.count)
         self.is_whole = inner(data(self.aside), data(self.aside), self.n) == 0.0
         self.tolerance, self.force_limit = tolerance, force_limit
+        self.patch_tolerance = patch_tolerance
         self.reach, self.left = empty1(self.count), empty1(self.n)
         self.needed, self.pay = empty1(self.count), empty1(self.count)
         for k in range(self.count):
@@ -63,7 +69,7 @@ cdef class Bounds:
         Args:
             states: (M,) numbers.
             center: (M,) rad.
-            half_width: (M,) rad.
+            half_width: (M,) rad, as of `holding.bounds.States`.
             motion: (n,) lambda.
             normal: (M,) nu.
             tangential: (M, 2) kappa.
@@ -90,7 +96,7 @@ cdef class Bounds:
         Args:
             states: (M,) numbers.
             center: (M,) rad.
-            half_width: (M,) rad.
+            half_width: (M,) rad, as of `holding.bounds.States`.
             motions: (K, n) lambda.
             normals: (K, M) nu.
             tangentials: (K, M, 2) kappa.
@@ -137,7 +143,7 @@ cdef class Bounds:
         for k in range(self.count):
             own = data(self.rows) + 3 * k * n
             held = isfinite(data(self.commanded)[k])
-            arc = half_width[k] if states[k] == SLIPPING else M_PI
+            arc = M_PI if is_stuck(states[k], half_width[k]) else half_width[k]
             for j in range(3):
                 c[j] = inner(own + j * n, motion, n) + (0.0 if q == NULL else q[3 * k + j])
             gain = -data(self.mu)[k] * least_product(c[1], c[2], center[k], arc)
@@ -162,10 +168,11 @@ cdef class Bounds:
             slack += fmax(-nu, 0.0)
             for j in range(n):
                 v[j] += nu * own[j] + kappa[2 * k] * own[n + j] + kappa[2 * k + 1] * own[2 * n + j]
-            if states[k] == STICKING:
-                slack += sqrt(kappa[2 * k] * kappa[2 * k] + kappa[2 * k + 1] * kappa[2 * k + 1])
+            if is_stuck(states[k], half_width[k]):
+                wrong = sqrt(kappa[2 * k] * kappa[2 * k] + kappa[2 * k + 1] * kappa[2 * k + 1])
+                slack += wrong * (self.patch_tolerance if half_width[k] < 0.0 else 1.0)
                 continue
-            arc = half_width[k] if states[k] == SLIPPING else M_PI
+            arc = M_PI if is_stuck(states[k], half_width[k]) else half_width[k]
             wrong = -least_product(kappa[2 * k], kappa[2 * k + 1], center[k], arc)
             if wrong > 0.0:
                 low = data(self.commanded)[k] if held else data(self.loads)[k]

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from graspless_pin.compiled import core
 from graspless_pin.holding.dynamics import Dynamics, leaks
 from graspless_pin.holding.least_squares import least_squares
+from graspless_pin.holding.patches import Patch, PatchSlip
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
 
@@ -35,6 +36,8 @@ _EXACT = 1e-15
 """Gains per newton up to this are left: a million loads make little of them."""
 _CLOSING = 1e-13
 """Scaled acceleration: what rounding leaves of rows that depend on each other is a hundredth."""
+PATCH_TOLERANCE = 10.0
+"""Times the closing tolerance: what contacts of a patch may slip that count as sticking."""
 _STILL = 1e-9
 """A load that is smaller than this counts as so large."""
 _REMEMBERED = 256
@@ -50,10 +53,13 @@ class States:
     Attributes:
         state: M states.
         center: (M,) angle of the middle of its slip, rad.
-        half_width: (M,) rad; pi where any direction is possible.
+        half_width: (M,) rad; pi where any direction is possible; -1 where none is: it does not
+            slip. Of patches, whose contacts may be open or closed all the same, and of those that
+            slip.
         closes: (M,) contacts whose closing depends on that of others: relaxations need no row for
             it, and rows that depend on others make large multipliers.
         sticks: (M,) contacts of whose sticking that is true.
+        patches: What is known of patches.
     """
 
     state: tuple[ContactState, ...]
@@ -61,6 +67,7 @@ class States:
     half_width: FloatArray
     closes: NDArray[np.bool_]
     sticks: NDArray[np.bool_]
+    patches: tuple[PatchSlip, ...] = ()
 
     @classmethod
     def unknown(cls, count: int) -> States:
@@ -80,21 +87,49 @@ class States:
         """Return the states with one contact's replaced."""
         centers, widths = self.center.copy(), self.half_width.copy()
         closes, sticks = self.closes.copy(), self.sticks.copy()
-        centers[contact], widths[contact] = center, half_width
+        if state in (ContactState.STICKING, ContactState.SLIPPING):
+            centers[contact], widths[contact] = center, half_width
+            sticks[contact] = depends and state is ContactState.STICKING
         closes[contact] |= depends and state is ContactState.CLOSED
-        sticks[contact] = depends and state is ContactState.STICKING
         states = (*self.state[:contact], state, *self.state[contact + 1 :])
-        return States(states, centers, widths, closes, sticks)
+        return States(states, centers, widths, closes, sticks, self.patches)
+
+    def with_patch(self, patch: PatchSlip) -> States:
+        """Return the states with what is known of a patch."""
+        contacts, sticks = [*patch.contacts], self.sticks.copy()
+        centers, widths = self.center.copy(), self.half_width.copy()
+        # Of a contact that was split by itself more is known.
+        free = ~self.are(ContactState.STICKING, ContactState.SLIPPING)[contacts]
+        centers[contacts] = np.where(free, patch.arcs[:, 0], centers[contacts])
+        widths[contacts] = np.where(free, patch.arcs[:, 1], widths[contacts])
+        # Where two contacts do not slip, none does.
+        sticks[contacts[2:]] |= patch.cone is None
+        others = tuple(one for one in self.patches if one.contacts != patch.contacts)
+        return States(self.state, centers, widths, self.closes, sticks, (*others, patch))
+
+    def known(self, patch: Patch) -> PatchSlip | None:
+        """Return what is known of a patch; None: nothing."""
+        return next((one for one in self.patches if one.contacts == patch.contacts), None)
+
+    @cached_property
+    def stuck(self) -> NDArray[np.bool_]:
+        """(M,) contacts that do not slip, open ones of such patches among them."""
+        return self.are(ContactState.STICKING) | (self.half_width < 0.0)
+
+    @cached_property
+    def arcs(self) -> tuple[FloatArray, FloatArray]:
+        """Middle and half width (M,) of the directions of slip, rad."""
+        return self.center, np.where(self.stuck, np.pi, self.half_width)
+
+    @cached_property
+    def undecided(self) -> NDArray[np.bool_]:
+        """(M,) contacts that may open, or slip in any direction and stick."""
+        free, closed = self.are(ContactState.FREE), self.are(ContactState.CLOSED)
+        return free | (closed & (self.half_width >= np.pi))
 
     def are(self, *kinds: ContactState) -> NDArray[np.bool_]:
         """Return which contacts are in one of these states."""
         return _among(kinds)[self.numbers]
-
-    @cached_property
-    def arcs(self) -> tuple[FloatArray, FloatArray]:
-        """(M,) middle and half the width of the directions that slips may have, rad."""
-        slipping = self.are(ContactState.SLIPPING)
-        return self.center, np.where(slipping, self.half_width, np.pi)
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
@@ -153,7 +188,7 @@ def repaired(
 def fixed_rows(dynamics: Dynamics, states: States) -> FloatArray:
     """Return the rows along which closed contacts do not part and sticking ones do not slip."""
     rows = dynamics.rows
-    sticking = rows[states.are(ContactState.STICKING), 1:]
+    sticking = rows[states.stuck, 1:]
     return np.vstack(
         [rows[_stays_closed(dynamics, states), 0], sticking.reshape(-1, rows.shape[2])]
     )
@@ -177,7 +212,7 @@ def kinematic_dual(
     nu, kappa = normal.copy(), np.zeros((len(normal), 2))
     closed = _stays_closed(dynamics, states)
     nu[closed] += weights[: closed.sum()]
-    kappa[states.are(ContactState.STICKING)] = weights[closed.sum() :].reshape(-1, 2)
+    kappa[states.stuck] = weights[closed.sum() :].reshape(-1, 2)
     return DualBound(np.zeros(len(goal)), nu, kappa)
 
 
@@ -216,7 +251,7 @@ def outcome_bound(
     """
     p, q = goal
     mu, commanded = dynamics.friction, dynamics.is_commanded
-    opened, sticking = states.are(ContactState.OPEN), states.are(ContactState.STICKING)
+    opened, sticking = states.are(ContactState.OPEN), states.stuck
     may_part = states.are(ContactState.FREE, ContactState.OPEN)
     normal = np.where(may_part, np.maximum(dual.normal, 0.0), dual.normal)
     normal = np.where(commanded, 0.0, normal)
@@ -228,7 +263,8 @@ def outcome_bound(
     high = np.where(commanded, dynamics.commanded, force_limit)
     forces = np.where(opened, 0.0, per_newton * np.where(per_newton > 0.0, high, low)).sum()
     # Closed means u_n up to the tolerance, and sticking u_t.
-    slack = np.maximum(-normal, 0.0).sum() + np.hypot(*dual.tangential[sticking].T).sum()
+    times = np.where(states.half_width < 0.0, PATCH_TOLERANCE, 1.0)[sticking]
+    slack = np.maximum(-normal, 0.0).sum() + times @ np.hypot(*dual.tangential[sticking].T)
     bound = float(dual.motion @ dynamics.load) + float(forces)
     bound += closing_tolerance(dynamics) * float(slack)
     # The load along its spread that helps most.
@@ -288,7 +324,7 @@ class OutcomeBounds:
             self._compiled = core.Bounds(
                 dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
                 dynamics.spread, dynamics.commanded_spread, loads, closing_tolerance(dynamics),
-                force_limit, dynamics.aside, leaks(dynamics, dynamics.aside),
+                PATCH_TOLERANCE, force_limit, dynamics.aside, leaks(dynamics, dynamics.aside),
             )  # fmt: skip
 
     def bound(self, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]) -> float:

@@ -7,15 +7,24 @@ Three closed corners of a face close the fourth; two contacts that stick keep a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from graspless_pin.holding.bounds import RANK, States, closing_tolerance, fixed_rows, kinematic_dual
+from graspless_pin.holding.bounds import (
+    PATCH_TOLERANCE,
+    RANK,
+    States,
+    closing_tolerance,
+    fixed_rows,
+    kinematic_dual,
+)
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.least_squares import nonnegative_squares
+from graspless_pin.holding.patches import Patch, PatchSlip, find_patches
 from graspless_pin.holding.relaxation import Relaxation, Relaxed
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, LoadProof, OutcomeSet, SlipRange
@@ -66,7 +75,7 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
             dual = kinematic_dual(dynamics, states, goal, weights)
             if _is_proof(dynamics, dual, rows[contact, 0]):
                 return Forced(int(contact), ContactState.CLOSED, (dual,), not shares.any())
-    slipping = states.are(ContactState.CLOSED, ContactState.SLIPPING)
+    slipping = states.are(ContactState.CLOSED, ContactState.SLIPPING) & ~states.stuck
     for contact in np.flatnonzero(slipping):
         if np.linalg.norm(rows[contact, 1:] @ still) <= tolerance:
             none = np.zeros(len(rows))
@@ -91,6 +100,10 @@ _FINGERS_FIRST = 3.0
 """Weight of contacts that joints drive: what fingers do decides what supports have to bear."""
 _LOADS_ANEW = 3
 """Sets of outcomes, of which each such one is asked for larger normal forces."""
+_LEAST_GAP = 1e-15
+"""Power by which any contact counts as missing Coulomb's law: at rest what is widest is split."""
+_NARROW = 0.2
+"""Motions of a patch that span less, rad, may be about one of its contacts."""
 _NARROWEST = 1e-4
 """Half the width of a sector that is not halved any more, rad."""
 
@@ -110,6 +123,8 @@ class _Node:
     dual: DualBound | None = None
     is_closed: bool = False
     """Whether kinematics force no more than is known already."""
+    patch: PatchSlip | None = None
+    """What is known of the patch that its parent was split at."""
 
     def taken(self) -> Relaxation:
         """Return the relaxation, which is not kept any longer: trees have thousands of nodes."""
@@ -120,11 +135,12 @@ class _Node:
 
     def finished(self) -> OutcomeSet:
         """Return the node of the proof."""
-        slip = slip_range(self.states, self.contact)
+        slip = None if self.patch else slip_range(self.states, self.contact)
         children = tuple(child.finished() for child in self.children)
         return OutcomeSet(
-            self.contact, self.state, slip, children, self.dual, self.forced, self.loads
-        )
+            self.contact, self.state, slip, children, self.dual, self.forced, self.loads,
+            patch=self.patch,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +170,8 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     """
     root = _Node(-1, ContactState.FREE, States.unknown(dynamics.contact_count), relaxation)
     nothing = np.zeros((dynamics.contact_count, 3))
+    tolerance = PATCH_TOLERANCE * closing_tolerance(dynamics)
+    patches = find_patches(dynamics.rows, dynamics.friction, tolerance)
     search, nodes, given_up = TreeSearch([root]), 0, 0
     for _, node in search:
         if is_over(nodes):
@@ -184,18 +202,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             motion = _near(dynamics, relaxed, y)
             if motion is not None:
                 return Branched(None, motion, nodes, len(search))
-        contact, parts = split(dynamics, relaxation.loads, node.states, y, forces)
-        was_closed = node.states.state[contact] is not ContactState.FREE
-        node.children = [
-            _Node(
-                contact,
-                state := each.state[contact],
-                each,
-                relaxation,
-                is_closed=_forces_none(state, was_closed),
-            )
-            for each in parts
-        ]
+        node.children = _children(dynamics, node.states, relaxation, y, forces, patches)
         if not node.children:
             given_up += 1
         search.add(reversed(node.children))
@@ -220,6 +227,43 @@ def _closed(dynamics: Dynamics, node: _Node) -> tuple[_Node, bool]:
     return node, False
 
 
+def _children(
+    dynamics: Dynamics,
+    states: States,
+    relaxation: Relaxation,
+    y: FloatArray,
+    forces: FloatArray,
+    patches: Sequence[Patch],
+) -> list[_Node]:
+    """Split a set of outcomes where a point misses Coulomb's law most. Arguments as of `split`."""
+    patch, least = _widest_patch(dynamics, states, y, forces, patches)
+    contact, parts = split(dynamics, relaxation.loads, states, y, forces, patches, least)
+    if parts or patch is None:
+        was_closed = states.state[contact] is not ContactState.FREE
+        return [
+            _Node(
+                contact,
+                state := each.state[contact],
+                each,
+                relaxation,
+                is_closed=_forces_none(state, was_closed),
+            )
+            for each in parts
+        ]
+    contact = patch.contacts[0]
+    return [
+        _Node(
+            contact,
+            state := ContactState.SLIPPING if part.cone else ContactState.STICKING,
+            states.with_patch(part),
+            relaxation,
+            is_closed=_forces_none(state, was_closed=True),
+            patch=part,
+        )
+        for part in patch.split(states.known(patch), y)
+    ]
+
+
 def _forces_none(state: ContactState, was_closed: bool) -> bool:
     """Return whether a contact that comes into a state adds nothing to what kinematics fix."""
     return state is ContactState.OPEN or (state is ContactState.SLIPPING and was_closed)
@@ -237,7 +281,13 @@ def _near(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> FloatArray | N
 
 
 def split(
-    dynamics: Dynamics, loads: FloatArray, states: States, y: FloatArray, forces: FloatArray
+    dynamics: Dynamics,
+    loads: FloatArray,
+    states: States,
+    y: FloatArray,
+    forces: FloatArray,
+    patches: Sequence[Patch] = (),
+    least: float = 0.0,
 ) -> tuple[int, list[States]]:
     """Split the contact whose force and slip miss Coulomb's law most.
 
@@ -247,26 +297,73 @@ def split(
         states: Of the contacts.
         y: (n,) the motion of a point.
         forces: (M, 3) its contact forces, scaled.
+        patches: Contacts whose slips are split together: of each it is split whether it opens.
+        least: Of those that miss it by less, weighted, none is split.
 
     Returns:
         The contact, and states that together leave out nothing; none where no contact is left.
     """
     never_opens = dynamics.is_commanded | (loads > 0.0)
+    may_open = states.are(ContactState.FREE) & ~never_opens
     whole = ~states.are(ContactState.OPEN, ContactState.STICKING)
     whole &= ~(states.are(ContactState.SLIPPING) & (states.half_width <= _NARROWEST))
     # Without friction it does not matter where a closed contact slips.
     whole &= ~((dynamics.friction == 0.0) & (never_opens | states.are(ContactState.CLOSED)))
     u = dynamics.slips(y)
     gaps, slips = coulomb_gaps(dynamics, forces, u), np.hypot(u[:, 1], u[:, 2])
+    gaps = gaps + 1e-9 * slips + _LEAST_GAP
+    for patch in patches:
+        members = np.array(patch.contacts)
+        members = members[~_alone(states, patch)[members]]
+        whole[members] &= may_open[members]
+        gaps[members] = np.abs(forces[members, 0] * u[members, 0]) + _LEAST_GAP
     # A narrow sector has little left to give.
-    widths = np.minimum(states.half_width, _QUADRANT)
-    driven = dynamics.rows[:, :, len(dynamics.levers) :].any(axis=(1, 2))
-    weights = np.where(driven, _FINGERS_FIRST, 1.0) * widths
-    score = np.where(whole, (gaps + 1e-9 * slips) * weights, -1.0)
+    widths = np.where(may_open, _QUADRANT, np.minimum(states.half_width, _QUADRANT))
+    score = np.where(whole, gaps * _weights(dynamics) * widths, -1.0)
     contact = int(np.argmax(score))
-    if not whole[contact]:
+    if not whole[contact] or score[contact] < least:
         return contact, []
     return contact, _parts(states, contact, u[contact, 1:], may_open=not never_opens[contact])
+
+
+def _alone(states: States, patch: Patch) -> NDArray[np.bool_]:
+    """Return the (M,) contacts that are split by themselves, as a patch turns about them."""
+    known = states.known(patch)
+    if known is None or known.cone is None or known.width > _NARROW:
+        return np.zeros(len(states.state), dtype=bool)
+    return (states.half_width >= np.pi) | states.are(ContactState.STICKING, ContactState.SLIPPING)
+
+
+def _weights(dynamics: Dynamics) -> FloatArray:
+    driven = dynamics.rows[:, :, len(dynamics.levers) :].any(axis=(1, 2))
+    return np.where(driven, _FINGERS_FIRST, 1.0)
+
+
+def _widest_patch(
+    dynamics: Dynamics,
+    states: States,
+    y: FloatArray,
+    forces: FloatArray,
+    patches: Sequence[Patch],
+) -> tuple[Patch | None, float]:
+    """Return the patch whose friction misses Coulomb's law most, and by how much, weighted."""
+    found: tuple[Patch | None, float] = None, 0.0
+    if not patches:
+        return found
+    u, weights = dynamics.slips(y), _weights(dynamics)
+    u[:, 0] = 0.0
+    gaps = coulomb_gaps(dynamics, forces, u) + 1e-9 * np.hypot(u[:, 1], u[:, 2])
+    gaps += _LEAST_GAP
+    for patch in patches:
+        known = states.known(patch)
+        width = np.pi if known is None else known.width
+        if width > _NARROWEST:
+            together = [*patch.contacts]
+            score = float((gaps * ~_alone(states, patch))[together].sum()) * min(width, _QUADRANT)
+            score *= weights[patch.contacts[0]]
+            if score > found[1]:
+                found = patch, score
+    return found
 
 
 def _parts(states: States, contact: int, slip: FloatArray, *, may_open: bool) -> list[States]:

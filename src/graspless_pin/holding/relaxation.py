@@ -219,7 +219,7 @@ class Relaxation:
         self._enter(states, elastic=True)
         best: Relaxed | None = None
         enough = self.enough(states)
-        splits = states.are(ContactState.FREE, ContactState.CLOSED).any()
+        splits = states.undecided.any()
         for answer in self._answers(goal):
             relaxed = self._read(answer, states, goal, enough)
             if best is not None and best.bound <= relaxed.bound:
@@ -349,8 +349,8 @@ class Relaxation:
 
     def _set_slips(self, states: States) -> None:
         """Add what sticking says, and a slip in an arc of at most pi: edges for slip and force."""
-        sticking = np.flatnonzero(states.are(ContactState.STICKING) & ~states.sticks)
-        slipping = np.flatnonzero(states.are(ContactState.SLIPPING) & (states.half_width < np.pi))
+        sticking = np.flatnonzero(states.stuck & ~states.sticks)
+        slipping = np.flatnonzero(~states.stuck & (states.half_width < np.pi))
         count, row = 2 * len(sticking) + 5 * len(slipping), 2 * len(sticking)
         rows, low, high = np.zeros((count, self._size)), np.zeros(count), np.zeros(count)
         own = self.dynamics.rows[:, 1:]
@@ -396,10 +396,10 @@ class Relaxation:
 
         Only where no contact is left to be split: before, splitting tells more.
         """
-        if states.are(ContactState.FREE, ContactState.CLOSED).any():
+        if states.undecided.any():
             return False
         forces = x[self._n : self._slip].reshape(self._m, 3)
-        sticking = states.are(ContactState.STICKING)
+        sticking = states.stuck
         outside, planes = cone_tangents(forces, self.dynamics.friction, sticking)
         rows = np.zeros((len(outside), self._size))
         for row, contact, plane in zip(rows, outside, planes, strict=True):

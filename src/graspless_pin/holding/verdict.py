@@ -15,6 +15,7 @@ from typing import Never, TypedDict
 import numpy as np
 
 from graspless_pin.holding.controller import SmallMotions
+from graspless_pin.holding.patches import PatchSlip
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Brief
@@ -148,7 +149,7 @@ class OutcomeSet:
     """One set of outcomes: a leaf with its proof, or split into its children.
 
     Attributes:
-        contact: The contact that its parent was split at; -1 at the root.
+        contact: The contact that its parent was split at, or the first of a patch; -1 at the root.
         state: What is known of that contact here.
         slip: The directions of slip, where the state is slipping.
         children: They cover the node; empty for a leaf.
@@ -158,7 +159,8 @@ class OutcomeSet:
             child: that u_n (u_t1 and u_t2) are at most the closing tolerance.
         loads: Smallest normal forces of all outcomes here and below, each proven with those before.
         sides: Under a declared motion, what is proven here and below: numbers of goals of
-            `holding.kept_bounds` with their multipliers; goal 0: no outcome is here.
+            `holding.declared_motion` with their multipliers; goal 0: no outcome is here.
+        patch: What its contacts do, where the parent was split at a patch.
     """
 
     contact: int
@@ -169,6 +171,7 @@ class OutcomeSet:
     forced: tuple[DualBound, ...] = ()
     loads: tuple[LoadProof, ...] = ()
     sides: tuple[tuple[int, DualBound], ...] = ()
+    patch: PatchSlip | None = None
 
     @property
     def is_empty(self) -> bool:

@@ -10,6 +10,7 @@ from graspless_pin.algorithms.disturbances import GuaranteedDisturbance
 from graspless_pin.algorithms.robustness import LoadBracket
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import CONSTANT_TORQUES, SmallMotions
+from graspless_pin.holding.patches import PatchSlip
 from graspless_pin.holding.verdict import (
     ContactState,
     DualBound,
@@ -189,4 +190,10 @@ def _node(node: OutcomeSet) -> dict[str, Any]:
         loads=_loads(node.loads),
         sides=[{"goal": goal, "multipliers": _multipliers(dual)} for goal, dual in node.sides],
         children=len(node.children),
+        patch=None if node.patch is None else _patch(node.patch),
     )
+
+
+def _patch(patch: PatchSlip) -> dict[str, Any]:
+    cone = None if patch.cone is None else vars(patch.cone)
+    return written("patch", patch, contacts=[*patch.contacts], cone=cone)

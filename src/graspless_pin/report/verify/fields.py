@@ -324,6 +324,15 @@ FIELDS: dict[str, dict[str, Field]] = {
         "multipliers": _part("rest multipliers"),
         "forced": _list(_part("rest multipliers"), "{1}", 0, 2), "loads": _LOADS,
         "sides": _list(_part("side"), "a side of {1}", 0, "2P + 1"), "children": _whole(0, 100_000),
+        "patch": _part("patch"),
+    },
+    "patch": {
+        "contacts": _list(_index("M"), "a contact of {1}", 2, "M"), "images": _shaped("k", 2, 3),
+        "arcs": _shaped("k", 2), "cone": _part("motion cone"),
+    },
+    "motion cone": {
+        "axes": _shaped(3, 3), "axis": _whole(0, 2), "sign": _whole(-1, 1), "low": _shaped(2),
+        "high": _shaped(2),
     },
     "side": {"goal": _index("2P + 1"), "multipliers": _part("rest multipliers")},
     "holding": {

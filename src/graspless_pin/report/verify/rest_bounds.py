@@ -24,6 +24,7 @@ import numpy as np
 
 from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.rest_patches import PatchSlip
 
 _LONG = np.longdouble
 
@@ -212,9 +213,11 @@ class KnownStates:
         kinds: M states: an open contact has no force; a closed one does not part; a sticking one
             does not slip, either; a slipping one slips in its arc, with friction against it.
         center: (M,) middle of the arc, from t1 to t2, rad.
-        half_width: (M,) rad; pi: any direction.
+        half_width: (M,) rad; pi: any direction. Of contacts in patches that slip, in any state.
         parts: (M,) largest u_n of a contact that counts as closed.
         slips: (M,) largest |u_t| of a contact that counts as sticking.
+        still: (M,) contacts that do not slip with their patch, in any state.
+        patches: What is known of patches.
     """
 
     kinds: tuple[Kind, ...]
@@ -222,12 +225,15 @@ class KnownStates:
     half_width: np.ndarray
     parts: np.ndarray
     slips: np.ndarray
+    still: np.ndarray
+    patches: tuple[PatchSlip, ...] = ()
 
     @classmethod
     def unknown(cls, count: int) -> KnownStates:
         """Return the states of all outcomes."""
         zeros = np.zeros(count)
-        return cls((Kind.FREE,) * count, zeros, np.full(count, np.pi), zeros, zeros)
+        whole, none = np.full(count, np.pi), np.zeros(count, dtype=bool)
+        return cls((Kind.FREE,) * count, zeros, whole, zeros, zeros, none)
 
     def are(self, *kinds: Kind) -> np.ndarray:
         """Return which contacts are in one of some states, (M,)."""
@@ -246,7 +252,8 @@ class KnownStates:
         """
         kinds = (*self.kinds[:contact], kind, *self.kinds[contact + 1 :])
         center, half_width = self.center.copy(), self.half_width.copy()
-        center[contact], half_width[contact] = arc
+        if kind in (Kind.SLIPPING, Kind.STICKING):
+            center[contact], half_width[contact] = arc
         changed = replace(self, kinds=kinds, center=center, half_width=half_width)
         name = {Kind.CLOSED: "parts", Kind.STICKING: "slips"}.get(kind)
         if name is None:
@@ -254,6 +261,26 @@ class KnownStates:
         tolerances = getattr(self, name).copy()
         tolerances[contact] = max(float(tolerances[contact]), most)
         return replace(changed, **{name: tolerances})
+
+    def known(self, patch: PatchSlip) -> PatchSlip | None:
+        """Return what is known of the contacts of a patch; None: nothing."""
+        return next((one for one in self.patches if one.contacts == patch.contacts), None)
+
+    def with_patch(self, patch: PatchSlip, most: float) -> KnownStates:
+        """Return these states with what a patch does, whose contacts slip so much at rest."""
+        contacts = [*patch.contacts]
+        patches = (*(one for one in self.patches if one.contacts != patch.contacts), patch)
+        if patch.cone is None:
+            still, slips = self.still.copy(), self.slips.copy()
+            still[contacts] = True
+            slips[contacts] = np.maximum(slips[contacts], most)
+            return replace(self, still=still, slips=slips, patches=patches)
+        center, half_width = self.center.copy(), self.half_width.copy()
+        # Of a contact that was split by itself more is known.
+        free = ~self.are(Kind.SLIPPING)[contacts]
+        center[contacts] = np.where(free, patch.arcs[:, 0], center[contacts])
+        half_width[contacts] = np.where(free, patch.arcs[:, 1], half_width[contacts])
+        return replace(self, center=center, half_width=half_width, patches=patches)
 
 
 def least_product(vectors: np.ndarray, center: np.ndarray, half_width: np.ndarray) -> np.ndarray:
@@ -284,11 +311,8 @@ def largest_goal(
     (p, q), mu = goal, dynamics.friction
     rows, motion = dynamics.rows.astype(_LONG), multipliers.motion.astype(_LONG)
     held = np.isfinite(dynamics.commanded)
-    none, sticks = states.are(Kind.OPEN), states.are(Kind.STICKING)
-    center, half_width = (
-        states.center,
-        np.where(states.are(Kind.SLIPPING), states.half_width, np.pi),
-    )
+    none, sticks = states.are(Kind.OPEN), states.are(Kind.STICKING) | states.still
+    center, half_width = states.center, np.where(sticks, np.pi, states.half_width)
     nu = np.where(
         states.are(Kind.FREE, Kind.OPEN), np.maximum(multipliers.normal, 0.0), multipliers.normal
     )

@@ -28,6 +28,13 @@ from graspless_pin.report.verify.rest_bounds import (
     without_free_joints,
 )
 from graspless_pin.report.verify.rest_load import RestLoad
+from graspless_pin.report.verify.rest_patches import (
+    PatchSlip,
+    no_slip,
+    read_patch,
+    uncovered_motions,
+    unproven_arcs,
+)
 
 _DEEPEST = 400
 _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
@@ -50,6 +57,7 @@ class RestNode:
     sides: list[tuple[int, RestMultipliers]]
     children: list[RestNode] = field(default_factory=list)
     loads: list[LeastLoad] = field(default_factory=list)
+    patch: PatchSlip | None = None
 
 
 LeastLoad = tuple[int, float, RestMultipliers]
@@ -96,7 +104,13 @@ def _read_node(stated: Part, *, is_root: bool) -> tuple[RestNode, int]:
     if (contact < 0 or kind == Kind.FREE) != is_root:
         raise ValueError(f"{where} says nothing of a contact" if not is_root else
                          f"{where} is the root, of which nothing is known")  # fmt: skip
-    center, half_width = stated["slip"] if kind == Kind.SLIPPING else (0.0, np.pi)
+    own = stated.get("patch")
+    center, half_width = stated["slip"] if kind == Kind.SLIPPING and own is None else (0.0, np.pi)
+    patch = None if own is None else read_patch(own)
+    if patch is not None:
+        told = Kind.STICKING if patch.cone is None else Kind.SLIPPING
+        if (contact, kind) != (patch.contacts[0], told):
+            raise ValueError(f"{where} is of another contact or state than its patch")
     if not 0.0 <= half_width <= np.pi:
         raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
     bound = stated.maybe("multipliers")
@@ -108,6 +122,7 @@ def _read_node(stated: Part, *, is_root: bool) -> tuple[RestNode, int]:
         [_multipliers(one) for one in stated["forced"]],
         [(one["goal"], _multipliers(one["multipliers"])) for one in stated["sides"]],
         loads=_loads(stated),
+        patch=patch,
     )
     return node, stated["children"]
 
@@ -154,6 +169,9 @@ class RestWalk:
         first = node.children[0]
         if any(child.contact != first.contact for child in node.children):
             raise NoProofError(f"children of one node are of contacts {first.contact} and others")
+        patches = [child.patch for child in node.children if child.patch is not None]
+        if patches:
+            return self._split_patch(node, patches, states, loads)
         if len(node.children) == 1:
             return self._forced(first, states, loads)
         held = np.isfinite(self.dynamics.commanded) | (loads > 0.0)
@@ -168,6 +186,25 @@ class RestWalk:
             most = needed.pop((child.contact, child.kind), 0.0)
             changed = states.changed(child.contact, child.kind, child.arc, most)
             for key, value in self._visit(child, changed, loads).items():
+                needed[key] = max(needed.get(key, 0.0), value)
+        return needed
+
+    def _split_patch(
+        self, node: RestNode, patches: list[PatchSlip], states: KnownStates, loads: np.ndarray
+    ) -> dict[tuple[int, str], float]:
+        """Go on with what the contacts of a patch do; return what `_visit` returns."""
+        first = patches[0]
+        if len(patches) < len(node.children):
+            raise NoProofError(f"children of one node are of contact {first.contacts[0]} alone")
+        why = uncovered_motions(patches, states.known(first))
+        if why:
+            raise NoProofError(f"the patch of contact {first.contacts[0]}: {why}")
+        most, needed = no_slip(self.still), dict[tuple[int, str], float]()
+        for child, patch in zip(node.children, patches, strict=True):
+            wrong = unproven_arcs(patch, self.dynamics.rows, most)
+            if wrong:
+                raise NoProofError(f"arcs of slip of contacts {wrong} do not follow")
+            for key, value in self._visit(child, states.with_patch(patch, most), loads).items():
                 needed[key] = max(needed.get(key, 0.0), value)
         return needed
 

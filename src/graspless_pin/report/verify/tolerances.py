@@ -55,6 +55,9 @@ FREE_RANK, FREE_ENTRY = 1e-13, 1e-12
 joints do by themselves. What contacts do along it is counted whatever it is."""
 LEAST_ASIDE = 1e-7
 """Scaled accelerations of joints by themselves that are worth leaving aside."""
+NO_SLIP, NO_SLIP_SHARE = 1e-12, 1e-2
+"""Scaled slips of a patch's contacts that count as none, and no more than so much of the power up
+to which nothing moves. What it costs is counted."""
 LEAST_LOAD = 1e-9
 """Scaled: multipliers are first tried as if the load were no smaller than this."""
 PROJECTED = 1e-14

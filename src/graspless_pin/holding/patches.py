@@ -1,0 +1,185 @@
+"""Patches: contacts in one plane between two bodies, whose slips one planar motion tells.
+
+The slips of the k contacts of a patch are u_t = T x with three numbers x: two of translation and
+one of rotation. So what the patch does is split as a whole: none of its contacts slips, or x lies
+in one of six cones over the faces of a cube, each of which may be halved. In a cone the slip of a
+contact lies in an arc, and friction against it, whether the contact is closed or not; but for those
+near a centre of rotation, whose direction the cone does not tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from graspless_pin.problem.checks import FloatArray
+
+_FEWEST = 3
+"""Contacts of a patch: fewer are split one by one."""
+_DEPENDENT = 1e-12
+"""Of the largest singular value: of what contacts have beside three, less is rounding."""
+_THIN = 1e-6
+"""Of the largest singular value: motions with less are none, as of contacts in one place."""
+_ROUNDING = 4e-16
+"""Scaled acceleration: what rounding leaves at least of slips that one motion tells."""
+_SAFETY = 4.0
+"""Times what is left of them: whoever checks it rounds otherwise."""
+_MOST_TURN = 0.1
+"""What is left of slips may turn them by so much, rad."""
+_MOST_TURNING = 5e-3
+"""Patches of which rounding leaves more than so much, rad, tell too few slips."""
+_WIDEST = 0.5 * np.pi - 1e-3
+"""Half the width of an arc that tells something, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCone:
+    """Planar motions x = sum c_k axes[k], with the largest coefficient at one axis.
+
+    Attributes:
+        axes: (3, 3) rows.
+        axis: The one with the largest coefficient.
+        sign: 1 or -1, its sign.
+        low: (2,) the least ratio of the others, in their order, to its size.
+        high: (2,) the largest ratio.
+    """
+
+    axes: FloatArray
+    axis: int
+    sign: int
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def rays(self) -> FloatArray:
+        """(4, 3) motions at the corners: all others are sums of these."""
+        first, second = (one for one in range(3) if one != self.axis)
+        rays = np.zeros((4, 3))
+        rays[:, self.axis] = self.sign
+        rays[:, first] = np.repeat([self.low[0], self.high[0]], 2)
+        rays[:, second] = np.tile([self.low[1], self.high[1]], 2)
+        return rays @ self.axes
+
+    @property
+    def width(self) -> float:
+        """The larger of the two angles that it spans, rad."""
+        return float((np.arctan(self.high) - np.arctan(self.low)).max())
+
+    def halves(self) -> list[MotionCone]:
+        """Return the halves, parted across the larger angle."""
+        low, high = np.arctan(self.low), np.arctan(self.high)
+        side = int(np.argmax(high - low))
+        lower, upper = self.high.copy(), self.low.copy()
+        lower[side] = upper[side] = np.tan(0.5 * (low[side] + high[side]))
+        return [replace(self, high=lower), replace(self, low=upper)]
+
+
+@dataclass(frozen=True, eq=False)
+class PatchSlip:
+    """What the contacts of a patch do.
+
+    Attributes:
+        contacts: The k contacts.
+        images: (k, 2, 3) T, from planar motions to slips along t1 and t2.
+        cone: The motions; None: no contact slips.
+        arcs: (k, 2) middle and half width of the directions in which each contact slips, rad; pi:
+            any; -1: it does not slip.
+    """
+
+    contacts: tuple[int, ...]
+    images: FloatArray
+    cone: MotionCone | None
+    arcs: FloatArray
+
+    @property
+    def width(self) -> float:
+        """The larger of the two angles that its motions span, rad; 0: none."""
+        return 0.0 if self.cone is None else self.cone.width
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Contacts whose slips one planar motion tells.
+
+    Attributes:
+        contacts: The k contacts.
+        images: (k, 2, 3) T, from planar motions to slips along t1 and t2.
+        motion: (3, n) from y to the planar motion.
+        turning: Slips above the tolerance are told but for so much, times their share.
+    """
+
+    contacts: tuple[int, ...]
+    images: FloatArray
+    motion: FloatArray
+    turning: float
+
+    def split(self, known: PatchSlip | None, y: FloatArray) -> list[PatchSlip]:
+        """Return what together holds all that the patch may do.
+
+        Args:
+            known: What it does; None: nothing is known of it.
+            y: (n,) the motion of a point: the first cones lie around that.
+        """
+        if known is not None:
+            cones = [] if known.cone is None else known.cone.halves()
+            return [self._slipping(cone) for cone in cones]
+        axes, _ = np.linalg.qr(np.column_stack([self.motion @ y, np.eye(3)]))
+        one, still = np.ones(2), np.tile([0.0, -1.0], (len(self.contacts), 1))
+        cones = [MotionCone(axes.T, k, sign, -one, one) for k in range(3) for sign in (1, -1)]
+        return [PatchSlip(self.contacts, self.images, None, still), *map(self._slipping, cones)]
+
+    def _slipping(self, cone: MotionCone) -> PatchSlip:
+        """Return the arcs of slip of motions in a cone."""
+        rays = cone.rays / np.linalg.norm(cone.rays, axis=1)[:, None]
+        arcs = np.tile([0.0, np.pi], (len(self.contacts), 1))
+        for arc, image in zip(arcs, self.images, strict=True):
+            slips = rays @ image.T
+            angles = np.sort(np.arctan2(slips[:, 1], slips[:, 0]))
+            gaps = np.append(angles[1:], angles[0] + 2.0 * np.pi) - angles
+            widest = int(np.argmax(gaps))
+            half_width = np.pi - 0.5 * gaps[widest]
+            middle = angles[(widest + 1) % len(angles)] + half_width
+            least = float((slips @ [np.cos(middle), np.sin(middle)]).min())
+            if least * np.sin(_MOST_TURN) > self.turning:
+                half_width += np.arcsin(self.turning / least)
+                if half_width < _WIDEST:
+                    arc[:] = middle, half_width
+        return PatchSlip(self.contacts, self.images, cone, arcs)
+
+
+def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> list[Patch]:
+    """Return the patches of three contacts and more.
+
+    Args:
+        rows: (M, 3, n) from y to accelerations along n, t1, t2, scaled.
+        friction: (M,) coefficients.
+        tolerance: Scaled accelerations up to which a contact counts as sticking.
+    """
+    patches, left = list[Patch](), np.flatnonzero(friction > 0.0).tolist()
+    while left:
+        members = left[:1]
+        for contact in left[1:]:
+            sizes = np.linalg.svd(_slips(rows, [*members, contact]), compute_uv=False)
+            if len(sizes) > 3 and sizes[3] < _DEPENDENT * sizes[0]:
+                members.append(contact)
+        left = [contact for contact in left if contact not in members]
+        if len(members) < _FEWEST:
+            continue
+        slips = _slips(rows, members)
+        images, sizes, turns = np.linalg.svd(slips, full_matrices=False)
+        images, motion = images[:, :3], sizes[:3, None] * turns[:3]
+        # Slips of y up to |y| = 2, the longest there is, are told but for so much.
+        off = (slips - images @ motion).reshape(len(members), 2, -1)
+        missing = _ROUNDING + _SAFETY * float(np.linalg.norm(off, ord=2, axis=(1, 2)).max())
+        if sizes[2] > _THIN * sizes[0] and missing < 0.5 * tolerance:
+            images = images.reshape(len(members), 2, 3)
+            longest = float(np.linalg.norm(images, ord=2, axis=(1, 2)).max())
+            turning = missing * longest / (tolerance - missing)
+            if turning < _MOST_TURNING:
+                patches.append(Patch(tuple(members), images, motion, turning))
+    return patches
+
+
+def _slips(rows: FloatArray, contacts: list[int]) -> FloatArray:
+    return rows[contacts, 1:].reshape(2 * len(contacts), -1)

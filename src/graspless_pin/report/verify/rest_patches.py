@@ -1,0 +1,167 @@
+"""Contacts of a patch: those whose slips u_t = T x one planar motion x (3,) tells.
+
+A part of all outcomes is split at a patch into that in which none of its contacts slips, and into
+cones of motions. The sums of the rays at a cone's corners with weights that are not negative are
+its motions. So where T takes all rays into an arc of less than pi, the contact slips in that arc.
+
+What the motion does not tell of the slips, r |y|, turns them by little, since some contact slips by
+more than the tolerance e in such a part: then |x| >= (e - r) / |T|, and a contact with d.T x >= m
+|x| for the arc's middle d turns by at most arcsin(r |T| / (m (e - r))).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify.fields import Part
+
+_LONGEST = 2.0
+"""Of y: its largest length, with what joints do by themselves."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCone:
+    """Motions sum c_k axes[k] with c at ``axis`` of a sign, and the others' ratios to its size.
+
+    Attributes:
+        axes: (3, 3).
+        axis: 0 to 2.
+        sign: 1 or -1.
+        low: (2,) least ratios.
+        high: (2,) largest ones.
+    """
+
+    axes: np.ndarray
+    axis: int
+    sign: int
+    low: np.ndarray
+    high: np.ndarray
+
+    def rays(self) -> np.ndarray:
+        """Return the motions at the corners, unit vectors (4, 3)."""
+        others = [k for k in range(3) if k != self.axis]
+        corners = np.zeros((4, 3))
+        corners[:, self.axis] = self.sign
+        corners[:, others] = [(a, b) for a in (self.low[0], self.high[0])
+                              for b in (self.low[1], self.high[1])]  # fmt: skip
+        rays = corners @ self.axes
+        return rays / np.linalg.norm(rays, axis=1)[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class PatchSlip:
+    """What the k contacts of a patch do.
+
+    Attributes:
+        contacts: Their indices.
+        images: (k, 2, 3) T.
+        arcs: (k, 2) middle and half width of each contact's slip, rad.
+        cone: The motions; None: no contact slips.
+    """
+
+    contacts: tuple[int, ...]
+    images: np.ndarray
+    arcs: np.ndarray
+    cone: MotionCone | None
+
+
+def read_patch(stated: Part) -> PatchSlip:
+    """Return what a node states of a patch.
+
+    Raises:
+        ValueError: If it is no such thing.
+    """
+    contacts = tuple(stated["contacts"])
+    if len(set(contacts)) < len(contacts):
+        raise ValueError(f"{stated.where} names a contact twice")
+    stated = stated.sized(k=len(contacts))
+    cone, own = None, stated.maybe("cone")
+    if own is not None:
+        cone = MotionCone(own["axes"], own["axis"], own["sign"], own["low"], own["high"])
+    return PatchSlip(contacts, stated["images"], stated["arcs"], cone)
+
+
+def no_slip(still: float) -> float:
+    """Return the scaled slip that counts as none, by the power up to which nothing moves."""
+    return min(tolerances.NO_SLIP_SHARE * still, tolerances.NO_SLIP)
+
+
+def uncovered_motions(children: list[PatchSlip], known: PatchSlip | None) -> str:
+    """Say what the children of a node leave out of what a patch may do; empty: nothing.
+
+    Args:
+        children: What each is of.
+        known: What is known at the node; None: nothing.
+    """
+    cones = [one.cone for one in children if one.cone is not None]
+    first = children[0] if known is None else known
+    if any(one.contacts != first.contacts or not np.array_equal(one.images, first.images)
+           for one in children):  # fmt: skip
+        return "its children are of other contacts or motions"
+    if known is not None:
+        return _uncovered_half(cones, known.cone, len(children))
+    if len(cones) != len(children) - 1:
+        return "nothing says what happens where none of its contacts slips, or too much"
+    if any(not np.array_equal(one.axes, cones[0].axes) for one in cones):
+        return "its cones have other axes"
+    whole = {
+        (one.axis, one.sign) for one in cones if (one.low <= -1.0).all() and (one.high >= 1.0).all()
+    }
+    if whole != {(axis, sign) for axis in range(3) for sign in (-1, 1)}:
+        return "some motions are in no cone"
+    return "" if np.linalg.matrix_rank(cones[0].axes) == 3 else "its axes lie in a plane"
+
+
+def _uncovered_half(cones: list[MotionCone], outer: MotionCone | None, count: int) -> str:
+    """Say what two parts of a cone leave out of it; empty: nothing."""
+    if outer is None:
+        return "it does not slip, and is split no more"
+    same = [np.array_equal(one.axes, outer.axes) for one in cones]
+    faces = {(one.axis, one.sign) for one in cones}
+    if len(cones) != 2 or count != 2 or not all(same) or faces != {(outer.axis, outer.sign)}:
+        return "its motions are not halved"
+    low, high = (np.array([getattr(one, end) for one in cones]) for end in ("low", "high"))
+    covers = (low <= outer.low) & (high >= outer.high)
+    for side in (0, 1):
+        lower, upper = np.argsort(low[:, side], kind="stable")
+        meets = low[lower, side] <= outer.low[side] and high[upper, side] >= outer.high[side]
+        if covers[:, 1 - side].all() and meets and low[upper, side] <= high[lower, side]:
+            return ""
+    return "some motions are in neither half"
+
+
+def unproven_arcs(patch: PatchSlip, rows: np.ndarray, tolerance: float) -> str:
+    """Say of which contacts of a patch the stated arcs do not follow; empty: of none.
+
+    Args:
+        patch: What is stated.
+        rows: (M, 3, n) from y to accelerations along n, t1, t2, scaled.
+        tolerance: Scaled slip that counts as none.
+    """
+    if patch.cone is None:
+        return ""
+    slips = rows[list(patch.contacts), 1:].reshape(2 * len(patch.contacts), -1)
+    images = patch.images.reshape(-1, 3)
+    motion = np.linalg.lstsq(images, slips, rcond=None)[0]
+    off = (slips - images @ motion).reshape(len(patch.contacts), 2, -1)
+    missing = _LONGEST * float(np.linalg.norm(off, ord=2, axis=(1, 2)).max())
+    longest = float(np.linalg.norm(patch.images, ord=2, axis=(1, 2)).max())
+    rays, wrong = patch.cone.rays(), list[str]()
+    for contact, image, (middle, half_width) in zip(
+        patch.contacts, patch.images, patch.arcs, strict=True
+    ):
+        if half_width >= np.pi:
+            continue
+        ahead = rays @ image.T @ [np.cos(middle), np.sin(middle)]
+        aside = rays @ image.T @ [-np.sin(middle), np.cos(middle)]
+        least, widest = float(ahead.min()), float(np.abs(np.arctan2(aside, ahead)).max())
+        if missing >= tolerance or least <= 0.0:
+            wrong.append(str(contact))
+            continue
+        turns = np.arcsin(min(missing * longest / least / (tolerance - missing), 1.0))
+        if not (half_width < 0.5 * np.pi and widest + turns <= half_width + tolerances.ANGLE):
+            wrong.append(str(contact))
+    return ", ".join(wrong)
