@@ -12,7 +12,7 @@ from itertools import islice
 from math import inf
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.branching import branch
@@ -33,6 +33,7 @@ from graspless_pin.holding.dynamics import (
     rolling_without_scene,
     scaled_dynamics,
     slides_with_friction,
+    without_free_joints,
     world_forces,
 )
 from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, least_residual
@@ -56,9 +57,8 @@ from graspless_pin.holding.verdict import (
     RestProof,
     Stability,
     StabilityVerdict,
-    finger_words,
-    strong_words,
 )
+from graspless_pin.holding.verdict_words import NO_FINGERS, finger_words, strong_words
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,
@@ -369,10 +369,42 @@ def _searched(
         known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
         forces = found.motion
         if found.tree is not None:
+            known = replace(known, leaving=_leaving(known, dynamics, most))
             return _strong(known, RestProof(loads, None, found.tree, most * dynamics.force_unit))
         if forces is None:
             return _unproven(known, limits, f"{found.left} left")
     return _weak(known, outcome_record(known.problem, dynamics, forces))
+
+
+def _leaving(known: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[str, ...]:
+    """Return the joints that may leave the object by themselves while the others keep it at rest.
+
+    Proofs by branching leave aside what joints do by themselves. Rest is an outcome for these, too,
+    as friction keeps them; that they go is another if it opens their contacts, or slides them, and
+    all else is balanced without them.
+
+    Args:
+        known: A verdict of which rest is proven of the object.
+        dynamics: The scaled dynamics.
+        most: The largest normal force, scaled.
+    """
+    problem = known.problem
+    moved = problem.jacobian.reshape(problem.contact_count, 3, -1) != 0.0
+    acts: NDArray[np.bool_] = np.any(moved, axis=1)
+    jacobian, load = in_loads(problem, known.torques)
+    free, any_friction = free_friction(problem), np.full(problem.contact_count, np.nan)
+    leaving = np.zeros(problem.joint_count, dtype=bool)
+    for opened in np.unique(acts.T, axis=0):
+        own = acts.any(axis=0) & ~acts[~opened].any(axis=0)
+        aside = without_free_joints(dynamics, opened, most).aside
+        if not aside.any() or (dynamics.rows[opened, 0] @ aside < -dynamics.resolution).any():
+            continue
+        others = np.concatenate([np.ones(problem.passive_count, dtype=bool), ~own])
+        alone = np.where(opened[:, None, None], 0.0, jacobian)[:, :, others]
+        found = least_residual(alone, load[others], free, any_friction, BALANCE_TOLERANCE)
+        if found is not None and found.is_rest:
+            leaving |= own
+    return tuple(problem.joint_names[joint] for joint in np.flatnonzero(leaving))
 
 
 def _unproven(known: StabilityVerdict, limits: Limits, left: str) -> StabilityVerdict:
@@ -433,7 +465,7 @@ def _none(
         known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=message
     )
     if known.moves is MovingPart.FINGER:
-        return replace(known, message=finger_words(known, {}))
+        return replace(known, message=finger_words(known, NO_FINGERS))
     return known
 
 

@@ -5,14 +5,10 @@ Where contacts slide by a declared motion, rest stands for keeping that motion.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import ceil, floor, inf, isinf, log10, nan
+from math import isinf, nan
 from typing import Never, TypedDict
-
-import numpy as np
 
 from graspless_pin.holding.controller import SmallMotions
 from graspless_pin.holding.patches import PatchSlip
@@ -72,7 +68,7 @@ class Holding(StrEnum):
     FAILS = "fails"
     """Rest is no outcome, or no joint feedback keeps it."""
     FINGER_MOVES = "finger_moves"
-    """The object stays in an outcome in which joints move by themselves."""
+    """The object stays, and there is an outcome in which joints move by themselves."""
     UNDECIDED = "undecided"
     """The first instant is not decided, or what small motions do is not known."""
 
@@ -255,6 +251,8 @@ class StabilityVerdict:
         nodes: Sets of outcomes looked at, without those that earlier proofs close.
         free_motions: How many motions no friction resists, see `free_motions`.
         small_motions: Of a strong verdict: whether rest lasts beyond the first instant.
+        leaving: Of a strong verdict: joints that friction alone keeps. They may leave, and the
+            object stays all the same.
         seconds: Processor time that looking at `nodes` took.
         next_nodes: Of an undecided verdict: a limit worth asking for; 0: more would not help.
         message: One sentence.
@@ -282,6 +280,7 @@ class StabilityVerdict:
     message: str
     controller: str = ""
     joints_held: bool = False
+    leaving: tuple[str, ...] = ()
 
     def __bool__(self) -> Never:
         """Refuse, since there are four answers.
@@ -329,7 +328,7 @@ class StabilityVerdict:
         if small is None or small.unknown:
             return Holding.UNDECIDED
         if not small.moving:
-            return Holding.HOLDS
+            return Holding.FINGER_MOVES if self.leaving else Holding.HOLDS
         if small.depends_on_forces:
             return Holding.MAY_FAIL
         return Holding.FAILS if isinf(small.stiffness) else Holding.NEEDS_FEEDBACK
@@ -360,126 +359,6 @@ class StabilityVerdict:
     def __repr__(self) -> str:
         """Return the status and the message, not the arrays."""
         return f"StabilityVerdict({self.status}: {self.message})"
-
-
-_NOTICED = 0.2
-"""Of the torque that is left over most: joints with less are not named."""
-_MOST_NAMED = 3
-_ALIKE = 2.0
-"""Growth on both models of a mesh that differs by less than this factor is told as one."""
-
-
-def parted(message: str) -> tuple[str, str]:
-    """Return what a verdict leads with, such as "holds", and what it goes on with."""
-    lead, *rest = re.split("[:;] ", message, maxsplit=1)
-    return lead, "".join(rest)
-
-
-def strong_words(verdict: StabilityVerdict) -> str:
-    """Return what a strong verdict says: its proof is of the first instant, rest has to last."""
-    count, free, small = verdict.programs, verdict.free_motions, verdict.small_motions
-    proof = f"{count} LP{'s' if count != 1 else ''}"
-    feedback = f"; needs position feedback: {free} free motion{'s' if free != 1 else ''}"
-    if verdict.problem.is_sliding.any():
-        message = f"keeps its motion: nothing else is an outcome (proof: {proof})"
-        return message + (feedback if free else "")
-    if small is None or small.unknown:
-        why = "not looked at" if small is None else small.unknown
-        message = f"stays at the first instant; small motions not known: {why} (proof: {proof})"
-        return message + (feedback if free else "")
-    return _lasting_words(verdict, small, proof) + _assumed_words(small)
-
-
-def _lasting_words(verdict: StabilityVerdict, small: SmallMotions, proof: str) -> str:
-    """Return what becomes of rest after the first instant, which is proven."""
-    if not small.moving:
-        under = f" with {verdict.controller}" if verdict.controller else ""
-        neutral = f"; neutral: {', '.join(small.neutral)}" if small.neutral else ""
-        return (
-            f"holds{under}: the object provably stays at rest ({proof}); no small motion grows"
-            f"{neutral}"
-        )
-    grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s{_surface_words(small)}"
-    needed = f"joint feedback of {_stable_words(small)}"
-    stops = "no joint feedback stops it" if isinf(small.stiffness) else f"{needed} stops it"
-    if small.depends_on_forces:
-        under = f"with {verdict.controller} " if verdict.controller else ""
-        return (
-            f"may fail: {under}torques leave contact forces open, and under some of them {grows}; "
-            f"{stops} (first instant: {proof})"
-        )
-    if isinf(small.stiffness):
-        return f"stays at the first instant; then {grows}: {stops} (proof: {proof})"
-    without = f"with {verdict.controller}" if verdict.controller else "without it"
-    return f"needs {needed}; {without} {grows} (first instant: {proof})"
-
-
-def _assumed_words(small: SmallMotions) -> str:
-    """Return at which contacts it is not known how the bodies roll; empty: it is."""
-    if not small.assumed:
-        return ""
-    listed = ", ".join(map(str, small.assumed[:_MOST_NAMED]))
-    several = f"s {listed}{', ...' if len(small.assumed) > _MOST_NAMED else ''} have"
-    whose = several if len(small.assumed) > 1 else f" {listed} has"
-    return f"; assumed: contact{whose} a point that stays on both bodies, as no shapes touch there"
-
-
-def _stable_words(small: SmallMotions) -> str:
-    """Return which feedback stops what grows, such as "at least 2 N m/rad"."""
-    parts = []
-    for low, high in small.stable or ((small.stiffness, inf),):
-        least, most = f"{_rounded(low, up=True):g}", f"{_rounded(high):g}"
-        if isinf(high):
-            parts.append(f"at least {least}")
-        else:
-            parts.append(f"{least} to {most}" if low > 0.0 else f"at most {most}")
-    return f"{' or '.join(parts)} {small.unit}"
-
-
-def _surface_words(small: SmallMotions) -> str:
-    """Return how growth hangs on what a mesh stands for, where that makes much of it."""
-    rates = small.growth_by_surface
-    if not rates or min(rates.values()) * _ALIKE >= max(rates.values()):
-        return ""
-    facets, fitted = (_rounded(rates[name]) for name in ("facets", "fitted"))
-    return f" (on a mesh's facets {facets:g} /s, on a smooth surface fitted to them {fitted:g} /s)"
-
-
-def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
-    """Return what a verdict says whose motion is one of joints alone.
-
-    Args:
-        verdict: The verdict; `moves` is ``finger``.
-        fingers: The finger of a joint by the joint's name, where it is known.
-    """
-    problem, motion = verdict.problem, verdict.motion
-    left = np.zeros(problem.joint_count)
-    if motion is not None and problem.joint_inertia is not None:
-        left = np.abs(problem.joint_inertia @ motion.joint_accelerations)
-    moving = np.flatnonzero(left >= _NOTICED * left.max(initial=0.0))
-    most = int(np.argmax(left))
-    names = [problem.joint_names[joint] for joint in moving]
-    of = sorted({fingers[name] for name in names if name in fingers})
-    kind, who = ("finger", of) if of else ("joint", names)
-    listed = ", ".join(map(repr, who[:_MOST_NAMED])) + (", ..." if len(who) > _MOST_NAMED else "")
-    moves = f"{kind} {listed} moves by itself"
-    if len(who) > 1:
-        moves = f"{kind}s {listed} move by themselves"
-    loads = "weight and contact forces" if problem.jacobian[:, moving].any() else "weight"
-    rest = f"{_rounded(float(left[most])):g} {problem.joint_units[most]}"
-    return (
-        f"fails: {moves}: torques do not balance {loads}, {rest} are left over at joint "
-        f"{problem.joint_names[most]!r}; the object stays in this outcome, which is not proven to "
-        "be the only one"
-    )
-
-
-def _rounded(value: float, *, up: bool = False) -> float:
-    """Return two digits of a figure."""
-    if value <= 0.0 or isinf(value):
-        return value
-    unit = 10.0 ** (floor(log10(value)) - 1)
-    return float(f"{(ceil if up else round)(value / unit * (1.0 - 1e-9)) * unit:.2g}")
 
 
 COARSEST_RESOLUTION, FINEST_RESOLUTION = 0.01, 1e-6

@@ -8,7 +8,8 @@ from functools import cached_property
 from textwrap import fill
 
 from graspless_pin.findings import capture
-from graspless_pin.holding.verdict import StabilityVerdict, parted
+from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.holding.verdict_words import parted
 from graspless_pin.planning.placing_candidates import NODES, PlacingFault
 from graspless_pin.planning.placing_plan import PlacingAim
 from graspless_pin.records import Brief

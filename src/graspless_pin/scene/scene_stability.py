@@ -106,7 +106,7 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
 
     Whether rest lasts hangs on how contacts roll, and a joint belongs to a finger.
     """
-    from graspless_pin.holding.verdict import finger_words, strong_words
+    from graspless_pin.holding.verdict_words import NO_FINGERS, finger_words, strong_words
 
     # Loaded here: scenes that are solved without a verdict go without.
     from graspless_pin.scene.minimum_stiffness import controller_words, small_motions
@@ -118,13 +118,14 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
     if verdict.joints_held and verdict.status is Stability.WEAK:
         said = verdict.message.replace("may fail", f"may fail with {verdict.controller}", 1)
         return replace(verdict, message=said)
-    if verdict.moves is MovingPart.FINGER and scene.hand is not None:
-        return replace(verdict, message=finger_words(verdict, fingers_of_motors(scene.hand)))
+    fingers = NO_FINGERS if scene.hand is None else fingers_of_motors(scene.hand)
+    if verdict.moves is MovingPart.FINGER:
+        return replace(verdict, message=finger_words(verdict, fingers))
     if small is None or verdict.problem.is_sliding.any():
         return verdict
     if small.unknown:
         verdict = replace(verdict, small_motions=small_motions(scene, verdict.torques))
-    return replace(verdict, message=strong_words(verdict))
+    return replace(verdict, message=strong_words(verdict, fingers))
 
 
 def rest_model_of(scene: SceneFields) -> RestModel:

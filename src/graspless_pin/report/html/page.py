@@ -15,7 +15,8 @@ from graspless_pin.algorithms.torque import OBJECTIVES
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
-from graspless_pin.holding.verdict import Holding, Stability, parted
+from graspless_pin.holding.verdict import Holding, Stability
+from graspless_pin.holding.verdict_words import parted
 from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.html.case import Case
