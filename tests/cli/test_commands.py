@@ -241,9 +241,9 @@ def test_friction_by_directions(tmp_path):
         line = result.stdout.splitlines()[-1]
         assert line == f"rule of directions, round cones: inner value {value}, outer {value} N"
     refused = run("solve", SPHERE, "--sign-rule", "direction", "--json", "-")
-    assert_refused(refused, "sign_rule: is 'direction', but a document needs the signs of a mode")
+    assert_refused(refused, "--sign-rule: is 'direction', but a document needs the signs of a mode")
     refused = run("solve", SPHERE, "--direction-gap", "1e-9")
-    assert_refused(refused, "direction_gap: is 1e-09; it must be a finite number >= 1e-06")
+    assert_refused(refused, "--direction-gap: is 1e-09; it must be a finite number >= 1e-06")
 
 
 def test_a_json_file_is_the_same_document_beside_the_tables(tmp_path):

@@ -141,4 +141,4 @@ def test_figures_that_a_status_makes_nothing_of_are_named():
     document = documented(maximize_margin(scene("rest"), static_friction="coulomb"))
     assert "proof.motion" not in str(verify_document(document))
     more = changed(document, "proof", "motion", to=[0.0] * 8)
-    assert "nothing leans on proof.motion" in str(verify_document(more))
+    assert "no check uses proof.motion" in str(verify_document(more))

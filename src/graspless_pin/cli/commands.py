@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import platform
 import re
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -81,20 +82,18 @@ def _with_near_choice(message: str) -> str:
 class _Command(TyperCommand):
     """A command that tells its errors which options were given."""
 
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command."""
+    def make_context(self, *args: Any, **further: Any) -> Any:
+        """Read the arguments, and remember the options until the command has ended."""
         from graspless_pin.cli.outcome import GIVEN_OPTIONS
 
+        context = super().make_context(*args, **further)
         given = {
             f"{one.name}{'s' * one.multiple}": name if name.startswith("-") else name.upper()
             for one, name in ((one, one.opts[0]) for one in self.params)
-            if (source := ctx.get_parameter_source(one.name)) and source.name == "COMMANDLINE"
+            if (source := context.get_parameter_source(one.name)) and source.name == "COMMANDLINE"
         }
-        token = GIVEN_OPTIONS.set(given)
-        try:
-            return super().invoke(ctx)
-        finally:
-            GIVEN_OPTIONS.reset(token)
+        context.call_on_close(partial(GIVEN_OPTIONS.reset, GIVEN_OPTIONS.set(given)))
+        return context
 
 
 def _summary(name: str) -> str:

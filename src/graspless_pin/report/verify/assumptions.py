@@ -113,7 +113,7 @@ def _of_objective(problem: Problem, stated: Part) -> list[Check]:
     ]
     low, high, unbounded = own_box(problem, own, np.inf)
     if unbounded.any():
-        shown = [f"{low[i]:.3g} to {high[i]:.3g}" for i in np.flatnonzero(unbounded)[:10]]
+        shown = [f"{low[i] + 0.0:.3g} to {high[i]:.3g}" for i in np.flatnonzero(unbounded)[:10]]
         detail = f"{', '.join(shown)}: {unbounded.sum()} columns that no row bounds on both sides"
         lines.append(given(f"boxes {where}", detail))
     return lines
