@@ -22,7 +22,7 @@ from graspless_pin import (
 from graspless_pin.errors import SceneError
 from graspless_pin.holding.controller import Feedback
 from graspless_pin.holding.small_motions import LinearizedMotion
-from graspless_pin.holding.verdict import strong_words
+from graspless_pin.holding.verdict_words import strong_words
 from graspless_pin.programs.program import MatrixInequality, Program
 from graspless_pin.report import scene_solution_text, solution_document, write_document
 from graspless_pin.report.html import case_of_scene, report_html

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.torque import OBJECTIVES, useless
-from graspless_pin.holding.verdict import Stability, parted
+from graspless_pin.holding.verdict import Stability
+from graspless_pin.holding.verdict_words import parted
 from graspless_pin.problem.checks import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
