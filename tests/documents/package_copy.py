@@ -48,7 +48,7 @@ def followed(folder: Path, word: str, module: Path, listed: Path, beside: str) -
     blocks = walkthrough(word)
     (folder / module).write_text(blocks[0], encoding="utf-8")
     line, names = blocks[1].splitlines()
-    name, first = re.fullmatch(r"(\w+) = \.\.\. (\(.*?, )\w.*", names).groups()
+    ((name, first),) = re.findall(r"(\w+) = \.\.\. (\(.*?, )\w", names)
     text = (folder / listed).read_text(encoding="utf-8")
     at = text.index("(", text.index(f"\n{name}:"))
     (folder / listed).write_text(f"{text[:at]}{first}{text[at + 1 :]}", encoding="utf-8")
