@@ -7,7 +7,10 @@ import pytest
 from cases import block_between_walls, block_on_slope, dynamics_of, pressed_on_wall
 
 from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
+from graspless_pin.holding.bounds import States
+from graspless_pin.holding.branching import forced_state
 from graspless_pin.holding.patches import Patch, PatchSlip, find_patches
+from graspless_pin.holding.verdict import ContactState
 
 TOLERANCE = 1e-10
 
@@ -121,3 +124,20 @@ def test_a_disc_on_a_slope_needs_few_sets_of_outcomes() -> None:
     verdict = stability(tilted, [])
     assert verdict.status is Stability.STRONG
     assert verdict.nodes < 100
+
+
+def test_what_follows_is_proven_from_what_was_split_alone() -> None:
+    """Proofs from proofs would make tolerances grow from contact to contact, past the limit."""
+    dynamics = dynamics_of(rim(8, warped=3e-14), ())
+    states = States.unknown(8)
+    for contact in range(3):
+        states = states.changed(contact, ContactState.CLOSED)
+    for contact in range(2):
+        states = states.changed(contact, ContactState.STICKING)
+    followed = 0
+    while (forced := forced_state(dynamics, states)) is not None:
+        for dual in forced.duals:
+            assert not dual.normal[3:].any() and not dual.tangential[2:].any()
+        states = states.changed(forced.contact, forced.state, depends=forced.depends)
+        followed += 1
+    assert followed == 5 + 6
