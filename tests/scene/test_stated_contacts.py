@@ -194,7 +194,7 @@ def test_stated_contacts_that_the_shapes_contradict_are_told(tmp_path: Path) -> 
     assert [*off] == ["contact-off-surface"]
     away = 1e3 * np.hypot(0.2 - 0.03, 0.5 - 0.06)
     words = (
-        f"{away:.3g} mm from the surface of object 'thing' and 500 mm from the surface of 'table'"
+        f"{away:.4g} mm from the surface of object 'thing' and 500 mm from the surface of 'table'"
     )
     assert f"contact 2 is {words}" in off["contact-off-surface"]
     other = found_of(tmp_path, BLOCK, [*right, ("wall", [0, 0.01, 0], up)])

@@ -58,7 +58,7 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
         }
         far = [(gap, name) for name, gap in gaps.items() if gap > tolerance]
         if far:
-            words = " and ".join(f"{_millimetres(gap)} from the surface of {on}" for gap, on in far)
+            words = " and ".join(f"{in_mm(gap)} from the surface of {on}" for gap, on in far)
             off.append((max(far)[0], index, words))
         elif _points_out(made.placed_bodies, contact.position, contact.normal, tolerance):
             outward.append(index)
@@ -81,7 +81,7 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
             made.name,
             f"stated contact {index} is {words}{others}",
             "give the point where they touch, in metres and world axes; if the shapes are simpler "
-            f"than the bodies, raise contact_tolerance ({_millimetres(tolerance)})",
+            f"than the bodies, raise contact_tolerance ({in_mm(tolerance)})",
             ("contacts", index, "position"),
         )
 
@@ -102,10 +102,6 @@ def _points_out(
     step = _STEP * tolerance * normal
     ahead, behind = (distances_to_point(touching, point + way) for way in (step, -step))
     return bool((ahead > behind + tolerance).all())
-
-
-def _millimetres(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm"
 
 
 def contact_findings(scene: SceneFields, touching: ContactArrays | None) -> Iterator[Finding]:
