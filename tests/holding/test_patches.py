@@ -128,7 +128,7 @@ def test_a_disc_on_a_slope_needs_few_sets_of_outcomes() -> None:
 
 def test_what_follows_is_proven_from_what_was_split_alone() -> None:
     """Proofs from proofs would make tolerances grow from contact to contact, past the limit."""
-    dynamics = dynamics_of(rim(8, warped=3e-14), ())
+    dynamics = dynamics_of(rim(8), ())
     states = States.unknown(8)
     for contact in range(3):
         states = states.changed(contact, ContactState.CLOSED)

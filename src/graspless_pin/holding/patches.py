@@ -27,7 +27,7 @@ _SAFETY = 4.0
 """Times what is left of them: whoever checks it rounds otherwise."""
 _MOST_TURN = 0.1
 """What is left of slips may turn them by so much, rad."""
-_MOST_TURNING = 5e-3
+_MOST_UNTOLD = 5e-3
 """Patches of which rounding leaves more than so much, rad, tell too few slips."""
 _WIDEST = 0.5 * np.pi - 1e-3
 """Half the width of an arc that tells something, rad."""
@@ -176,7 +176,7 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
             images = images.reshape(len(members), 2, 3)
             longest = float(np.linalg.norm(images, ord=2, axis=(1, 2)).max())
             turning = missing * longest / (tolerance - missing)
-            if turning < _MOST_TURNING:
+            if turning < _MOST_UNTOLD:
                 patches.append(Patch(tuple(members), images, motion, turning))
     return patches
 
