@@ -10,7 +10,6 @@ from scenes import scene, structured_arguments
 
 from graspless_pin import (
     QuasistaticProblem,
-    SlidingMode,
     Status,
     maximize_margin,
 )
@@ -18,7 +17,7 @@ from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms import search
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound, search_modes
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.mode_oracle import ModeOracle
+from graspless_pin.algorithms.mode_oracle import FoundMode, ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
@@ -60,7 +59,7 @@ def test_an_answer_whose_forbidden_friction_costs_something_is_not_the_modes_own
     relaxed = state.relax()
     assert relaxed.value < -best.margin / problem.scales.force - 1e-3
     # The relaxation's friction is not all of this mode's: its own program is solved instead.
-    assert not state.accept(relaxed, best.mode)
+    assert not state.accept(relaxed, FoundMode(best.mode))
     assert state.best is not None
     assert -state.best.value * problem.scales.force == pytest.approx(best.margin, abs=1e-6)
     assert (state.formulation.program.residual(state.best.x)) <= 1e-7
@@ -210,7 +209,7 @@ def test_two_sets_of_forces_that_oppose_each_other_split_that_contact():
     one = state_of(scene("rest"))
     found = search_modes(one, SolveOptions(), NO_LIMITS).state.best
     assert found is not None
-    assert isinstance(ModeOracle(one.formulation, RULES).mode_for(found.x), SlidingMode)
+    assert isinstance(ModeOracle(one.formulation, RULES).mode_for(found.x), FoundMode)
     size = one.formulation.coordinates.layout.size
     two = replace(one.formulation, layers=(0, size))
     tree, oracle = ModeTree(two, RULES), ModeOracle(two, RULES)

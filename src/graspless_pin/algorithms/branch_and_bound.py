@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.algorithms.direction_search import search_directions
+from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, Search, SolveOptions
 from graspless_pin.algorithms.search import (
@@ -31,7 +32,7 @@ from graspless_pin.algorithms.search import (
 )
 from graspless_pin.errors import OverrunError, UndecidedMotionError
 from graspless_pin.modes.kinematics import feasible_modes
-from graspless_pin.modes.rules import SignRule, SlidingMode
+from graspless_pin.modes.rules import SignRule
 from graspless_pin.solvers import Answer, Outcome
 
 _GUESS_EVERY = 8
@@ -88,13 +89,13 @@ def _guess(state: SearchState, answer: Answer) -> None:
     friction is rarely the one that a motion stands behind.
     """
     for _ in range(_GUESSES):
-        mode = state.oracle.heuristic_mode(answer.x)
-        if mode is None or mode == state.mode:
+        found = state.oracle.heuristic_mode(answer.x)
+        if found is None or found.mode == state.mode:
             return  # it is the best already
-        guess = state.solve(*state.formulation.bounds_of(mode))
+        guess = state.solve(*state.formulation.bounds_of(found.mode))
         if guess.outcome is not Outcome.SOLVED or guess.value >= state.best_value:
             return
-        state.keep(guess, mode)
+        state.keep(guess, found)
         if state.closed(answer.bound):
             return
         answer = guess
@@ -111,9 +112,9 @@ def _children(
     if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
         return None
     x = tree.within(part, answer.x)
-    found = state.oracle.mode_for(x)
+    found = state.oracle.mode_for(x, state.near)
     state.modes_examined += 1
-    if isinstance(found, SlidingMode):
+    if isinstance(found, FoundMode):
         if state.accept(answer, found):
             return None
         found = None
@@ -126,8 +127,7 @@ def _children(
     split = tree.split(part, x, conflict)
     if split is None:
         # It is one mode, which has a motion behind it, and the answer is its own program's.
-        state.oracle.is_clear, state.oracle.witness = False, None
-        state.accept(answer, part.mode, x)
+        state.accept(answer, FoundMode(part.mode), x)
         return None
     children = split[1]
     if state.rules.sign is SignRule.EXACT:
@@ -151,12 +151,11 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
     answer = relaxation(state)
     if isinstance(answer, SearchResult):
         return answer
-    mode = state.oracle.mode_for(answer.x)
+    found = state.oracle.mode_for(answer.x)
     state.modes_examined = 1
-    if isinstance(mode, SlidingMode) and state.accept(answer, mode):
+    if isinstance(found, FoundMode) and state.accept(answer, found):
         return finished(state)
     smallest = np.inf
-    state.oracle.is_clear = False
     modes = feasible_modes(
         state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True,
         is_over=lambda _: limits.passed,
@@ -170,7 +169,7 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
             answer = state.solve(*state.formulation.bounds_of(listed))
             smallest = min(smallest, answer.bound)
             if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
-                state.keep(answer, listed)
+                state.keep(answer, FoundMode(listed))
             if state.closed(state.bound):
                 return finished(state)
     except OverrunError:  # while modes were listed

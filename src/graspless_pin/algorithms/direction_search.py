@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from graspless_pin.algorithms.formulation import NO_FRICTION
+from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, best_first, relaxation
 from graspless_pin.errors import ArgumentError
@@ -297,7 +298,7 @@ class _DirectionSearch:
         size, along = float(np.linalg.norm(velocities)), velocities[:, 1:]
         moves = selection[:, None] & (np.abs(along) > RANK_TOLERANCE * size)
         slowest = np.linalg.norm(along[selection], axis=1).min(initial=np.inf)
-        state.oracle.is_clear = bool(slowest >= CLEARLY * kinematics.threshold * size)
-        state.oracle.witness = motion
+        is_clear = bool(slowest >= CLEARLY * kinematics.threshold * size)
         signs = np.where(moves, np.sign(along), 0.0).astype(np.int8)
-        state.keep(answer, SlidingMode.unchecked(selection, signs))
+        mode = SlidingMode.unchecked(selection, signs)
+        state.keep(answer, FoundMode(mode, motion, is_clear))

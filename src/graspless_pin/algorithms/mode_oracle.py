@@ -29,6 +29,21 @@ _LEAST_IMPORTANCE = 1e-3
 SignPair = tuple[int, int]
 
 
+@dataclass(frozen=True, eq=False)
+class FoundMode:
+    """A feasible mode, with what is known of the virtual motion behind it.
+
+    Attributes:
+        mode: The mode.
+        motion: (P + L,) that motion, scaled; None: it was not kept.
+        is_clear: Whether it is known to be clearly faster than the threshold.
+    """
+
+    mode: SlidingMode
+    motion: FloatArray | None = None
+    is_clear: bool = False
+
+
 @dataclass
 class ModeOracle:
     """Finds a mode that admits given friction forces.
@@ -37,37 +52,32 @@ class ModeOracle:
         formulation: The shared program and kinematics.
         rules: The reading of the constraint.
         kinematic_programs: How many feasibility problems were solved so far.
-        motion: A virtual motion that may be behind the friction, scaled, such as that of a similar
-            problem; when a mode was read at once, the one behind it.
-        is_clear: Whether the motion behind the last mode is clearly faster than the threshold.
-        witness: That motion, scaled; None: it was not kept.
     """
 
     formulation: Formulation
     rules: Rules
     kinematic_programs: int = 0
-    motion: FloatArray | None = None
-    is_clear: bool = False
-    witness: FloatArray | None = None
 
-    def mode_for(self, x: FloatArray) -> SlidingMode | Conflict | Blocked | None:
+    def mode_for(
+        self, x: FloatArray, near: FloatArray | None = None
+    ) -> FoundMode | Conflict | Blocked | None:
         """Return a feasible mode that admits the friction in x.
 
         Args:
             x: Solution of the program.
+            near: (P + L,) a virtual motion that may be behind the friction, scaled, such as that
+                of a similar problem; None: none is known.
 
         Returns:
             A mode; or what excludes every mode that admits x; or None if only the signs of
             vanishing components stand in the way, or two sets of forces whose friction has opposite
             signs.
         """
-        self.witness = None
         if self.rules.static_friction is StaticFriction.COULOMB:
-            return self.describe(x)
-        mode = self._at_once(x)
-        self.is_clear = mode is not None
-        if mode is not None:
-            return mode
+            return FoundMode(self.describe(x))
+        found = self._at_once(x, near)
+        if found is not None:
+            return found
         every = ModePart.every_mode(self.formulation.problem, self.rules)
         known = self._required(x, every)
         if known is None:
@@ -125,7 +135,7 @@ class ModeOracle:
         size = self.formulation.friction_size(x)[[one.contact for one in known]]
         return np.sqrt(np.maximum(size / size.max(initial=1e-300), _LEAST_IMPORTANCE))
 
-    def heuristic_mode(self, x: FloatArray) -> SlidingMode | None:
+    def heuristic_mode(self, x: FloatArray) -> FoundMode | None:
         """Return a feasible mode near the friction in x: a guess whose program may be as good.
 
         Of the motions that keep all contacts touching, the one whose sliding opposes the friction
@@ -138,19 +148,16 @@ class ModeOracle:
         sliding, motion = self.formulation.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is None:
             return None
-        self.is_clear, self.witness = True, motion
         chosen = (sliding != 0.0).all(axis=1)
         if not chosen[columns.shape[1] :].all():
             return None
         signs = np.sign(sliding).astype(int).tolist()
-        return mode_of(
-            self.formulation.problem,
-            tuple(
-                Requirement(contact, (signs[i][0], signs[i][1]))
-                for i, contact in enumerate(contacts)
-                if chosen[i]
-            ),
+        wanted_of = tuple(
+            Requirement(contact, (signs[i][0], signs[i][1]))
+            for i, contact in enumerate(contacts)
+            if chosen[i]
         )
+        return FoundMode(mode_of(self.formulation.problem, wanted_of), motion, is_clear=True)
 
     def describe(self, x: FloatArray) -> SlidingMode:
         """Return the mode that only describes the friction in x, feasible or not."""
@@ -160,7 +167,7 @@ class ModeOracle:
         )
         return mode_of(self.formulation.problem, requirements)
 
-    def _at_once(self, x: FloatArray) -> SlidingMode | None:
+    def _at_once(self, x: FloatArray, near: FloatArray | None) -> FoundMode | None:
         """Return the mode of the friction in x, if a motion behind it is found without a search."""
         formulation = self.formulation
         if self._always_selected or len(formulation.layers) > 1:
@@ -175,58 +182,57 @@ class ModeOracle:
             some = np.logical_or.reduce(with_friction, axis=1)
             chosen, opposed = chosen[some], opposed[some]
             contacts = tuple(chosen.tolist())
-        known = self._glimpse(contacts, opposed.ravel())
-        if known is None:
+        seen = self._glimpse(contacts, opposed.ravel(), near)
+        if seen is None:
             return None
+        known, motion = seen
         selection = np.zeros(formulation.problem.contact_count, dtype=bool)
         signs = np.zeros((len(selection), 2), dtype=np.int8)
         selection[chosen], signs[chosen] = True, known.reshape(-1, 2)
-        return SlidingMode.unchecked(selection, signs)
+        return FoundMode(SlidingMode.unchecked(selection, signs), motion, is_clear=True)
 
-    def admitted_again(self, x: FloatArray, mode: SlidingMode) -> FloatArray | None:
-        """Return what a mode admits of x, if that is all but rounding and the known motion does it.
+    def admitted_again(
+        self, x: FloatArray, mode: SlidingMode, near: FloatArray
+    ) -> tuple[FoundMode, FloatArray] | None:
+        """Return what a mode admits of x, if that is all but rounding and a known motion does it.
 
         Where that is so, `mode_for` would find a mode too, though perhaps another one.
 
         Args:
             x: Solution of the program.
             mode: A mode of as many contacts, such as that of a similar problem.
+            near: (P + L,) the virtual motion behind it there, scaled.
 
         Returns:
-            (n,) x without traces of forbidden friction; None says nothing.
+            The mode, and (n,) x without traces of forbidden friction; None says nothing.
         """
-        if self.motion is None:
-            return None
         admitted = self.formulation.admitted(mode, x)
         if admitted is not x and np.abs(admitted - x).max() > NO_FRICTION:
             return None
         nearest = self.formulation.kinematics.nearest
-        motion = nearest.witness_near(mode.contacts, mode.own_signs, self.motion)
+        motion = nearest.witness_near(mode.contacts, mode.own_signs, near)
         if motion is None:
             return None
         self.kinematic_programs += 1
-        self.motion = self.witness = motion
-        self.is_clear = True
-        return admitted
+        return FoundMode(mode, motion, is_clear=True), admitted
 
-    def moves(self, mode: SlidingMode) -> bool:
-        """Return whether there is a virtual motion behind a mode."""
+    def moving(self, mode: SlidingMode, near: FloatArray | None = None) -> FoundMode | None:
+        """Return a mode if there is a virtual motion behind it; `near` as in `mode_for`."""
         signs = mode.own_signs.ravel().astype(float)
-        self.is_clear = bool(signs.all()) and self._glimpse(mode.contacts, signs) is not None
-        if self.is_clear:
-            return True
+        seen = self._glimpse(mode.contacts, signs, near) if signs.all() else None
+        if seen is not None:
+            return FoundMode(mode, seen[1], is_clear=True)
         self.kinematic_programs += 1
-        return self.formulation.kinematics.feasible(requirements_of(mode), self.rules.sign)
+        feasible = self.formulation.kinematics.feasible(requirements_of(mode), self.rules.sign)
+        return FoundMode(mode) if feasible else None
 
-    def _glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
-        """Return the signs completed by a motion that needs no search, None if none is."""
-        found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, self.motion)
-        if found is None:
-            return None
-        self.kinematic_programs += 1
-        signs, self.motion = found
-        self.witness = self.motion
-        return signs
+    def _glimpse(
+        self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return the signs completed by a motion that needs no search, and it; None: none is."""
+        found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, near)
+        self.kinematic_programs += found is not None
+        return found
 
     def _friction(self, x: FloatArray) -> dict[int, SignPair] | None:
         """Signs of the friction at each contact with a cone, 0 where a component vanishes.
@@ -252,15 +258,15 @@ class ModeOracle:
 
     def _complete(
         self, known: list[Requirement], witness: Witness, part: ModePart
-    ) -> SlidingMode | Blocked | None:
+    ) -> FoundMode | Blocked | None:
         """Fill in the signs that the friction leaves open, first as the witness moves.
 
         A witness that moves along every open component proves its own signs.
         """
         velocities, kinematics = witness.velocities, self.formulation.kinematics
         if not any(0 in requirement.signs for requirement in known):
-            self.is_clear = witness.slowest >= CLEARLY * kinematics.threshold
-            return self._witnessed(tuple(known), witness)
+            is_clear = witness.slowest >= CLEARLY * kinematics.threshold
+            return self._witnessed(tuple(known), witness, is_clear=is_clear)
         moves = np.abs(velocities) >= kinematics.threshold * np.linalg.norm(velocities)
         seen = np.where(moves, np.sign(velocities), 0.0)[:, 1:].astype(int).tolist()
         shown = tuple(
@@ -284,10 +290,12 @@ class ModeOracle:
         chosen = self._first_feasible(options, ())
         return None if chosen is None else self._witnessed(chosen, witness)
 
-    def _witnessed(self, known: tuple[Requirement, ...], witness: Witness) -> SlidingMode:
-        """Return the mode of requirements, and keep the motion that may be behind it."""
-        self.witness = self.formulation.kinematics.scaled_motion(witness.coordinates)
-        return mode_of(self.formulation.problem, known)
+    def _witnessed(
+        self, known: tuple[Requirement, ...], witness: Witness, *, is_clear: bool = False
+    ) -> FoundMode:
+        """Return the mode of requirements with a motion that may be behind it."""
+        motion = self.formulation.kinematics.scaled_motion(witness.coordinates)
+        return FoundMode(mode_of(self.formulation.problem, known), motion, is_clear)
 
     def _blocked(self, known: list[Requirement], part: ModePart) -> Blocked | None:
         """Look for a component that must move and that what is known lets move neither way."""

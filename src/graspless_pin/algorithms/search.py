@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
-from graspless_pin.algorithms.mode_oracle import ModeOracle
+from graspless_pin.algorithms.mode_oracle import FoundMode, ModeOracle
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.kinematics import VirtualKinematics, requirements_of
@@ -44,9 +44,8 @@ class SearchState:
         relaxation: Answer to the program without modes, once it was solved; of a given mode without
             forces, to its own.
         best: Best answer that a feasible mode admits.
-        mode: That mode.
-        mode_is_clear: Whether a motion clearly faster than the threshold is known to be behind it.
-        motion: A virtual motion that may be behind it, scaled; None: it was not kept.
+        found: That mode; of a given mode without forces, it itself.
+        near: A virtual motion that may be behind the next mode, too, scaled; None: none is known.
         bound: Proven lower bound on the objective over all modes.
         infeasibility: Proof of infeasibility of the relaxation.
         nodes: Nodes or modes looked at.
@@ -63,9 +62,8 @@ class SearchState:
     oracle: ModeOracle = field(init=False)
     relaxation: Answer | None = None
     best: Answer | None = None
-    mode: SlidingMode | None = None
-    mode_is_clear: bool = False
-    motion: FloatArray | None = None
+    found: FoundMode | None = None
+    near: FloatArray | None = None
     bound: float = -np.inf
     infeasibility: float = 0.0
     nodes: int = 0
@@ -82,6 +80,11 @@ class SearchState:
     def unproven(self) -> bool:
         """Whether a program without a checked answer may hold something better than the best."""
         return self.unproven_bound < np.inf and not self.closed(self.unproven_bound)
+
+    @property
+    def mode(self) -> SlidingMode | None:
+        """The mode of the best answer."""
+        return None if self.best is None or self.found is None else self.found.mode
 
     @property
     def best_value(self) -> float:
@@ -109,7 +112,7 @@ class SearchState:
             self.infeasibility = answer.proof
         return answer
 
-    def accept(self, answer: Answer, mode: SlidingMode, admitted: FloatArray | None = None) -> bool:
+    def accept(self, answer: Answer, found: FoundMode, admitted: FloatArray | None = None) -> bool:
         """Keep an answer that a feasible mode admits, if it is the best so far.
 
         The friction that the mode forbids is below the threshold of the oracle and is cut off;
@@ -117,7 +120,7 @@ class SearchState:
 
         Args:
             answer: The answer.
-            mode: The mode.
+            found: The mode.
             admitted: What it admits of the answer's x, if that is known.
 
         Returns:
@@ -126,23 +129,24 @@ class SearchState:
         exact = answer
         if self.rules.static_friction is StaticFriction.COULOMB:
             admitted = answer.x  # the mode only describes it
-        x = self.formulation.admitted(mode, answer.x) if admitted is None else admitted
+        x = self.formulation.admitted(found.mode, answer.x) if admitted is None else admitted
         if x is not answer.x:
             residual = self.formulation.program.residual(x)
             if residual > PRIMAL_TOLERANCE:
-                exact = self.solve(*self.formulation.bounds_of(mode))
+                exact = self.solve(*self.formulation.bounds_of(found.mode))
                 if exact.outcome is not Outcome.SOLVED:
                     return False
             else:
                 exact = answer.moved(x, self.formulation.program.value(x), residual)
         if exact.value < self.best_value:
-            self.keep(exact, mode)
+            self.keep(exact, found)
         return exact.value <= answer.value + closeness(exact.value)
 
-    def keep(self, answer: Answer, mode: SlidingMode) -> None:
-        """Keep a mode that the oracle has just found, and its answer, as the best so far."""
-        self.best, self.mode, self.mode_is_clear = answer, mode, self.oracle.is_clear
-        self.motion = self.oracle.witness
+    def keep(self, answer: Answer, found: FoundMode) -> None:
+        """Keep a mode and its answer as the best so far."""
+        self.best, self.found = answer, found
+        if found.motion is not None:
+            self.near = found.motion
 
     def raise_bound(self, bound: float) -> None:
         """Raise the proven bound over all modes, never above the best value."""
@@ -246,11 +250,11 @@ def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requiremen
         return undecided(state)
     if isinstance(verdict, Conflict):
         return SearchResult(Status.INFEASIBLE_MODE, state)
-    state.motion = state.oracle.witness = kinematics.scaled_motion(verdict.coordinates)
+    state.found = FoundMode(mode, kinematics.scaled_motion(verdict.coordinates))
     answer = state.solve(*state.formulation.bounds_of(mode))
     state.bound = answer.bound
     if answer.outcome is Outcome.SOLVED:
-        state.keep(answer, mode)
+        state.best = answer
         return SearchResult(Status.OPTIMAL_IN_MODE, state)
     failed = answer.outcome is Outcome.FAILED
     state.relaxation, state.infeasibility = answer, answer.proof
@@ -303,7 +307,7 @@ def threshold_optima(
 def _is_slow(result: SearchResult) -> bool:
     """Whether the motion behind the best mode is slower than ten times the threshold."""
     state = result.state
-    if state.mode is None or state.mode_is_clear:
+    if state.mode is None or state.found is None or state.found.is_clear:
         return False
     if state.rules.by_direction:
         return True  # the search itself has looked

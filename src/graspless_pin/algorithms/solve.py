@@ -200,7 +200,7 @@ def solution_of(
         problem=formulation.problem,
         given_mode=given_mode,
         _forces=forces,
-        _mode=state.mode if best is not None else None,
+        _mode=state.mode,
         evidence=_evidence(state),
     )
 
@@ -215,6 +215,6 @@ def _evidence(state: SearchState) -> Evidence:
         in_mode, added = (best.y, best.z), best.x[coordinates.layout.size :].copy()
     elif first is not None and len(first.x):
         forces, added = coordinates.forces(first.x), first.x[coordinates.layout.size :].copy()
-    if state.motion is not None:
-        motion = state.formulation.kinematics.scale * state.motion
+    if state.found is not None and state.found.motion is not None:
+        motion = state.formulation.kinematics.scale * state.found.motion
     return Evidence(relaxation, in_mode, added, forces, motion)

@@ -18,6 +18,7 @@ import numpy as np
 from graspless_pin.algorithms.batch_optimum import WarmStart
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
+from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.search import (
     SearchResult,
@@ -153,9 +154,9 @@ class _WarmState(SearchState):
     in_mode: ActiveSet | None = None
 
     def __post_init__(self) -> None:
-        """Make the oracle, and show it the earlier motion."""
+        """Make the oracle, and begin near the earlier motion."""
         super().__post_init__()
-        self.oracle.motion = self.start.motion
+        self.near = self.start.motion
 
     def relax(self) -> Answer:
         """Return the relaxation's answer, solved once."""
@@ -194,7 +195,7 @@ class _WarmState(SearchState):
             mode,
             self.without_mode or start.relaxation,
             self.in_mode or (start.in_mode if mode is start.mode else None),
-            self.oracle.motion,
+            self.near,
             structure_of(problem) if problem.cone_model.regular and not open_still else None,
             self.cover,
         )
@@ -213,28 +214,31 @@ def _search(state: _WarmState, options: SolveOptions, limits: Limits) -> SearchR
 
 def _read_mode(state: _WarmState) -> None:
     """Keep the relaxation's own optimum, if a feasible mode admits its friction."""
-    relaxation, before = state.relaxation, state.start.mode
+    relaxation, before, near = state.relaxation, state.start.mode, state.start.motion
     if relaxation is None:
         return
-    if before is not None and _fits(state, before):
-        admitted = state.oracle.admitted_again(relaxation.x, before)
-        if admitted is not None:
-            state.accept(relaxation, before, admitted)
+    if before is not None and near is not None and _fits(state, before):
+        again = state.oracle.admitted_again(relaxation.x, before, near)
+        if again is not None:
+            state.accept(relaxation, *again)
             return
-    verdict = state.oracle.mode_for(relaxation.x)
-    if isinstance(verdict, SlidingMode):
-        state.accept(relaxation, verdict)
+    found = state.oracle.mode_for(relaxation.x, near)
+    if isinstance(found, FoundMode):
+        state.accept(relaxation, found)
 
 
 def _try_mode(state: _WarmState) -> None:
     """Keep the optimum of the earlier mode, if the problem has it and a motion stands behind it."""
     mode = state.start.mode
-    if mode is None or not _fits(state, mode) or not state.oracle.moves(mode):
+    if mode is None or not _fits(state, mode):
         return
-    bounds = state.formulation.bounds_of(mode)
+    found = state.oracle.moving(mode, state.near)
+    if found is None:
+        return
+    bounds = state.formulation.bounds_of(found.mode)
     answer, state.in_mode = state.solve_near(*bounds, state.start.in_mode)
     if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
-        state.keep(answer, mode)
+        state.keep(answer, found)
 
 
 def _fits(state: SearchState, mode: SlidingMode) -> bool:
