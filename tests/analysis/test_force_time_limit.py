@@ -21,7 +21,7 @@ from graspless_pin.algorithms import force_bounds
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, Extreme, ForceExtremes
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.search import SearchResult, undecided
+from graspless_pin.algorithms.search_state import SearchState
 
 TIGHT = 1e-5
 
@@ -136,10 +136,10 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
     """One range is then only reached, or a margin; all others are proven as ever."""
     calls = itertools.count()
 
-    def search(*arguments, **options):
+    def search(state):
         if next(calls) == failing:
-            return undecided(arguments[0])
-        return search_modes(*arguments, **options)
+            return state.undecided()
+        return search_modes(state)
 
     monkeypatch.setattr(force_bounds, "search_modes", search)
     bounds = contact_force_bounds(scene("rest"), torques)
@@ -154,10 +154,7 @@ def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held
     extremes = ForceExtremes(scene("rest"), torques, SolveOptions.parse())
     assert extremes.feasibility() is Status.OPTIMAL
 
-    def search(state, *_):
-        return SearchResult(Status.INFEASIBLE_MODES, state)
-
-    monkeypatch.setattr(force_bounds, "search_modes", search)
+    monkeypatch.setattr(force_bounds, "search_modes", lambda _: Status.INFEASIBLE_MODES)
     normal = extremes.component(0, 0)
     found = extremes.largest(normal)
     assert not found.proven
@@ -197,10 +194,7 @@ def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(m
 
 
 def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
-    def search(state, *_):
-        return undecided(state)
-
-    monkeypatch.setattr(force_bounds, "search_modes", search)
+    monkeypatch.setattr(force_bounds, "search_modes", SearchState.undecided)
     bounds = contact_force_bounds(scene("rest"), torques)
     assert bounds.status is Status.UNVERIFIED and not bounds.found
     assert np.isnan(bounds.lower).all() and not bounds.proven.any()

@@ -14,13 +14,12 @@ from graspless_pin import (
     maximize_margin,
 )
 from graspless_pin.algorithms import branch_and_bound as searching
-from graspless_pin.algorithms import search
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound, search_modes
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode, ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
-from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin, Torque
@@ -36,7 +35,7 @@ SPLIT = [
 
 
 def state_of(problem: QuasistaticProblem) -> SearchState:
-    return SearchState(formulate(problem, Margin()), RULES, "piqp")
+    return SearchState(formulate(problem, Margin()), SolveOptions(RULES, "piqp"))
 
 
 @pytest.mark.parametrize("value", [-0.3, -1.0, -40.0])
@@ -85,24 +84,26 @@ def test_what_a_failed_node_may_hold_stays_in_the_bound(index, monkeypatch):
         monkeypatch.setattr(SearchState, "solve", solve)
         # A guess would find the best mode before the search does.
         monkeypatch.setattr(searching, "_guess", lambda *_: None)
-        result = branch_and_bound(state_of(problem))
-        bound = result.state.bound * result.state.formulation.unit
+        state = state_of(problem)
+        status = branch_and_bound(state)
+        bound = state.bound * state.formulation.unit
         assert bound >= best.margin - 1e-6
         failed_there = next(calls) > number
-        assert (result.status is Status.OPTIMAL) == (not failed_there)
-        if result.state.best is not None:
-            assert -result.state.best.value * problem.scales.force <= best.margin + 1e-6
+        assert (status is Status.OPTIMAL) == (not failed_there)
+        if state.best is not None:
+            assert -state.best.value * problem.scales.force <= best.margin + 1e-6
 
 
 @pytest.mark.parametrize(("below", "proven"), [(-1e-3, False), (1e-3, True)])
 def test_a_program_without_an_answer_counts_by_its_bound(below, proven):
     """Where what is proven of it is no better than the best, nothing is left open."""
     state = state_of(SPLIT[0])
-    best = branch_and_bound(state).state.best_value
+    branch_and_bound(state)
+    best = state.best_value
     assert not state.unproven
     state.unproven_bound = best + below
     assert state.unproven is not proven
-    assert (search.finished(state).status is Status.OPTIMAL) == proven
+    assert (state.ended() is Status.OPTIMAL) == proven
 
 
 @pytest.mark.parametrize(("size", "is_friction"), [(0.9e-8, False), (1.1e-8, True), (1e-6, True)])
@@ -184,10 +185,10 @@ def test_traces_of_forbidden_friction_lead_nowhere(index, monkeypatch):
         return answer.moved(x, answer.value, answer.residual)
 
     monkeypatch.setattr(SearchState, "solve", solve)
-    result = branch_and_bound(state_of(problem), Limits(node_limit=1000))
-    assert result.status is Status.OPTIMAL
-    assert result.state.best is not None
-    found = -result.state.best.value * problem.scales.force
+    state = replace(state_of(problem), limits=Limits(node_limit=1000))
+    assert branch_and_bound(state) is Status.OPTIMAL
+    assert state.best is not None
+    found = -state.best.value * problem.scales.force
     assert found == pytest.approx(best.margin, abs=1e-6)
 
 
@@ -207,7 +208,8 @@ def test_friction_that_hardly_counts_is_friction_where_no_rule_forbids_it():
 def test_two_sets_of_forces_that_oppose_each_other_split_that_contact():
     """Each set alone has a mode behind it; both together have none."""
     one = state_of(scene("rest"))
-    found = search_modes(one, SolveOptions(), NO_LIMITS).state.best
+    search_modes(one)
+    found = one.best
     assert found is not None
     assert isinstance(ModeOracle(one.formulation, RULES).mode_for(found.x), FoundMode)
     size = one.formulation.coordinates.layout.size

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.mode_tree import ModePart, signs_left
 from graspless_pin.algorithms.options import Search, SolveOptions
-from graspless_pin.algorithms.search import CLOSED
+from graspless_pin.algorithms.search_state import CLOSED
 from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD

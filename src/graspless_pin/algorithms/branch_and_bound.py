@@ -20,19 +20,12 @@ import numpy as np
 from graspless_pin.algorithms.direction_search import search_directions
 from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
-from graspless_pin.algorithms.options import NO_LIMITS, Limits, Search, SolveOptions
-from graspless_pin.algorithms.search import (
-    SearchResult,
-    SearchState,
-    best_first,
-    closeness,
-    finished,
-    relaxation,
-    undecided,
-)
+from graspless_pin.algorithms.options import Search
+from graspless_pin.algorithms.search_state import SearchState, best_first, closeness, unsolved
 from graspless_pin.errors import OverrunError, UndecidedMotionError
 from graspless_pin.modes.kinematics import feasible_modes
 from graspless_pin.modes.rules import SignRule
+from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
 
 _GUESS_EVERY = 8
@@ -40,16 +33,11 @@ _GUESS_EVERY = 8
 _GUESSES = 3
 
 
-def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchResult:
-    """Find the optimum over all feasible modes with a proven bound.
-
-    Args:
-        state: The search to run.
-        limits: When to stop.
-    """
-    answer = relaxation(state)
-    if isinstance(answer, SearchResult):
-        return answer
+def branch_and_bound(state: SearchState) -> Status:
+    """Find the optimum over all feasible modes with a proven bound, from the relaxation on."""
+    answer = state.relax()
+    if answer.outcome is not Outcome.SOLVED:
+        return unsolved(answer, Status.INFEASIBLE_FORCES)
     tree = ModeTree(state.formulation, state.rules)
     every = ModePart.every_mode(state.formulation.problem, state.rules)
 
@@ -65,8 +53,8 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
         return (answer.bound if children is None else _level(before, answer.bound)), children
 
     root = answer.bound, _children(state, tree, every, answer)
-    result, state.cover = best_first(state, limits, root, expand, state.closed)
-    return result
+    status, state.cover = best_first(state, root, expand, state.closed)
+    return status
 
 
 def _level(before: float, bound: float) -> float:
@@ -138,23 +126,20 @@ def _children(
     return children
 
 
-def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
+def search_exhaustively(state: SearchState) -> Status:
     """Find the optimum over all feasible modes by solving every maximal one.
 
     The relaxation's optimum is the answer whenever a feasible mode admits its friction; otherwise
-    the maximal modes are solved one by one, since a smaller mode allows no other force.
-
-    Args:
-        state: The search to run.
-        limits: When to stop; modes count as nodes.
+    the maximal modes are solved one by one, since a smaller mode allows no other force. They count
+    as nodes.
     """
-    answer = relaxation(state)
-    if isinstance(answer, SearchResult):
-        return answer
+    answer, limits = state.relax(), state.limits
+    if answer.outcome is not Outcome.SOLVED:
+        return unsolved(answer, Status.INFEASIBLE_FORCES)
     found = state.oracle.mode_for(answer.x)
     state.modes_examined = 1
     if isinstance(found, FoundMode) and state.accept(answer, found):
-        return finished(state)
+        return state.ended()
     smallest = np.inf
     modes = feasible_modes(
         state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True,
@@ -163,7 +148,7 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
     try:
         for listed in modes:
             if limits.end(state.nodes):
-                return finished(state, interrupted=True)
+                return state.ended(interrupted=True)
             state.nodes += 1
             state.modes_examined += 1
             answer = state.solve(*state.formulation.bounds_of(listed))
@@ -171,31 +156,23 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
             if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
                 state.keep(answer, FoundMode(listed))
             if state.closed(state.bound):
-                return finished(state)
+                return state.ended()
     except OverrunError:  # while modes were listed
-        return finished(state, interrupted=True)
+        return state.ended(interrupted=True)
     state.raise_bound(smallest)
-    return finished(state)
+    return state.ended()
 
 
-def search_modes(state: SearchState, options: SolveOptions, limits: Limits) -> SearchResult:
-    """Find the optimum over all feasible modes.
-
-    Args:
-        state: The search to run.
-        options: How the modes are searched.
-        limits: What is left of the limits.
+def search_modes(state: SearchState) -> Status:
+    """Find the optimum over all feasible modes, to be kept in the state; return how that ended.
 
     Raises:
         ArgumentError: If the rule of directions does not take the objective or the search.
     """
     try:
-        if state.rules.by_direction:
-            if options.search is Search.ENUMERATE:
-                state.rules.need_signs("search='enumerate'")
-            return search_directions(state, options.direction_gap, limits)
-        if options.search is Search.ENUMERATE:
-            return search_exhaustively(state, limits)
-        return branch_and_bound(state, limits)
+        if state.options.search is Search.ENUMERATE:
+            state.rules.need_signs("search='enumerate'")
+            return search_exhaustively(state)
+        return (search_directions if state.rules.by_direction else branch_and_bound)(state)
     except UndecidedMotionError:
-        return undecided(state)
+        return state.undecided()

@@ -15,7 +15,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
-from graspless_pin.algorithms.search import SearchState, finished
+from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.algorithms.torque import objective_named
 from graspless_pin.errors import OverrunError
@@ -157,8 +157,8 @@ def solve_each_mode(
             yield solve_problem(problem, objective, how, mode=mode)
         else:
             return
-    state = SearchState(formulate(problem, objective), how.rules, how.solver)
-    yield solution_of(finished(state, interrupted=True), how.rules)
+    state = SearchState(formulate(problem, objective), how, limits)
+    yield solution_of(state.ended(interrupted=True), state)
 
 
 _LARGEST = 16.0

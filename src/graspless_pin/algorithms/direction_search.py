@@ -17,8 +17,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import NO_FRICTION
 from graspless_pin.algorithms.mode_oracle import FoundMode
-from graspless_pin.algorithms.options import Limits
-from graspless_pin.algorithms.search import SearchResult, SearchState, best_first, relaxation
+from graspless_pin.algorithms.search_state import SearchState, best_first, unsolved
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule
 from graspless_pin.modes.sectors import (
@@ -31,6 +30,7 @@ from graspless_pin.modes.sectors import (
 )
 from graspless_pin.modes.virtual_motions import CLEARLY, RANK_TOLERANCE
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 
 _SMALL = 0.01
@@ -61,13 +61,11 @@ class _Node:
         return replace(self, sectors={**self.sectors, contact: sector})
 
 
-def search_directions(state: SearchState, gap: float, limits: Limits) -> SearchResult:
+def search_directions(state: SearchState) -> Status:
     """Find the optimum over all virtual motions, friction opposing each, to a proven gap.
 
     Args:
         state: The search to run, on a program with round cones.
-        gap: How near it is to be, see `SolveOptions.direction_gap`.
-        limits: When to stop.
 
     Raises:
         ArgumentError: If the program is not one of Algorithms 1 and 2, without a regularisation.
@@ -80,12 +78,12 @@ def search_directions(state: SearchState, gap: float, limits: Limits) -> SearchR
             f"is 'direction', which does not take {what}: only the largest margin and the smallest "
             "torque without a regularisation; ask for 'strict', 'exact' or 'nonzero'",
         )
-    answer = relaxation(state)
-    if isinstance(answer, SearchResult):
-        return answer
-    search = _DirectionSearch(state, gap)
+    answer = state.relax()
+    if answer.outcome is not Outcome.SOLVED:
+        return unsolved(answer, Status.INFEASIBLE_FORCES)
+    search = _DirectionSearch(state)
     try:
-        return search.run(answer, limits)
+        return search.run(answer)
     finally:
         state.oracle.kinematic_programs += search.motions.programs
 
@@ -99,8 +97,8 @@ class _DirectionSearch:
         always: Contacts in actual sliding that have to slide virtually, too.
     """
 
-    def __init__(self, state: SearchState, gap: float) -> None:
-        self.state, self._gap = state, gap
+    def __init__(self, state: SearchState) -> None:
+        self.state, self._gap = state, state.options.direction_gap
         self._formulation = state.formulation
         self._cones = self._formulation.coordinates.layout.cone_contacts
         self.motions = SectorMotions(self._formulation.kinematics)
@@ -108,11 +106,11 @@ class _DirectionSearch:
         constrained = state.rules.sliding is SlidingRule.CONSTRAINED
         self.always = np.flatnonzero(problem.is_sliding & constrained).tolist()
 
-    def run(self, answer: Answer, limits: Limits) -> SearchResult:
+    def run(self, answer: Answer) -> Status:
         """Search from the answer to the relaxation on."""
         every = _Node(dict.fromkeys(self.always), frozenset())
         root = answer.bound, self._split(every, answer, answer.bound)
-        return best_first(self.state, limits, root, self._expand, self._closed)[0]
+        return best_first(self.state, root, self._expand, self._closed)[0]
 
     def _expand(self, node: _Node, before: float) -> tuple[float, list[_Node] | None]:
         """Return what is proven of a node, and its children, as `best_first` asks for them."""
@@ -148,7 +146,7 @@ class _DirectionSearch:
         """Solve the program with friction opposite to sectors; None: without friction."""
         state = self.state
         state.force_programs += 1
-        answer = self._formulation.solve_along(friction, state.solver, cutoff=self._enough)
+        answer = self._formulation.solve_along(friction, state.options.solver, cutoff=self._enough)
         if answer.outcome is Outcome.FAILED:
             state.unproven_bound = min(state.unproven_bound, answer.bound)
         return answer

@@ -16,7 +16,7 @@ from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robustness import LoadBracket, bracket_limits, load_bracket
-from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
@@ -161,8 +161,7 @@ def disturbance_margin(
 
 def _undisturbed(formulation: Formulation, how: SolveOptions, limits: Limits) -> Status:
     """Whether some mode balances the object as it is; the direction does not matter."""
-    state = SearchState(formulation.capped(0.0), how.rules, how.solver)
-    return search_modes(state, how, limits).status
+    return search_modes(SearchState(formulation.capped(0.0), how, limits))
 
 
 def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tuple[Status, float]:
@@ -173,12 +172,12 @@ def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tup
     """
     largest = begin = np.inf
     while begin > _STEP:
-        nearer = formulation.capped(begin - _STEP)
-        result = search_modes(SearchState(nearer, how.rules, how.solver), how, limits)
-        best, mode = result.state.best, result.state.mode
-        if limits.passed or result.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
+        state = SearchState(formulation.capped(begin - _STEP), how, limits)
+        status = search_modes(state)
+        best, mode = state.best, state.mode
+        if limits.passed or status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
             return Status.LIMIT_REACHED, np.nan
-        if result.status is not Status.OPTIMAL or best is None or mode is None:
+        if status is not Status.OPTIMAL or best is None or mode is None:
             # Zero was found to be balanced: a search that denies it has no answer to give.
             return Status.UNVERIFIED, np.nan
         end = -best.value

@@ -18,7 +18,7 @@ from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.comparison import smallest_factor
 from graspless_pin.algorithms.formulation import formulate, formulated
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
-from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import (
@@ -37,7 +37,7 @@ from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
 from graspless_pin.solution.torque_solution import overload
-from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE, Outcome
+from graspless_pin.solvers import PRIMAL_TOLERANCE, Outcome
 
 ROOM = 1.0 + 1e-6
 """A suggestion goes further by this, so that it is feasible and not just about to be."""
@@ -252,7 +252,7 @@ def explained_briefly(solution: TorqueSolution) -> Explanation:
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     """Contacts in the conflict of the relaxation's optimum."""
     formulation = formulate(solution.problem, solution.objective)
-    state = SearchState(formulation, solution.rules, ANY_SOLVER)
+    state = SearchState(formulation, SolveOptions(solution.rules))
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
         return ()
@@ -404,14 +404,15 @@ def _relief(
     wrench: bool = False,
 ) -> _Relief | None:
     """Return the smallest relief of one kind; None if it does not help."""
-    if tries.options(solution.rules) is None:
+    options = tries.options(solution.rules)
+    if options is None:
         return None
     objective = Elastic(solution.required_margin, joint, normal, wrench)
     formulation = formulated(solution.problem, objective)
-    state = SearchState(formulation, solution.rules, ANY_SOLVER)
+    state = SearchState(formulation, options, tries.limits)
     # What was found before a motion could not be decided on helps all the same.
     with suppress(UndecidedMotionError):
-        tries.ended(branch_and_bound(state, tries.limits).status)
+        tries.ended(branch_and_bound(state))
     best, coordinates = state.best, formulation.coordinates
     if best is None or best.value <= 0.0:
         return None

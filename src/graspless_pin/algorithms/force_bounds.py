@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
-from graspless_pin.algorithms.search import SearchResult, SearchState
+from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem, checked_problem
@@ -100,7 +100,7 @@ class ForceExtremes:
 
     def feasibility(self) -> Status:
         """Whether some mode holds the torques."""
-        return self._search(self.set).status
+        return self._search(self.set)[0]
 
     def component(self, contact: int, component: int) -> FloatArray:
         """(n,) functional of the coordinates that gives f_n, f_t1 or f_t2 of a contact, in N."""
@@ -124,9 +124,9 @@ class ForceExtremes:
             c = -functional / scale
             if self.has_rays and self._grows(c):
                 return Extreme(np.inf, proven=True)
-            result = self._search(_with_costs(self.set, c), cutoff=-above / scale)
-            if result.state.best is not None:
-                value = -scale * result.state.best.value
+            _, state = self._search(_with_costs(self.set, c), cutoff=-above / scale)
+            if state.best is not None:
+                value = -scale * state.best.value
             elif above == -np.inf:
                 # The torques are held: a search that finds no force has nothing to say.
                 self.proven = False
@@ -183,7 +183,7 @@ class ForceExtremes:
         """Largest margin over all modes, with the normal-force limit counted."""
         self.proven = not self.limits.passed
         if self.proven:
-            best = self._search(formulated(self.problem, HeldMargin(self.torques))).state.best
+            best = self._search(formulated(self.problem, HeldMargin(self.torques)))[1].best
             if best is not None:
                 self.reached.append(best.x[:-1])
                 if self.proven:
@@ -267,9 +267,9 @@ class ForceExtremes:
 
     def _try(self, formulation: Formulation, limit: int | None) -> tuple[SlidingMode | None, bool]:
         """Return the best mode within some nodes if its value is negative; whether that is all."""
-        result = self._search(formulation, node_limit=limit)
-        best, over = result.state.best, limit is None or result.state.nodes < limit
-        return (None if best is None or best.value > -_IS_RAY else result.state.mode), over
+        _, state = self._search(formulation, node_limit=limit)
+        over = limit is None or state.nodes < limit
+        return (None if state.best_value > -_IS_RAY else state.mode), over
 
     def _in_mode(self, formulation: Formulation, mode: SlidingMode) -> float:
         """Optimum of a program of one set of forces in one mode, inf where it has none."""
@@ -287,16 +287,16 @@ class ForceExtremes:
         *,
         cutoff: float = np.inf,
         node_limit: int | None = None,
-    ) -> SearchResult:
-        state = SearchState(replace(formulation, cutoff=cutoff), self.rules, self.solver)
+    ) -> tuple[Status, SearchState]:
         own = self.limits if node_limit is None else replace(self.limits, node_limit=node_limit)
-        result = search_modes(state, self.options, own)
-        ended = result.status in _ENDED_EARLY and (self.limits.passed or node_limit is None)
+        state = SearchState(replace(formulation, cutoff=cutoff), self.options, own)
+        status = search_modes(state)
+        ended = status in _ENDED_EARLY and (self.limits.passed or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
         # The other programs have other rows, or a force among their variables and more.
         if state.best is not None and formulation.objective is self.set.objective:
             self.reached.append(state.best.x)
-        return result
+        return status, state
 
 
 def _with_costs(formulation: Formulation, c: FloatArray) -> Formulation:

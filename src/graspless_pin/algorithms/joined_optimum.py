@@ -21,7 +21,7 @@ from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
-from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
@@ -66,8 +66,9 @@ def common_mode(
         unit=whole.unit,
         layers=tuple(size * number for number in range(count)),
     )
-    state = SearchState(layered, options.rules, options.solver)
-    return search_modes(state, options, Limits.of(options)).state.mode
+    state = SearchState(layered, options, Limits.of(options))
+    search_modes(state)
+    return state.mode
 
 
 def common_motions(problem: QuasistaticProblem, count: int) -> VirtualKinematics:

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
-from graspless_pin.algorithms.search import SearchResult, SearchState
+from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.kinematics import Requirement, mode_of, requirements_of, sign_pairs
@@ -173,16 +173,15 @@ class CurveSearch:
 
     def run(self) -> tuple[Status, list[Piece]]:
         """Return the status and the pieces from margin zero to the largest."""
-        largest = self._below(aimed(self.formulation.program, 0.0, -1.0), np.inf)
-        best = largest.state.best
-        if best is None:
-            return largest.status, []
+        status, state = self._below(aimed(self.formulation.program, 0.0, -1.0), np.inf)
+        if state.best is None:
+            return status, []
         is_coulomb = self.options.rules.static_friction is StaticFriction.COULOMB
-        first = None if is_coulomb else self._extended(largest.state.mode)
-        pieces = self._curve(first, max(self._margin(best), 0.0))
+        first = None if is_coulomb else self._extended(state.mode)
+        pieces = self._curve(first, max(self._margin(state.best), 0.0))
         if not pieces:
             return Status.UNVERIFIED, []
-        limited = largest.status not in _PROVEN
+        limited = status not in _PROVEN
         while not is_coulomb and (index := first_open(pieces)) is not None:
             piece = pieces[index]
             parts = [piece]
@@ -205,11 +204,9 @@ class CurveSearch:
         if piece.b - begin <= WIDTH:
             return [], True
         target = self._toward(piece, begin)
-        found = self._below(target, self._line(target, piece) - TOLERANCE)
-        curve: list[Piece] = []
-        if found.state.best is not None:
-            curve = self._curve(self._extended(found.state.mode), None)
-        return curve, found.status in _PROVEN
+        status, state = self._below(target, self._line(target, piece) - TOLERANCE)
+        found = state.best is not None
+        return self._curve(self._extended(state.mode), None) if found else [], status in _PROVEN
 
     def _toward(self, piece: Piece, begin: float) -> Program:
         """Return the program that looks for what lies farthest below a piece."""
@@ -217,11 +214,11 @@ class CurveSearch:
         torque, margin = aim / np.abs(aim).max()
         return aimed(self.formulation.program, torque, margin, begin, piece.b)
 
-    def _below(self, program: Program, cutoff: float) -> SearchResult:
+    def _below(self, program: Program, cutoff: float) -> tuple[Status, SearchState]:
         """Search all modes for a value below the cutoff."""
         aim = replace(self.formulation, program=program, cutoff=cutoff)
-        state = SearchState(aim, self.options.rules, self.options.solver)
-        return search_modes(state, self.options, self.limits)
+        state = SearchState(aim, self.options, self.limits)
+        return search_modes(state), state
 
     def _curve(self, mode: SlidingMode | None, end: float | None) -> list[Piece]:
         """One mode's whole curve, from margin zero to its own largest.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -9,31 +11,37 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, Limits, SolveOptions
-from graspless_pin.algorithms.search import (
-    ModeSearch,
-    SearchResult,
-    SearchState,
-    in_mode,
-    threshold_optima,
-)
+from graspless_pin.algorithms.search_state import SearchState, unsolved
 from graspless_pin.caching import Derived
-from graspless_pin.errors import ArgumentError
-from graspless_pin.modes.kinematics import Requirement, requirements_of
+from graspless_pin.errors import ArgumentError, UndecidedMotionError
+from graspless_pin.modes.kinematics import VirtualKinematics, requirements_of
 from graspless_pin.modes.rules import (
+    Conflict,
+    Requirement,
     Rules,
     SignRule,
     SlidingMode,
+    StaticFriction,
     candidate_contacts,
 )
+from graspless_pin.modes.virtual_motions import CLEARLY
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import read_only
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
+from graspless_pin.solvers import Outcome
 
 if TYPE_CHECKING:
     from graspless_pin.holding.small_motions import RestModel
+
+FACTORS = (0.1, 10.0)
+"""The thresholds of virtual motions that an optimum is compared for, over the rule's own."""
+_SAME_OPTIMUM = 1e-6
+
+ModeSearch = Callable[[SearchState], Status]
 
 
 def solve_problem(
@@ -109,13 +117,14 @@ def _best_case(
                 f"'{problem.cone}'; use another sign_rule",
             )
         problem, gap = _with_round_cones(problem), options.direction_gap
-    search: ModeSearch = partial(search_modes, options=options, limits=limits)
+    search: ModeSearch = search_modes
     if mode is not None:
         requirements = _checked_mode(problem, options.rules, mode)
-        search = partial(in_mode, mode=mode, requirements=requirements)
-    result = search(SearchState(formulate(problem, objective), options.rules, options.solver))
-    optima = threshold_optima(result, search, gap)
-    return solution_of(result, options.rules, given_mode=mode, optima=optima)
+        search = partial(_search_in_mode, mode=mode, requirements=requirements)
+    state = SearchState(formulate(problem, objective), options, limits)
+    status = search(state)
+    optima = threshold_optima(state, search, gap)
+    return solution_of(status, state, given_mode=mode, optima=optima)
 
 
 @Derived
@@ -156,9 +165,82 @@ def _checked_mode(
     return list(requirements_of(mode))
 
 
+def _search_in_mode(
+    state: SearchState, mode: SlidingMode, requirements: list[Requirement]
+) -> Status:
+    """Solve one given mode only."""
+    state.nodes = state.modes_examined = state.oracle.kinematic_programs = 1
+    kinematics = state.formulation.kinematics
+    try:
+        verdict = kinematics.solve(requirements, state.rules.sign)
+    except UndecidedMotionError:
+        return state.undecided()
+    if isinstance(verdict, Conflict):
+        return Status.INFEASIBLE_MODE
+    state.found = FoundMode(mode, kinematics.scaled_motion(verdict.coordinates))
+    answer = state.solve(*state.formulation.bounds_of(mode))
+    state.bound = answer.bound
+    if answer.outcome is Outcome.SOLVED:
+        state.best = answer
+        return Status.OPTIMAL_IN_MODE
+    state.relaxation, state.infeasibility = answer, answer.proof
+    return unsolved(answer, Status.INFEASIBLE_IN_MODE)
+
+
+def threshold_optima(
+    state: SearchState, search: ModeSearch, gap: float = 0.0
+) -> tuple[float, float] | None:
+    """Return the optimum for a tenth and for ten times the threshold, where it hangs on it.
+
+    Nothing is solved where the motion behind the mode is clearly fast enough and the search refused
+    none that a tenth of the threshold would admit: then all three are the same.
+
+    Args:
+        state: The search that has ended.
+        search: Repeats it from a state whose formulation has another threshold.
+        gap: How near each of two optima is found, over the load or the optimum.
+
+    Returns:
+        Two optima, NaN where nothing is feasible or the search was not completed; None where
+        neither differs by more than 1e-6 of the load, or of the optimum where that is larger, and
+        two gaps.
+    """
+    formulation, kinematics = state.formulation, state.formulation.kinematics
+    if state.rules.static_friction is StaticFriction.COULOMB:
+        return None
+    if not (kinematics.undecided_near or _is_slow(state)):
+        return None
+    values = []
+    for factor in FACTORS:
+        other = VirtualKinematics(formulation.problem, factor * kinematics.threshold)
+        again = SearchState(replace(formulation, kinematics=other), state.options, state.limits)
+        search(again)
+        values.append(again.best_value)
+    own = state.best_value
+    same = (_SAME_OPTIMUM + 2.0 * gap) * (max(1.0, abs(own)) if np.isfinite(own) else 1.0)
+    if all(value == own or abs(value - own) <= same for value in values):
+        return None
+    slow, fast = (formulation.unit * value if np.isfinite(value) else np.nan for value in values)
+    return slow, fast
+
+
+def _is_slow(state: SearchState) -> bool:
+    """Whether the motion behind the best mode is slower than ten times the threshold."""
+    if state.best is None or state.found is None or state.found.is_clear:
+        return False
+    if state.rules.by_direction:
+        return True  # the search itself has looked
+    kinematics = state.formulation.kinematics
+    try:
+        slowest = kinematics.slowest(requirements_of(state.found.mode), state.rules.sign)
+    except UndecidedMotionError:
+        return True
+    return slowest < CLEARLY * kinematics.threshold
+
+
 def solution_of(
-    result: SearchResult,
-    rules: Rules,
+    status: Status,
+    state: SearchState,
     *,
     given_mode: SlidingMode | None = None,
     optima: tuple[float, float] | None = None,
@@ -166,14 +248,12 @@ def solution_of(
     """Return how a search ended as a solution.
 
     Args:
-        result: How it ended.
-        rules: The reading of the virtual-sliding constraint.
+        status: How it ended.
+        state: What it found.
         given_mode: The mode that alone was asked for.
         optima: What `threshold_optima` found.
     """
-    state = result.state
-    formulation = state.formulation
-    best = state.best
+    formulation, best = state.formulation, state.best
     certificate = Certificate(
         primal_residual=np.inf if best is None else best.residual,
         duality_gap=np.inf if best is None else best.gap,
@@ -189,13 +269,13 @@ def solution_of(
         solver="" if best is None else best.solver,
     )
     forces = None if best is None else read_only(formulation.coordinates.forces(best.x))
-    status, strict = result.status, formulation.coordinates.strictness
+    strict = formulation.coordinates.strictness
     if status is Status.UNVERIFIED and strict is not None and not strict.can_be_kept:
         status = Status.LOAD_TOO_LARGE
     return TorqueSolution(
         status=status,
         objective=formulation.objective,
-        rules=rules,
+        rules=state.rules,
         certificate=certificate,
         problem=formulation.problem,
         given_mode=given_mode,

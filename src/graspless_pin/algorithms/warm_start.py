@@ -10,7 +10,6 @@ on what the search began with, but where several sets of forces are equally good
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,22 +19,20 @@ from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.options import Limits, SolveOptions
-from graspless_pin.algorithms.search import (
-    SearchResult,
-    SearchState,
-    closeness,
-    finished,
+from graspless_pin.algorithms.search_state import SearchState, closeness
+from graspless_pin.algorithms.solve import (
+    as_stable,
+    solution_of,
+    solve_problem,
     threshold_optima,
-    undecided,
 )
-from graspless_pin.algorithms.solve import as_stable, solution_of, solve_problem
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
 from graspless_pin.programs.objectives import Margin, Objective, structure_of
-from graspless_pin.solution import UNDECIDED, TorqueSolution
+from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 
 if TYPE_CHECKING:
@@ -63,17 +60,15 @@ def solve_from(
     Returns:
         The solution, and what it leaves behind.
     """
-    rules, limits = options.rules, Limits.of(options)
-    if rules.by_direction:
+    if options.rules.by_direction:
         return solve_problem(problem, objective, options, rest=rest), start
-    state = _WarmState(formulate(problem, objective), rules, options.solver, start=start)
+    limits = Limits.of(options)
+    state = _WarmState(formulate(problem, objective), options, limits, start=start)
     try:
-        result = _search(state, options, limits)
+        status = _search(state)
     except UndecidedMotionError:
-        result = undecided(state)
-    cold = partial(search_modes, options=options, limits=limits)
-    optima = threshold_optima(result, cold)
-    best = solution_of(result, rules, optima=optima)
+        status = state.undecided()
+    best = solution_of(status, state, optima=threshold_optima(state, search_modes))
     return as_stable(best, options, limits, rest), state.left_behind()
 
 
@@ -113,18 +108,16 @@ def reaches_margin(
         return (None if open_still else False), start
     full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
-    state = _WarmState(replace(full, cutoff=-goal), options.rules, options.solver, start=start)
+    state = _WarmState(replace(full, cutoff=-goal), options, Limits.of(options), start=start)
     try:
-        return _reaches(state, full, goal, options)
+        return _reaches(state, full, goal)
     except UndecidedMotionError:
         return None, state.left_behind()
 
 
-def _reaches(
-    state: _WarmState, full: Formulation, goal: float, options: SolveOptions
-) -> tuple[bool | None, WarmStart]:
+def _reaches(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | None, WarmStart]:
     """Decide whether a scaled margin is reached; see `reaches_margin`."""
-    limits, relaxation = Limits.of(options), state.relax()
+    relaxation = state.begin()
     if relaxation.outcome is Outcome.INFEASIBLE:
         return False, state.left_behind()
     if relaxation.outcome is Outcome.SOLVED:
@@ -133,10 +126,11 @@ def _reaches(
             if state.best_value <= closeness(goal) - goal:
                 return True, state.left_behind()
     capped = replace(full.capped(goal), cutoff=-goal)
-    result = search_modes(SearchState(capped, state.rules, state.solver), options, limits)
-    if result.state.best is not None:
-        return True, replace(state.left_behind(), mode=result.state.mode, in_mode=None)
-    return None if result.status in UNDECIDED else False, state.left_behind()
+    other = SearchState(capped, state.options, state.limits)
+    status = search_modes(other)
+    if other.best is not None:
+        return True, replace(state.left_behind(), mode=other.mode, in_mode=None)
+    return None if status in UNDECIDED else False, state.left_behind()
 
 
 @dataclass
@@ -158,10 +152,8 @@ class _WarmState(SearchState):
         super().__post_init__()
         self.near = self.start.motion
 
-    def relax(self) -> Answer:
-        """Return the relaxation's answer, solved once."""
-        if self.relaxation is not None:
-            return self.relaxation
+    def begin(self) -> Answer:
+        """Return the relaxation's answer, by the earlier one's active set where that tells it."""
         program = self.formulation.program
         answer, self.without_mode = self.solve_near(program.lb, program.ub, self.start.relaxation)
         return self.relaxed(answer)
@@ -201,15 +193,15 @@ class _WarmState(SearchState):
         )
 
 
-def _search(state: _WarmState, options: SolveOptions, limits: Limits) -> SearchResult:
-    relaxation = state.relax()
+def _search(state: _WarmState) -> Status:
+    relaxation = state.begin()
     if state.start.mode is not None and relaxation.outcome is Outcome.SOLVED:
         for attempt in (_read_mode, _try_mode):
             attempt(state)
             if state.closed(relaxation.bound):
-                state.nodes = state.modes_examined = 1
-                return finished(state)
-    return search_modes(state, options, limits)
+                state.modes_examined = 1
+                return state.ended()
+    return search_modes(state)
 
 
 def _read_mode(state: _WarmState) -> None:

@@ -16,7 +16,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.search import CLOSED
+from graspless_pin.algorithms.search_state import CLOSED
 from graspless_pin.caching import Derived
 from graspless_pin.child_process import kept_processes, usable_cores
 from graspless_pin.errors import ArgumentError

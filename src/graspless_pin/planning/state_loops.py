@@ -21,7 +21,7 @@ from graspless_pin.algorithms.batch_optimum import (
 )
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
-from graspless_pin.algorithms.search import closeness
+from graspless_pin.algorithms.search_state import closeness
 from graspless_pin.compiled import core
 from graspless_pin.errors import StateError
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies

@@ -1,27 +1,21 @@
-"""What every search over modes keeps and returns, and whether an optimum is at the threshold."""
+"""What every search over modes keeps, and the loop of those that go best bound first."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import FoundMode, ModeOracle
-from graspless_pin.algorithms.options import Limits
-from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.kinematics import VirtualKinematics, requirements_of
-from graspless_pin.modes.rules import Conflict, Requirement, Rules, SlidingMode, StaticFriction
-from graspless_pin.modes.virtual_motions import CLEARLY
+from graspless_pin.algorithms.mode_tree import ModePart
+from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
+from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 from graspless_pin.tree_search import Node, TreeSearch
-
-if TYPE_CHECKING:
-    from graspless_pin.algorithms.mode_tree import ModePart
 
 CLOSED = 2e-8
 """Values closer than this, in scaled units or relative to them, count as equal."""
@@ -38,8 +32,8 @@ class SearchState:
 
     Attributes:
         formulation: The shared program.
-        rules: The reading of the constraint.
-        solver: The solver to ask first.
+        options: How the problem is solved.
+        limits: When the search has to end.
         oracle: Finds modes for friction forces.
         relaxation: Answer to the program without modes, once it was solved; of a given mode without
             forces, to its own.
@@ -57,8 +51,8 @@ class SearchState:
     """
 
     formulation: Formulation
-    rules: Rules
-    solver: str
+    options: SolveOptions
+    limits: Limits = NO_LIMITS
     oracle: ModeOracle = field(init=False)
     relaxation: Answer | None = None
     best: Answer | None = None
@@ -75,6 +69,11 @@ class SearchState:
     def __post_init__(self) -> None:
         """Make the oracle."""
         self.oracle = ModeOracle(self.formulation, self.rules)
+
+    @property
+    def rules(self) -> Rules:
+        """The reading of the virtual-sliding constraint."""
+        return self.options.rules
 
     @property
     def unproven(self) -> bool:
@@ -94,19 +93,22 @@ class SearchState:
     def solve(self, lb: FloatArray, ub: FloatArray) -> Answer:
         """Solve the program under bounds and count it."""
         self.force_programs += 1
-        answer = self.formulation.solve(lb, ub, self.solver, cutoff=self.best_value)
+        answer = self.formulation.solve(lb, ub, self.options.solver, cutoff=self.best_value)
         if answer.outcome is Outcome.FAILED:
             self.unproven_bound = min(self.unproven_bound, answer.bound)
         return answer
 
     def relax(self) -> Answer:
-        """Solve the relaxation without (27) and (31); its bound holds for every mode."""
+        """Solve the relaxation without (27) and (31), once; its bound holds for every mode."""
+        if self.relaxation is not None:
+            return self.relaxation
         program = self.formulation.program
         return self.relaxed(self.solve(program.lb, program.ub))
 
     def relaxed(self, answer: Answer) -> Answer:
-        """Keep the answer to the relaxation and what it proves."""
+        """Keep the answer to the relaxation, the first node, and what it proves."""
         self.relaxation = answer
+        self.nodes += 1
         self.bound = answer.bound
         if answer.outcome is Outcome.INFEASIBLE:
             self.infeasibility = answer.proof
@@ -156,60 +158,35 @@ class SearchState:
         """Whether nothing at or above this bound can beat the best answer."""
         return self.best_value <= bound + closeness(self.best_value)
 
+    def ended(self, *, interrupted: bool = False) -> Status:
+        """Return what is known when the search has ended, by a limit or completed."""
+        if not interrupted and not self.unproven:
+            return Status.INFEASIBLE_MODES if self.best is None else Status.OPTIMAL
+        if self.best is not None:
+            return Status.LIMIT_REACHED
+        return Status.NOT_FOUND_IN_LIMIT if interrupted else Status.UNVERIFIED
 
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """How a search ended.
-
-    Attributes:
-        status: What is known.
-        state: The best answer, its mode, the bound and the counters.
-    """
-
-    status: Status
-    state: SearchState
-
-
-def finished(state: SearchState, *, interrupted: bool = False) -> SearchResult:
-    """Return the result of a search that has ended, and close the bound if it was completed."""
-    if interrupted or state.unproven:
-        found, nothing = Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT
-        if not interrupted:
-            nothing = Status.UNVERIFIED
-        return SearchResult(nothing if state.best is None else found, state)
-    if state.best is None:
-        return SearchResult(Status.INFEASIBLE_MODES, state)
-    return SearchResult(Status.OPTIMAL, state)
+    def undecided(self) -> Status:
+        """Return what is known where no solver decided on a virtual motion."""
+        self.unproven_bound = -np.inf
+        return self.ended()
 
 
-def undecided(state: SearchState) -> SearchResult:
-    """Return the result of a search in which no solver decided on a virtual motion."""
-    state.unproven_bound = -np.inf
-    return finished(state)
-
-
-def relaxation(state: SearchState) -> Answer | SearchResult:
-    """Return the answer to the relaxation, the first node; without one, how the search ended."""
-    answer = state.relax()
-    state.nodes += 1
-    if answer.outcome is Outcome.SOLVED:
-        return answer
-    failed = answer.outcome is Outcome.FAILED
-    return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
+def unsolved(answer: Answer, infeasible: Status) -> Status:
+    """Return how a search ends whose first program has no solution, or none that is proven."""
+    return Status.UNVERIFIED if answer.outcome is Outcome.FAILED else infeasible
 
 
 def best_first(
     state: SearchState,
-    limits: Limits,
     root: tuple[float, list[Node] | None],
     expand: Callable[[Node, float], tuple[float, list[Node] | None]],
     closed: Callable[[float], bool],
-) -> tuple[SearchResult, tuple[Node, ...]]:
+) -> tuple[Status, tuple[Node, ...]]:
     """Search from the relaxation on, the node with the lowest bound first.
 
     Args:
         state: The search to run.
-        limits: When to stop.
         root: What `expand` would return of the relaxation.
         expand: Looks at a node with a proven bound: what is proven then, and its children; None
             where it is left without being split.
@@ -227,99 +204,13 @@ def best_first(
     for before, node in search:
         state.raise_bound(min(before, left))
         if closed(before):
-            return finished(state), (*cover, node, *search.left())
-        if limits.end(state.nodes):
-            return finished(state, interrupted=True), ()
+            return state.ended(), (*cover, node, *search.left())
+        if state.limits.end(state.nodes):
+            return state.ended(interrupted=True), ()
         bound, children = expand(node, before)
         if children is None:
             left = min(left, bound)
             cover.append(node)
         search.add(children or (), bound)
     state.raise_bound(left)
-    return finished(state), tuple(cover)
-
-
-def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requirement]) -> SearchResult:
-    """Solve one given mode only."""
-    state.nodes = state.modes_examined = 1
-    state.oracle.kinematic_programs += 1
-    kinematics = state.formulation.kinematics
-    try:
-        verdict = kinematics.solve(requirements, state.rules.sign)
-    except UndecidedMotionError:
-        return undecided(state)
-    if isinstance(verdict, Conflict):
-        return SearchResult(Status.INFEASIBLE_MODE, state)
-    state.found = FoundMode(mode, kinematics.scaled_motion(verdict.coordinates))
-    answer = state.solve(*state.formulation.bounds_of(mode))
-    state.bound = answer.bound
-    if answer.outcome is Outcome.SOLVED:
-        state.best = answer
-        return SearchResult(Status.OPTIMAL_IN_MODE, state)
-    failed = answer.outcome is Outcome.FAILED
-    state.relaxation, state.infeasibility = answer, answer.proof
-    return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_IN_MODE, state)
-
-
-FACTORS = (0.1, 10.0)
-"""The thresholds that an optimum is compared for, over the rule's own."""
-_SAME = 1e-6
-
-ModeSearch = Callable[[SearchState], SearchResult]
-
-
-def threshold_optima(
-    result: SearchResult, search: ModeSearch, gap: float = 0.0
-) -> tuple[float, float] | None:
-    """Return the optimum for a tenth and for ten times the threshold, where it hangs on it.
-
-    Nothing is solved where the motion behind the mode is clearly fast enough and the search refused
-    none that a tenth of the threshold would admit: then all three are the same.
-
-    Args:
-        result: How the search ended.
-        search: Repeats it from a state whose formulation has another threshold.
-        gap: How near each of two optima is found, over the load or the optimum.
-
-    Returns:
-        Two optima, NaN where nothing is feasible or the search was not completed; None where
-        neither differs by more than 1e-6 of the load, or of the optimum where that is larger, and
-        two gaps.
-    """
-    state = result.state
-    formulation, kinematics = state.formulation, state.formulation.kinematics
-    if state.rules.static_friction is StaticFriction.COULOMB:
-        return None
-    if not (kinematics.undecided_near or _is_slow(result)):
-        return None
-    values = []
-    for factor in FACTORS:
-        other = VirtualKinematics(formulation.problem, factor * kinematics.threshold)
-        again = SearchState(replace(formulation, kinematics=other), state.rules, state.solver)
-        best = search(again).state.best
-        values.append(np.nan if best is None else best.value)
-    own = np.nan if state.best is None else state.best.value
-    if all(_agree(own, value, _SAME + 2.0 * gap) for value in values):
-        return None
-    return formulation.unit * values[0], formulation.unit * values[1]
-
-
-def _is_slow(result: SearchResult) -> bool:
-    """Whether the motion behind the best mode is slower than ten times the threshold."""
-    state = result.state
-    if state.mode is None or state.found is None or state.found.is_clear:
-        return False
-    if state.rules.by_direction:
-        return True  # the search itself has looked
-    kinematics = state.formulation.kinematics
-    try:
-        slowest = kinematics.slowest(requirements_of(state.mode), state.rules.sign)
-    except UndecidedMotionError:
-        return True
-    return slowest < CLEARLY * kinematics.threshold
-
-
-def _agree(one: float, other: float, same: float) -> bool:
-    if np.isnan(one) or np.isnan(other):
-        return bool(np.isnan(one) and np.isnan(other))
-    return abs(one - other) <= same * max(1.0, abs(one))
+    return state.ended(), tuple(cover)
