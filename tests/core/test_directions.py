@@ -26,7 +26,7 @@ from graspless_pin import (
     optimize,
     optimum_gradients,
 )
-from graspless_pin.algorithms.warm_start import reaches_margin
+from graspless_pin.algorithms.warm_search import reaches_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.sectors import (

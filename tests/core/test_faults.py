@@ -31,7 +31,7 @@ from graspless_pin.algorithms.disturbances import DisturbanceMargin
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
-from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
+from graspless_pin.algorithms.warm_search import reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin

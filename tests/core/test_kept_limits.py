@@ -11,7 +11,7 @@ from tests.oracles.scale_scenes import weak_case
 from graspless_pin import QuasistaticProblem, Status, maximize_margin, minimize_torque
 from graspless_pin.algorithms.batch_optimum import WarmStart
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
+from graspless_pin.algorithms.warm_search import reaches_margin, solve_from
 from graspless_pin.findings import FindingCode
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.report import solution_document

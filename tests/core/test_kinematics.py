@@ -23,7 +23,7 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
+from graspless_pin.algorithms.warm_search import reaches_margin, solve_from
 from graspless_pin.errors import GrasplessPinError, UndecidedMotionError
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Conflict, Requirement, SignRule, Witness

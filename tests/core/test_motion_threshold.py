@@ -17,7 +17,7 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms.formulation import shared_parts
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.algorithms.warm_search import solve_from
 from graspless_pin.modes import kinematics
 from graspless_pin.modes.kinematics import (
     THRESHOLD,

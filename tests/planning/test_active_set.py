@@ -15,7 +15,7 @@ from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import torque_objective
-from graspless_pin.algorithms.warm_start import WarmStart, solve_from
+from graspless_pin.algorithms.warm_search import WarmStart, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.objectives import Margin

@@ -18,7 +18,7 @@ from graspless_pin import (
 from graspless_pin.algorithms import batch_optimum
 from graspless_pin.algorithms.batch_optimum import WarmStart, warm_optimum
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.algorithms.warm_search import solve_from
 from graspless_pin.geometry.hand.configuration import independent_positions
 from graspless_pin.planning import Evaluator
 from graspless_pin.planning.configurations import Configurations

@@ -13,7 +13,7 @@ from scenes import random_problem  # pyright: ignore[reportMissingImports] - tes
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
-from graspless_pin.algorithms.warm_start import WarmStart, reaches_margin, solve_from
+from graspless_pin.algorithms.warm_search import WarmStart, reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.objectives import Margin
 

@@ -6,14 +6,14 @@ the only outcome.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
-from graspless_pin.algorithms.formulation import Formulation, formulated
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robustness import LoadBracket, bracket_limits, load_bracket
 from graspless_pin.algorithms.search_state import SearchState
@@ -146,7 +146,7 @@ def disturbance_margin(
     magnitudes = np.full(len(units), np.nan)
     status = Status.OPTIMAL
     for index, unit in enumerate(units):
-        formulation = formulated(problem, Disturbance(scale * unit, held))
+        formulation = formulate(problem, Disturbance(scale * unit, held))
         if index == 0:
             status = _undisturbed(formulation, how, limits)
         if status is Status.OPTIMAL:
@@ -195,12 +195,10 @@ def _first(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> fl
 
     The mode balances all from there to its largest one.
     """
-    program = formulation.program
-    least = replace(formulation, program=replace(program, c=-program.c))
-    lb, ub = program.lb, program.ub
-    if how.rules.static_friction is not StaticFriction.COULOMB:
-        lb, ub = formulation.bounds_of(mode)
-    answer = least.solve(lb, ub, how.solver, cutoff=np.inf)
+    least = formulation.with_costs(-formulation.program.c)
+    is_coulomb = how.rules.static_friction is StaticFriction.COULOMB
+    bounds = least.bounds_of(None if is_coulomb else mode)
+    answer = least.solve(*bounds, how.solver, cutoff=np.inf)
     return None if answer.outcome is Outcome.FAILED else answer.value
 
 

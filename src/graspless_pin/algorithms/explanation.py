@@ -16,7 +16,7 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.comparison import smallest_factor
-from graspless_pin.algorithms.formulation import formulate, formulated
+from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solve_problem
@@ -408,7 +408,7 @@ def _relief(
     if options is None:
         return None
     objective = Elastic(solution.required_margin, joint, normal, wrench)
-    formulation = formulated(solution.problem, objective)
+    formulation = formulate(solution.problem, objective)
     state = SearchState(formulation, options, tries.limits)
     # What was found before a motion could not be decided on helps all the same.
     with suppress(UndecidedMotionError):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
-from graspless_pin.algorithms.formulation import Formulation, formulated
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
@@ -89,8 +89,8 @@ class ForceExtremes:
         self.problem, self.rules, self.solver = problem, options.rules, options.solver
         self.torques = torques
         limit = float(problem.max_normal_force.max()) / problem.scales.force
-        self.set = formulated(problem, ForceSet(torques, min(_FARTHEST * limit, FARTHEST)))
-        self.rays = formulated(problem, FreeRays())
+        self.set = formulate(problem, ForceSet(torques, min(_FARTHEST * limit, FARTHEST)))
+        self.rays = formulate(problem, FreeRays())
         self.coordinates = self.set.coordinates
         self.rows = force_rows(problem, self.coordinates)
         self.has_rays = self._has_rays()
@@ -124,7 +124,7 @@ class ForceExtremes:
             c = -functional / scale
             if self.has_rays and self._grows(c):
                 return Extreme(np.inf, proven=True)
-            _, state = self._search(_with_costs(self.set, c), cutoff=-above / scale)
+            _, state = self._search(self.set.with_costs(c), cutoff=-above / scale)
             if state.best is not None:
                 value = -scale * state.best.value
             elif above == -np.inf:
@@ -183,7 +183,7 @@ class ForceExtremes:
         """Largest margin over all modes, with the normal-force limit counted."""
         self.proven = not self.limits.passed
         if self.proven:
-            best = self._search(formulated(self.problem, HeldMargin(self.torques)))[1].best
+            best = self._search(formulate(self.problem, HeldMargin(self.torques)))[1].best
             if best is not None:
                 self.reached.append(best.x[:-1])
                 if self.proven:
@@ -226,7 +226,7 @@ class ForceExtremes:
 
     def _grows(self, c: FloatArray) -> bool:
         """Whether some mode holds a force and a ray along which -c grows."""
-        alone = _with_costs(self.rays, c)
+        alone = self.rays.with_costs(c)
         answer = solve(alone.program, self.solver)
         if answer.outcome is Outcome.SOLVED and answer.value > -_IS_RAY:
             return False
@@ -238,10 +238,10 @@ class ForceExtremes:
         # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest
         # that there is none; the modes of rays and of far forces mostly have the other too; forces
         # beside rays have the last word.
-        priced = _with_costs(self.set, c)
+        priced = self.set.with_costs(c)
         beside = ForceBesideRay(self.set.objective)
-        pair = formulated(self.problem, beside, layers=(0, self.rows.size))
-        pair = _with_costs(pair, np.concatenate([np.zeros(len(c)), c]))
+        pair = formulate(self.problem, beside, layers=(0, self.rows.size))
+        pair = pair.with_costs(np.concatenate([np.zeros(len(c)), c]))
         for limit in _NODES:
             if self.limits.passed:
                 self.proven = False
@@ -278,7 +278,7 @@ class ForceExtremes:
 
     def _has_rays(self) -> bool:
         """Whether the force set without modes is unbounded."""
-        answer = solve(_with_costs(self.rays, -self.rows.normal.sum(axis=0)).program, self.solver)
+        answer = solve(self.rays.with_costs(-self.rows.normal.sum(axis=0)).program, self.solver)
         return answer.outcome is not Outcome.SOLVED or answer.value < -_IS_RAY
 
     def _search(
@@ -297,11 +297,6 @@ class ForceExtremes:
         if state.best is not None and formulation.objective is self.set.objective:
             self.reached.append(state.best.x)
         return status, state
-
-
-def _with_costs(formulation: Formulation, c: FloatArray) -> Formulation:
-    """Return a formulation with other costs, (n,)."""
-    return replace(formulation, program=replace(formulation.program, c=c))
 
 
 _DETERMINATE = 1e-6

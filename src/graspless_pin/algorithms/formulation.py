@@ -115,14 +115,31 @@ class Formulation:
         x[self.cone_columns[forbidden]] = 0.0
         return x
 
-    def bounds_of(self, mode: SlidingMode) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds that one mode puts on the variables, (27) and (31)."""
-        lb, ub = self.program.lb.copy(), self.program.ub.copy()
+    def bounds_of(self, mode: SlidingMode | None) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds that one mode puts on the variables; None: friction is free."""
+        if mode is None:
+            return self.program.lb, self.program.ub
         signs = mode.signs[self.coordinates.layout.cones]
+        return self.opposing(signs < 0, signs > 0)
+
+    def opposing(
+        self, minus: NDArray[np.bool_], plus: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of the variables where friction opposes virtual sliding, (27) and (31).
+
+        Args:
+            minus: (c, 2) whether a contact with a cone may slide against t1, t2.
+            plus: (c, 2) whether it may slide along t1, t2.
+        """
+        lb, ub = self.program.lb.copy(), self.program.ub.copy()
         for columns in self.cone_columns:
-            ub[columns[signs >= 0]] = 0.0
-            lb[columns[signs <= 0]] = 0.0
+            ub[columns[~minus]] = 0.0
+            lb[columns[~plus]] = 0.0
         return lb, ub
+
+    def with_costs(self, c: FloatArray) -> Formulation:
+        """Return the same with other costs, (n,)."""
+        return replace(self, program=replace(self.program, c=c))
 
 
 def _turned(program: Program, friction: list[tuple[NDArray[np.int_], Sector | None]]) -> Program:
@@ -179,8 +196,15 @@ def shared_parts(problem: QuasistaticProblem) -> SharedParts:
     return SharedParts(force_coordinates(problem), kinematics_of(problem), {})
 
 
-def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
+def formulate(
+    problem: QuasistaticProblem, objective: Objective, *, layers: tuple[int, ...] = (0,)
+) -> Formulation:
     """Return the program of an objective, assembled once for a problem in use.
+
+    Args:
+        problem: The problem.
+        objective: What is optimised.
+        layers: See `Formulation`.
 
     Raises:
         ArgumentError: If the objective cannot be told from others by its figures.
@@ -200,31 +224,6 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
         if len(known) >= _PER_PROBLEM:
             known.pop(next(iter(known)), None)
         known[objective] = made
-    return _formulation(problem, objective, shared, made)
-
-
-def formulated(
-    problem: QuasistaticProblem, objective: Objective, *, layers: tuple[int, ...] = (0,)
-) -> Formulation:
-    """Return the program of an objective, assembled anew; `formulate` keeps it.
-
-    Args:
-        problem: The problem.
-        objective: What is optimised.
-        layers: See `Formulation`.
-    """
-    shared = shared_parts(problem)
-    made = scaled_program(problem, objective, shared.coordinates)
-    return _formulation(problem, objective, shared, made, layers)
-
-
-def _formulation(
-    problem: QuasistaticProblem,
-    objective: Objective,
-    shared: SharedParts,
-    made: ScaledProgram,
-    layers: tuple[int, ...] = (0,),
-) -> Formulation:
     coordinates, program, unit = made
     unit = -unit if objective.maximizes else unit
     return Formulation(

@@ -356,7 +356,8 @@ def _by_pivots(
     if program.cone_count:
         return margins
     unit, margin = formulation.coordinates.force_scale, program.column("margin")
-    lb, ub = (program.lb, program.ub.copy()) if mode is None else formulation.bounds_of(mode)
+    lb, ub = formulation.bounds_of(mode)
+    ub = ub.copy()
     ub[margin] = min(program.box[1, margin], enough / unit)
     lows, highs = (np.tile(side, (len(loads), 1)) for side in program.sides)
     blocks = {block.name: block for block in program.blocks}

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
-from graspless_pin.algorithms.formulation import Formulation, formulated
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective
@@ -278,10 +278,8 @@ class CurveSearch:
         return float(target.c[t] * piece.t_a + target.c[e] * piece.a)
 
     def _in_mode(self, mode: SlidingMode | None, program: Program) -> Answer:
-        lb, ub = program.lb, program.ub
-        if mode is not None:
-            lb, ub = replace(self.formulation, program=program).bounds_of(mode)
-        answer = solve(program.bounded(lb, ub), self.options.solver)
+        bounds = replace(self.formulation, program=program).bounds_of(mode)
+        answer = solve(program.bounded(*bounds), self.options.solver)
         if answer.outcome is Outcome.FAILED:
             self.unanswered.append(program)
         return answer
@@ -428,7 +426,7 @@ def margin_torque_curve(
     )
     how.rules.need_signs("margin_torque_curve")
     torque_scale = choice(TorqueScale, "scale", scale)
-    formulation = formulated(problem, Tradeoff(torque_objective(0.0, torque_scale)))
+    formulation = formulate(problem, Tradeoff(torque_objective(0.0, torque_scale)))
     status, pieces = CurveSearch(formulation, how, Limits.of(how)).run()
     units = formulation.coordinates.force_scale, formulation.unit
     return MarginTorqueCurve(

@@ -168,16 +168,11 @@ class ModeTree:
         Args:
             part: The modes; None: friction needs no virtual sliding at all.
         """
-        program = self.formulation.program
         if part is None:
-            return program.lb, program.ub
-        lb, ub = program.lb.copy(), program.ub.copy()
+            return self.formulation.bounds_of(None)
         cones = self.formulation.coordinates.layout.cones
-        gone = part.released[cones, None]
-        for columns in self.formulation.cone_columns:
-            ub[columns[gone | ~part.minus[cones]]] = 0.0
-            lb[columns[gone | ~part.plus[cones]]] = 0.0
-        return lb, ub
+        slides = ~part.released[cones, None]
+        return self.formulation.opposing(slides & part.minus[cones], slides & part.plus[cones])
 
     def within(self, part: ModePart, x: FloatArray) -> FloatArray:
         """Return x without the friction that a part forbids: a solver may leave traces of it."""

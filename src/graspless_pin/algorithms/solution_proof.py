@@ -191,11 +191,10 @@ def written_multipliers(solution: TorqueSolution) -> DualVariables:
     They prove their bound of forces whose friction has the signs of the solution's.
     """
     formulation = formulate(solution.problem, solution.objective)
-    program, columns = formulation.program, formulation.cone_columns[0]
-    friction = formulation.coordinates.scaled(solution.contact_forces)[columns]
-    lb, ub = program.lb.copy(), program.ub.copy()
-    lb[columns[friction >= 0.0]] = ub[columns[friction <= 0.0]] = 0.0
-    return sharpened(program.bounded(lb, ub), *solution.scaled_multipliers)
+    forces = formulation.coordinates.scaled(solution.contact_forces)
+    friction = forces[formulation.cone_columns[0]]
+    bounds = formulation.opposing(friction > 0.0, friction < 0.0)
+    return sharpened(formulation.program.bounded(*bounds), *solution.scaled_multipliers)
 
 
 def _of_found(solution: TorqueSolution) -> SolutionProof:

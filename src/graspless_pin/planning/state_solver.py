@@ -10,7 +10,7 @@ import numpy as np
 
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import CLOSED
-from graspless_pin.algorithms.warm_start import reaches_margin
+from graspless_pin.algorithms.warm_search import reaches_margin
 from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.planning.attached_states import (
     AttachedConfigurations,

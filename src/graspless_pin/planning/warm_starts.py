@@ -11,7 +11,7 @@ from graspless_pin.algorithms.batch_optimum import (
     warm_optimum,
 )
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.warm_start import COLD_START, solve_from
+from graspless_pin.algorithms.warm_search import COLD_START, solve_from
 from graspless_pin.caching import Bounded
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Objective
