@@ -46,11 +46,12 @@ PROBLEMS = {
 def holds(part: ModePart, mode: SlidingMode) -> bool:
     """Whether a mode belongs to a part."""
     chosen = mode.selection
-    ways = {-1: part.minus, 0: part.zero, 1: part.plus}
     return bool(
         not (part.selected & ~chosen).any()
         and not (part.released & chosen).any()
-        and all(ways[int(mode.signs[c, k])][c, k] for c in np.flatnonzero(chosen) for k in range(2))
+        and all(
+            part.ways[c, k, mode.signs[c, k] + 1] for c in np.flatnonzero(chosen) for k in range(2)
+        )
     )
 
 

@@ -19,7 +19,6 @@ Piecewise linear curves of torque over margin, and their lower envelope; scaled.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Unpack
 
@@ -81,14 +80,6 @@ class Piece(NamedTuple):
         return self._replace(a=a, b=b, t_a=self.at(a), t_b=self.at(b))
 
 
-def first_open(pieces: list[Piece]) -> int | None:
-    """Return the index of the first piece that counts and is not closed."""
-    return next(
-        (i for i, piece in enumerate(pieces) if not piece.closed and piece.b - piece.a > WIDTH),
-        None,
-    )
-
-
 def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
     """Return the lower envelope of a piece and another curve over the piece's margins."""
     if piece.closed:
@@ -136,16 +127,12 @@ def joined(pieces: list[Piece]) -> list[Piece]:
         if last is not None and last.mode == piece.mode:
             whole = last._replace(b=piece.b, t_b=piece.t_b)
             steep = max(1.0, abs(whole.slope))
-            if max(abs(whole.at(e) - t) for e, t in _ends(last, piece)) <= STRAIGHT * steep:
+            between = (last.b, last.t_b), (piece.a, piece.t_a)
+            if max(abs(whole.at(e) - t) for e, t in between) <= STRAIGHT * steep:
                 joined[-1] = whole
                 continue
         joined.append(piece)
     return joined
-
-
-def _ends(last: Piece, piece: Piece) -> Iterator[tuple[float, float]]:
-    yield last.b, last.t_b
-    yield piece.a, piece.t_a
 
 
 TOLERANCE = 5e-7
@@ -182,8 +169,10 @@ class CurveSearch:
         if not pieces:
             return Status.UNVERIFIED, []
         limited = status not in _PROVEN
-        while not is_coulomb and (index := first_open(pieces)) is not None:
-            piece = pieces[index]
+        while open_ := [one for one in pieces if not one.closed and one.b - one.a > WIDTH]:
+            if is_coulomb:
+                break
+            piece = open_[0]
             parts = [piece]
             for begin in (piece.a, piece.a + _STEP):
                 curve, proven = self._found_below(piece, begin)
@@ -193,7 +182,7 @@ class CurveSearch:
                 if not curve or len(parts) > 1 or parts[0] != piece:
                     break
             if parts == [piece]:
-                pieces[index] = piece._replace(closed=True)
+                pieces[pieces.index(piece)] = piece._replace(closed=True)
             else:
                 pieces = [part for old in pieces for part in lower(old, curve)]
         limited = limited or bool(self.unanswered)
@@ -294,8 +283,8 @@ class CurveSearch:
             signs = chosen[contact].signs if contact in chosen else (0, 0)
             if 0 not in signs:
                 continue
-            for pair in sign_pairs(self.options.rules.sign):
-                if 0 in pair or any(s not in (0, p) for s, p in zip(signs, pair, strict=True)):
+            for pair in sign_pairs(self.options.rules.sign, signs):
+                if 0 in pair:
                     continue
                 trial = chosen | {contact: Requirement(contact, pair)}
                 if kinematics.feasible(tuple(trial.values()), self.options.rules.sign):

@@ -282,9 +282,7 @@ class ModeOracle:
             return blocked
         options = []
         for requirement, suggested in zip(known, shown, strict=True):
-            admitted = [
-                pair for pair in sign_pairs(self.rules.sign) if _extends(pair, requirement.signs)
-            ]
+            admitted = sign_pairs(self.rules.sign, requirement.signs)
             admitted.sort(key=lambda pair, first=suggested.signs: pair != first)
             options.append([Requirement(requirement.contact, pair) for pair in admitted])
         chosen = self._first_feasible(options, ())
@@ -340,8 +338,3 @@ class ModeOracle:
                 if complete is not None:
                     return complete
         return None
-
-
-def _extends(pair: SignPair, signs: SignPair) -> bool:
-    """Whether a sign pair agrees with the signs that are fixed."""
-    return all(fixed in (0, sign) for sign, fixed in zip(pair, signs, strict=True))

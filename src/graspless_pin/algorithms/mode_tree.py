@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation
 from graspless_pin.modes.rules import (
+    SIGN_VALUES,
     Blocked,
     Conflict,
     Requirement,
@@ -37,30 +38,25 @@ class ModePart:
     Attributes:
         selected: (M,) contacts that each of the modes selects.
         released: (M,) contacts that none of them selects.
-        minus: (M, 2) whether a contact, if selected, may have the sign -1 along t1, t2.
-        zero: (M, 2) whether it may have the sign 0.
-        plus: (M, 2) whether it may have the sign 1.
+        ways: (M, 2, 3) whether a contact, if selected, may have the sign -1, 0, 1 along t1, t2.
     """
 
     selected: NDArray[np.bool_]
     released: NDArray[np.bool_]
-    minus: NDArray[np.bool_]
-    zero: NDArray[np.bool_]
-    plus: NDArray[np.bool_]
+    ways: NDArray[np.bool_]
 
     @classmethod
     def every_mode(cls, problem: QuasistaticProblem, rules: Rules) -> ModePart:
         """Return all modes that obey the rules on signs and selections."""
-        every = np.ones((problem.contact_count, 2), dtype=bool)
+        every = np.ones((problem.contact_count, 2, 3), dtype=bool)
+        every[:, :, 1] = rules.sign is SignRule.EXACT
         always = problem.is_sliding & (rules.sliding is SlidingRule.CONSTRAINED)
-        zero = every & (rules.sign is SignRule.EXACT)
-        return cls(always, ~candidate_contacts(problem, rules), every, zero, every)
+        return cls(always, ~candidate_contacts(problem, rules), every)
 
     @classmethod
     def one_mode(cls, mode: SlidingMode) -> ModePart:
         """Return one mode alone."""
-        signs = mode.signs
-        return cls(mode.selection, ~mode.selection, signs < 0, signs == 0, signs > 0)
+        return cls(mode.selection, ~mode.selection, mode.signs[:, :, None] == SIGN_VALUES)
 
     def knows(self, contact: int) -> bool:
         """Whether all its modes agree on a contact: released, or selected with the same signs."""
@@ -75,8 +71,8 @@ class ModePart:
     @property
     def mode(self) -> SlidingMode:
         """The mode of a part that is one alone."""
-        signs = self.plus.astype(np.int8) - self.minus.astype(np.int8)
-        return SlidingMode.unchecked(self.selected, np.where(self.selected[:, None], signs, 0))
+        signs = np.where(self.selected[:, None], self.ways @ SIGN_VALUES, 0)
+        return SlidingMode.unchecked(self.selected, signs.astype(np.int8))
 
     def requirements(self) -> list[Requirement]:
         """Return what all its modes ask of the virtual motion."""
@@ -84,8 +80,7 @@ class ModePart:
 
     def left(self, contact: int, component: int) -> list[int]:
         """Return the signs along one tangent that are left to a contact."""
-        ways = zip((-1, 0, 1), (self.minus, self.zero, self.plus), strict=True)
-        return [sign for sign, there in ways if there[contact, component]]
+        return [sign for sign in SIGN_VALUES if self.ways[contact, component, sign + 1]]
 
     def pairs(self, contact: int) -> list[tuple[int, int]]:
         """Return the pairs of signs that are left to a contact."""
@@ -105,8 +100,7 @@ class ModePart:
         contact, component, sign = item
         if not sign:
             return self._with("released", contact, to=True)._settled(contact)
-        name = "minus" if sign < 0 else "plus"
-        return self._with(name, (contact, component), to=False)._settled(contact)
+        return self._with("ways", (contact, component, sign + 1), to=False)._settled(contact)
 
     def with_pair(self, contact: int, pair: tuple[int, int]) -> ModePart | None:
         """Return the modes of it that select a contact with two signs."""
@@ -115,19 +109,16 @@ class ModePart:
             part = part and part._only(contact, component, sign)._settled(contact)
         return part
 
-    def _with(self, name: str, at: int | tuple[int, int], *, to: bool) -> ModePart:
+    def _with(self, name: str, at: int | tuple[int, int, int], *, to: bool) -> ModePart:
         """Return the part with one entry of one of its arrays replaced."""
         entries = getattr(self, name).copy()
         entries[at] = to
         return replace(self, **{name: entries})
 
     def _only(self, contact: int, component: int, sign: int) -> ModePart:
-        ways = {}
-        for name, value in (("minus", -1), ("zero", 0), ("plus", 1)):
-            there = getattr(self, name).copy()
-            there[contact, component] &= sign == value
-            ways[name] = there
-        return replace(self, **ways)
+        ways = self.ways.copy()
+        ways[contact, component] &= np.equal(SIGN_VALUES, sign)
+        return replace(self, ways=ways)
 
     def _settled(self, contact: int) -> ModePart | None:
         """Return the part, a contact without signs released; None: it holds no mode."""
@@ -141,8 +132,7 @@ def signs_left(part: ModePart) -> FloatArray:
 
     It tells loops what `ModeTree.bounds` tells programs.
     """
-    one = part.plus.astype(np.float64) - part.minus
-    signs = np.where(part.plus & part.minus, np.nan, one)
+    signs = np.where(part.ways[:, :, ::2].all(axis=2), np.nan, part.ways @ SIGN_VALUES)
     return np.where(part.released[:, None], 0.0, signs)
 
 
@@ -171,8 +161,8 @@ class ModeTree:
         if part is None:
             return self.formulation.bounds_of(None)
         cones = self.formulation.coordinates.layout.cones
-        slides = ~part.released[cones, None]
-        return self.formulation.opposing(slides & part.minus[cones], slides & part.plus[cones])
+        ways = part.ways[cones] & ~part.released[cones, None, None]
+        return self.formulation.opposing(ways[:, :, 0], ways[:, :, 2])
 
     def within(self, part: ModePart, x: FloatArray) -> FloatArray:
         """Return x without the friction that a part forbids: a solver may leave traces of it."""

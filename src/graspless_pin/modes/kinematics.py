@@ -387,18 +387,59 @@ def feasible_modes(
     Raises:
         OverrunError: Where it has to end before the last mode.
     """
-    listing = _Listing(problem, kinematics, rules, is_over)
-    return (
-        mode_of(problem, requirements)
-        for requirements in listing.feasible()
-        if not (maximal and listing.extensible(requirements))
-    )
+    candidates = np.flatnonzero(candidate_contacts(problem, rules)).tolist()
+    asked = 0
+
+    def is_feasible(requirements: Sequence[Requirement]) -> bool:
+        nonlocal asked
+        if is_over(asked):
+            raise OverrunError(f"the limit ended the listing after {asked} partial modes")
+        asked += 1
+        return kinematics.feasible(requirements, rules.sign)
+
+    # A node: how many candidates are decided, and what is required of them.
+    search = TreeSearch[tuple[int, tuple[Requirement, ...]]]([(0, ())])
+    for _, (depth, requirements) in search:
+        if depth == len(candidates):
+            if not (maximal and any(map(is_feasible, _extended(requirements, candidates, rules)))):
+                yield mode_of(problem, requirements)
+            continue
+        contact = candidates[depth]
+        children = []
+        if not problem.is_sliding[contact]:
+            children.append((depth + 1, requirements))
+        for pair in sign_pairs(rules.sign):
+            extended = (*requirements, Requirement(contact, pair))
+            if is_feasible(extended):
+                children.append((depth + 1, extended))
+        search.add(reversed(children))
 
 
-def sign_pairs(rule: SignRule) -> list[tuple[int, int]]:
-    """Return the sign pairs that a selected contact can have under a rule."""
+def _extended(
+    requirements: tuple[Requirement, ...], candidates: list[int], rules: Rules
+) -> Iterator[Sequence[Requirement]]:
+    """Yield requirements with one more selected contact, or a sign in the place of a zero."""
+    chosen = {requirement.contact for requirement in requirements}
+    for contact in candidates:
+        if contact not in chosen:
+            for pair in sign_pairs(rules.sign):
+                yield *requirements, Requirement(contact, pair)
+    for index, (contact, signs) in enumerate(requirements):
+        for pair in sign_pairs(rules.sign, signs):
+            if pair != signs:
+                yield *requirements[:index], Requirement(contact, pair), *requirements[index + 1 :]
+
+
+def sign_pairs(rule: SignRule, known: tuple[int, int] = (0, 0)) -> list[tuple[int, int]]:
+    """Return the sign pairs that a selected contact can have under a rule.
+
+    Args:
+        rule: The rule.
+        known: Signs that are fixed, 0 where one is open.
+    """
     values = (1, 0, -1) if rule is SignRule.EXACT else (1, -1)
-    return [(a, b) for a, b in product(values, values) if (a, b) != (0, 0)]
+    first, second = ((sign,) if sign else values for sign in known)
+    return [(a, b) for a, b in product(first, second) if (a, b) != (0, 0)]
 
 
 def requirements_of(mode: SlidingMode) -> tuple[Requirement, ...]:
@@ -417,72 +458,3 @@ def mode_of(problem: QuasistaticProblem, requirements: tuple[Requirement, ...]) 
         selection[requirement.contact] = True
         signs[requirement.contact] = requirement.signs
     return SlidingMode.unchecked(selection, signs)
-
-
-class _Listing:
-    """One listing of modes, and how many partial ones it asked for."""
-
-    def __init__(
-        self,
-        problem: QuasistaticProblem,
-        kinematics: VirtualKinematics,
-        rules: Rules,
-        is_over: Callable[[int], bool],
-    ) -> None:
-        self.problem, self.kinematics, self.rules = problem, kinematics, rules
-        self.is_over, self.asked = is_over, 0
-
-    def feasible(self) -> Iterator[tuple[Requirement, ...]]:
-        """Yield what every feasible mode asks of the virtual motion."""
-        candidates = np.flatnonzero(candidate_contacts(self.problem, self.rules)).tolist()
-        pairs = sign_pairs(self.rules.sign)
-        # A node: how many candidates are decided, and what is required of them.
-        search = TreeSearch[tuple[int, tuple[Requirement, ...]]]([(0, ())])
-        for _, (depth, requirements) in search:
-            if depth == len(candidates):
-                yield requirements
-                continue
-            contact = candidates[depth]
-            children = []
-            if not self.problem.is_sliding[contact]:
-                children.append((depth + 1, requirements))
-            for pair in pairs:
-                extended = (*requirements, Requirement(contact, pair))
-                if self._is_feasible(extended):
-                    children.append((depth + 1, extended))
-            search.add(reversed(children))
-
-    def extensible(self, requirements: tuple[Requirement, ...]) -> bool:
-        """Return whether one more selected contact, or a sign in place of a zero, is feasible."""
-        chosen = {requirement.contact for requirement in requirements}
-        for contact in np.flatnonzero(candidate_contacts(self.problem, self.rules)).tolist():
-            if contact in chosen:
-                continue
-            for pair in sign_pairs(self.rules.sign):
-                if self._is_feasible((*requirements, Requirement(contact, pair))):
-                    return True
-        for index, requirement in enumerate(requirements):
-            for pair in _refinements(requirement.signs):
-                refined = (
-                    *requirements[:index],
-                    Requirement(requirement.contact, pair),
-                    *requirements[index + 1 :],
-                )
-                if self._is_feasible(refined):
-                    return True
-        return False
-
-    def _is_feasible(self, requirements: tuple[Requirement, ...]) -> bool:
-        if self.is_over(self.asked):
-            raise OverrunError(f"the limit ended the listing after {self.asked} partial modes")
-        self.asked += 1
-        return self.kinematics.feasible(requirements, self.rules.sign)
-
-
-def _refinements(signs: tuple[int, int]) -> list[tuple[int, int]]:
-    """Sign pairs that replace the zero of a pair."""
-    if signs[0] == 0:
-        return [(1, signs[1]), (-1, signs[1])]
-    if signs[1] == 0:
-        return [(signs[0], 1), (signs[0], -1)]
-    return []
