@@ -357,7 +357,7 @@ def solution_of_optimum(
 
 
 _MOST_STARTS = 8
-_MOST_COLD = 24
+_MOST_COLD_COORDINATES = 24
 """Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
 
 
@@ -387,7 +387,7 @@ class LoadSweep:
         structure = structure_of(problem, problem.has_cone.astype(np.float64))
         kind = "ModePrograms" if turning else "LoadedStates"
         self._loops = _engine(kind, structure, objective, problem.joint_units)
-        self._may_begin = may_begin(problem, options) and self._loops.n <= _MOST_COLD
+        self._may_begin = may_begin(problem, options) and self._loops.n <= _MOST_COLD_COORDINATES
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
         self._turning, self._covers = turning, list[Any]()

@@ -161,9 +161,9 @@ def solve_each_mode(
     yield solution_of(state.ended(interrupted=True), state)
 
 
-_LARGEST = 16.0
-_SCAN = 48
-_RELATIVE = 1e-7
+_LARGEST_FACTOR = 16.0
+_FACTORS_SCANNED = 48
+_FACTOR_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -245,10 +245,12 @@ def smallest_factor(
 
     if objective.required_margin == 0.0 and feasible(0.0):
         return MinimumFriction(0.0, proven)
-    tried = [1.0, _LARGEST]
+    tried = [1.0, _LARGEST_FACTOR]
     if problem.is_sliding.any():
         # The factor 1 is among them: what is feasible as it is must not be missed.
-        tried = sorted({1.0, *np.geomspace(1.0 / _LARGEST, _LARGEST, _SCAN).tolist()})
+        tried = sorted(
+            {1.0, *np.geomspace(1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR, _FACTORS_SCANNED).tolist()}
+        )
     low = 0.0
     for top in tried:
         if feasible(top):
@@ -256,7 +258,7 @@ def smallest_factor(
         low = top
     else:
         return MinimumFriction(np.nan, proven)
-    while top - low > _RELATIVE * top:
+    while top - low > _FACTOR_TOLERANCE * top:
         middle = 0.5 * (low + top)
         low, top = (low, middle) if feasible(middle) else (middle, top)
     return MinimumFriction(top, proven)

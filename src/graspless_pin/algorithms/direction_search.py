@@ -33,13 +33,13 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 
-_SMALL = 0.01
+_LEAST_OPTIMUM = 0.01
 """Optima below this share of the load are found to the gap of this size."""
-_EXACT = 1e-8
+_EXACT_HALF_WIDTH = 1e-8
 """Half the width of a sector that is one direction up to rounding, rad."""
-_NARROWEST = 1e-7
+_NARROWEST_SECTOR = 1e-7
 """Sectors that no motion slides in are not looked at closer than this, rad."""
-_RATIO = 1.3
+_WIDTH_RATIO = 1.3
 """The widest sectors without a motion are found up to this factor."""
 _GUESS_EVERY = 8
 
@@ -135,7 +135,7 @@ class _DirectionSearch:
     def _enough(self) -> float:
         """A value that is worth no further search."""
         best = self.state.best_value
-        return best - self._gap * max(abs(best), _SMALL) if np.isfinite(best) else np.inf
+        return best - self._gap * max(abs(best), _LEAST_OPTIMUM) if np.isfinite(best) else np.inf
 
     def _friction(self, node: _Node) -> Sectors:
         """Return what a node says of contacts with friction."""
@@ -161,7 +161,7 @@ class _DirectionSearch:
         state.modes_examined += 1
         rubbing = self._rubbing(answer.x)
         held = {contact: node.sectors[contact] for contact in self.always}
-        exact = {contact: Sector(angle, _EXACT) for contact, angle in rubbing.items()}
+        exact = {contact: Sector(angle, _EXACT_HALF_WIDTH) for contact, angle in rubbing.items()}
         found = self.motions.find({**held, **exact})
         if isinstance(found, Exclusion):
             motion, sectors, exclusion, width = self._widest(node, rubbing, exact, found)
@@ -172,7 +172,7 @@ class _DirectionSearch:
                     self._guess(answer.x, rubbing)
                 if self._closed(answer.bound):
                     return None
-                if width < _NARROWEST:
+                if width < _NARROWEST_SECTOR:
                     state.unproven_bound = min(state.unproven_bound, answer.bound)
                     return None
                 return self._resolving(node, sectors, exclusion, answer.x)
@@ -200,9 +200,9 @@ class _DirectionSearch:
             A motion in sectors little wider, None if there is none in the widest; the sectors, why
             no motion slides in them, and half the width of those little wider.
         """
-        sectors, motion, low, high = exact, None, _EXACT, WIDEST
+        sectors, motion, low, high = exact, None, _EXACT_HALF_WIDTH, WIDEST
         half = high
-        while high > _RATIO * low:
+        while high > _WIDTH_RATIO * low:
             wider = dict(node.sectors)
             for contact, angle in rubbing.items():
                 own = node.sectors.get(contact)

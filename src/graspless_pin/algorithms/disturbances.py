@@ -30,8 +30,8 @@ from graspless_pin.records import Brief
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
 
-_SAMPLES = 64
-_STEP = 1e-6
+_SOBOL_DIRECTIONS = 64
+_SAME_MULTIPLE = 1e-6
 """Multiples closer than this, over F, are the same: where one mode begins another may end."""
 
 
@@ -171,8 +171,8 @@ def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tup
     multiple, interval by interval, and starts over below each gap between them.
     """
     largest = begin = np.inf
-    while begin > _STEP:
-        state = SearchState(formulation.capped(begin - _STEP), how, limits)
+    while begin > _SAME_MULTIPLE:
+        state = SearchState(formulation.capped(begin - _SAME_MULTIPLE), how, limits)
         status = search_modes(state)
         best, mode = state.best, state.mode
         if limits.passed or status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
@@ -181,7 +181,7 @@ def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tup
             # Zero was found to be balanced: a search that denies it has no answer to give.
             return Status.UNVERIFIED, np.nan
         end = -best.value
-        if end < begin - 2.0 * _STEP:
+        if end < begin - 2.0 * _SAME_MULTIPLE:
             largest = end
         first = _first(formulation, mode, how)
         if first is None:
@@ -228,7 +228,9 @@ def unit_disturbances(
             return read_only(axes), float(length)
         from scipy.stats import norm, qmc
 
-        spread = norm.ppf(qmc.Sobol(passive, scramble=False).random(2 * _SAMPLES)[_SAMPLES:])
+        spread = norm.ppf(
+            qmc.Sobol(passive, scramble=False).random(2 * _SOBOL_DIRECTIONS)[_SOBOL_DIRECTIONS:]
+        )
         given = np.vstack([axes, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
         return read_only(given), float(length)
     given = finite_array("directions", directions, (None, passive))

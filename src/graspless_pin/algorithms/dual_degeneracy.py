@@ -24,12 +24,12 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.builder import Marginals, marginals
 from graspless_pin.solution import TorqueSolution
 
-_HELD = 1e-7
+_HELD_COST = 1e-7
 """Reduced costs above this hold a variable at its bound."""
-_RANK = 1e-7
+_RANK_TOLERANCE = 1e-7
 """Geometry is exact to some 1e-9: constraints closer to dependent than this are."""
-_FARTHEST = 1e6
-_SAMPLES = 2
+_LARGEST_STEP = 1e6
+_OTHER_POINTS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class OptimalSet:
         balance, rows, bounds = self._open_multipliers()
         random = np.random.default_rng(0)
         others = []
-        for _ in range(_SAMPLES):
+        for _ in range(_OTHER_POINTS):
             a = random.uniform(0.5, 1.0, len(forces))
             b = random.uniform(0.5, 1.0, len(balance))
             point = _Point(x + a @ forces, y + b @ balance, z + b @ rows, reduced + b @ bounds)
@@ -138,7 +138,7 @@ class OptimalSet:
             return edges
         signs = -self.solution.mode.signs[contacts]
         vanishes = np.abs(self._own.x[columns]) <= NO_FRICTION
-        held = np.abs(self._own.reduced[columns]) > _HELD
+        held = np.abs(self._own.reduced[columns]) > _HELD_COST
         weak = vanishes & ~held & (signs != 0)
         change = signs[weak][:, None] * self._open_forces[:, columns[weak]].T
         weak[weak] = ~_positive_together(change)
@@ -160,14 +160,16 @@ class OptimalSet:
                 spread = np.zeros((len(own), k))
                 spread[:, at] = own
                 parts.append(spread)
-        return _Active(np.vstack(held), np.vstack(given), np.flatnonzero(np.abs(reduced) > _HELD))
+        return _Active(
+            np.vstack(held), np.vstack(given), np.flatnonzero(np.abs(reduced) > _HELD_COST)
+        )
 
     @cached_property
     def _open_forces(self) -> FloatArray:
         """(d, n) directions in which x stays optimal."""
         program, (held, _, bounds) = self._formulation.program, self._active
         fixed = np.vstack([program.A, held @ program.G, np.eye(len(program.c))[bounds]])
-        return null_space(fixed, rcond=_RANK).T
+        return null_space(fixed, rcond=_RANK_TOLERANCE).T
 
     def _open_multipliers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Directions in which y, z and the reduced costs together stay optimal.
@@ -180,7 +182,7 @@ class OptimalSet:
         bounds = np.concatenate([bounds, edges])
         first, size = len(program.A), len(program.c)
         dual = null_space(
-            np.vstack([program.A, given @ program.G, np.eye(size)[bounds]]).T, rcond=_RANK
+            np.vstack([program.A, given @ program.G, np.eye(size)[bounds]]).T, rcond=_RANK_TOLERANCE
         ).T
         of_costs = np.zeros((len(dual), size))
         of_rows = dual[:, first : first + len(given)] @ given
@@ -205,13 +207,13 @@ class OptimalSet:
         effects = np.zeros((problem.joint_count, len(program.c)))
         first = coordinates.force_scale * problem.J.T @ coordinates.basis
         effects[:, : first.shape[1]] = first
-        weights = -np.linalg.lstsq(rows.T, effects.T, rcond=_RANK)[0].T
+        weights = -np.linalg.lstsq(rows.T, effects.T, rcond=_RANK_TOLERANCE)[0].T
         sizes = np.linalg.norm(effects, axis=1)
-        open_ = np.linalg.norm(weights @ rows + effects, axis=1) > _HELD * sizes
-        spare, forces = null_space(rows.T, rcond=_RANK).T, self._open_forces
+        open_ = np.linalg.norm(weights @ rows + effects, axis=1) > _HELD_COST * sizes
+        spare, forces = null_space(rows.T, rcond=_RANK_TOLERANCE).T, self._open_forces
         random = np.random.default_rng(0)
         sets = []
-        for sample in range(1 + _SAMPLES):
+        for sample in range(1 + _OTHER_POINTS):
             x, ways = self._own.x, weights
             if sample:
                 x = x + random.uniform(0.5, 1.0, len(forces)) @ forces
@@ -298,7 +300,7 @@ def _positive_together(rows: FloatArray) -> NDArray[np.bool_]:
         np.concatenate([np.zeros(size), -np.ones(count)]),
         A_ub=np.hstack([-rows, np.eye(count)]),
         b_ub=np.zeros(count),
-        bounds=[(-_FARTHEST, _FARTHEST)] * size + [(0.0, 1.0)] * count,
+        bounds=[(-_LARGEST_STEP, _LARGEST_STEP)] * size + [(0.0, 1.0)] * count,
         method="highs",
     )
     if answer.status != 0 or not np.isfinite(answer.x).all():

@@ -39,9 +39,9 @@ from graspless_pin.solution import Status, TorqueSolution, checked_solution
 from graspless_pin.solution.torque_solution import overload
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Outcome
 
-ROOM = 1.0 + 1e-6
+SUGGESTION_ROOM = 1.0 + 1e-6
 """A suggestion goes further by this, so that it is feasible and not just about to be."""
-DIGITS = 5
+SUGGESTION_DIGITS = 5
 
 
 def helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, QuasistaticProblem]:
@@ -59,7 +59,7 @@ def wider_joint(
     """Return limits of one joint that let it make a torque: both where symmetric, else one."""
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
     name, unit = problem.joint_names[joint], problem.joint_units[joint]
-    room = (ROOM - 1.0) * abs(torque)
+    room = (SUGGESTION_ROOM - 1.0) * abs(torque)
     symmetric = lower[joint] == -upper[joint]
     if torque - upper[joint] > lower[joint] - torque:
         side, limit = "upper ", rounded_up(torque + room)
@@ -70,14 +70,14 @@ def wider_joint(
     if symmetric:
         side, limit = "", abs(limit)
         lower[joint], upper[joint] = -limit, limit
-    text = f"{name}'s {side}limit would have to be {limit:.{DIGITS}g} {unit}"
+    text = f"{name}'s {side}limit would have to be {limit:.{SUGGESTION_DIGITS}g} {unit}"
     return text, problem.with_changes(torque_limits=(lower, upper))
 
 
 def in_units(problem: QuasistaticProblem, amount: float) -> str:
     """Return an amount of the torques of all joints with its unit."""
     units = units_text(problem.joint_units)
-    return f"{amount:.{DIGITS}g} {units if units in list(JointUnit) else f'({units})'}"
+    return f"{amount:.{SUGGESTION_DIGITS}g} {units if units in list(JointUnit) else f'({units})'}"
 
 
 def wider(problem: QuasistaticProblem, more: float) -> QuasistaticProblem:
@@ -92,8 +92,8 @@ def rounded_up(value: float) -> float:
     """Round up to the digits that are printed, so that the printed figure is enough."""
     if value == 0.0:
         return 0.0
-    unit = 10.0 ** (np.floor(np.log10(abs(value))) + 1 - DIGITS)
-    return float(f"{np.ceil(value / unit) * unit:.{DIGITS}g}")
+    unit = 10.0 ** (np.floor(np.log10(abs(value))) + 1 - SUGGESTION_DIGITS)
+    return float(f"{np.ceil(value / unit) * unit:.{SUGGESTION_DIGITS}g}")
 
 
 class Tries:
@@ -291,10 +291,10 @@ def _smaller_margin(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
     if not best.found:
         return []
     rounding = PRIMAL_TOLERANCE * solution.problem.scales.force
-    margin = -rounded_up(-best.margin / ROOM) if best.margin > rounding else 0.0
+    margin = -rounded_up(-best.margin / SUGGESTION_ROOM) if best.margin > rounding else 0.0
     if not tries.feasible(solution.problem, solution, solution.rules, margin):
         return []
-    text = f"the required margin would have to be at most {margin:.{DIGITS}g} N"
+    text = f"the required margin would have to be at most {margin:.{SUGGESTION_DIGITS}g} N"
     return [Suggestion(text, solution.problem, margin, solution.rules)]
 
 
@@ -325,13 +325,13 @@ def _reliefs(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
         text, changed = wider_joint(problem, joint, torque + problem.gravity_torques[joint])
         yield from _if_feasible(text, changed, solution, tries)
     if not alone and joints and (relief := _relief(solution, tries, joint=-1)):
-        more = rounded_up(relief.amount * relief.coordinates.torque_scale * ROOM)
+        more = rounded_up(relief.amount * relief.coordinates.torque_scale * SUGGESTION_ROOM)
         text = f"every torque limit would have to be larger by {in_units(problem, more)}"
         yield from _if_feasible(text, wider(problem, more), solution, tries)
     if relief := _relief(solution, tries, normal=True):
-        more = rounded_up(relief.amount * relief.coordinates.force_scale * ROOM)
+        more = rounded_up(relief.amount * relief.coordinates.force_scale * SUGGESTION_ROOM)
         changed = problem.with_changes(max_normal_force=problem.max_normal_force + more)
-        text = f"every normal-force limit would have to be larger by {more:.{DIGITS}g} N"
+        text = f"every normal-force limit would have to be larger by {more:.{SUGGESTION_DIGITS}g} N"
         yield from _if_feasible(text, changed, solution, tries)
     if relief := _relief(solution, tries, wrench=True):
         text, changed = helped(problem, relief.forces)
@@ -346,13 +346,13 @@ def _everything(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
     if relief is None:
         return
     text, changed = helped(problem, relief.forces)
-    normal = rounded_up(relief.amount * relief.coordinates.force_scale * ROOM)
-    torque = rounded_up(relief.amount * relief.coordinates.torque_scale * ROOM)
+    normal = rounded_up(relief.amount * relief.coordinates.force_scale * SUGGESTION_ROOM)
+    torque = rounded_up(relief.amount * relief.coordinates.torque_scale * SUGGESTION_ROOM)
     limits = problem.max_normal_force + normal
     changed = wider(changed, torque).with_changes(max_normal_force=limits)
     text = (
         f"every torque limit larger by {in_units(problem, torque)}, every normal-force limit by "
-        f"{normal:.{DIGITS}g} N, and {text}"
+        f"{normal:.{SUGGESTION_DIGITS}g} N, and {text}"
     )
     yield from _if_feasible(text, changed, solution, tries)
 
@@ -371,7 +371,7 @@ def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggesti
     def scaled(factor: float) -> QuasistaticProblem:
         return problem.with_changes(friction=factor * problem.friction)
 
-    factor = rounded_up(found.factor * ROOM)
+    factor = rounded_up(found.factor * SUGGESTION_ROOM)
     if found.factor < 1.0:  # the smallest change is the largest factor that is enough
         low, high = found.factor, 1.0
         while high - low > _FACTOR_STEP:
@@ -380,8 +380,10 @@ def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggesti
                 scaled(middle), solution, solution.rules, solution.required_margin
             )
             low, high = (middle, high) if holds else (low, middle)
-        factor = -rounded_up(-low / ROOM)
-    text = f"all friction coefficients would have to be {factor:.{DIGITS}g} times as large"
+        factor = -rounded_up(-low / SUGGESTION_ROOM)
+    text = (
+        f"all friction coefficients would have to be {factor:.{SUGGESTION_DIGITS}g} times as large"
+    )
     if factor == 0.0:
         text = "the contacts would have to be without friction"
     yield from _if_feasible(text, scaled(factor), solution, tries)

@@ -40,15 +40,15 @@ from graspless_pin.solution.tables import (
 from graspless_pin.solvers import Outcome, solve
 from graspless_pin.tree_search import TreeSearch
 
-_FARTHEST = 1e3
+_FARTHEST_FORCE = 1e3
 """Bounded forces are looked for up to this multiple of the largest normal-force limit."""
-_IS_RAY = 1e-6
-_NODES = (32, 128, 512, 2048, 8192, None)
+_LEAST_RAY_GROWTH = 1e-6
+_RAY_NODE_LIMITS = (32, 128, 512, 2048, 8192, None)
 """Limits of the searches for a free ray, one after the other: any ray will do."""
-_SECTORS = 8
+_CONE_SECTORS = 8
 _SECTOR_GAP = 1e-6
 """How near the smallest distance from a round cone is found, over the load."""
-_NARROWEST = 1e-4
+_NARROWEST_SECTOR = 1e-4
 _ENDED_EARLY = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 
 
@@ -89,7 +89,7 @@ class ForceExtremes:
         self.problem, self.rules, self.solver = problem, options.rules, options.solver
         self.torques = torques
         limit = float(problem.max_normal_force.max()) / problem.scales.force
-        self.set = formulate(problem, ForceSet(torques, min(_FARTHEST * limit, FARTHEST)))
+        self.set = formulate(problem, ForceSet(torques, min(_FARTHEST_FORCE * limit, FARTHEST)))
         self.rays = formulate(problem, FreeRays())
         self.coordinates = self.set.coordinates
         self.rows = force_rows(problem, self.coordinates)
@@ -171,7 +171,7 @@ class ForceExtremes:
             # Forces inside the cone keep a distance of zero at least.
             least = max(-nearest.value, least, 0.0)
             margin = min([margin, *(self._margin(x) for x in self.reached[-1:])])
-            if surface.sector.half < _NARROWEST:
+            if surface.sector.half < _NARROWEST_SECTOR:
                 complete = complete and least >= margin - gap
                 continue
             for half in surface.sector.halves:
@@ -196,11 +196,11 @@ class ForceExtremes:
         flat = list(force * rows.normal[rows.without_cone])
         if not rows.cones.second_order:
             return [_Surface(one) for one in [*(-force * rows.cones.rows), *flat]]
-        width = 2.0 * np.pi / _SECTORS
+        width = 2.0 * np.pi / _CONE_SECTORS
         sectors = [
             self._sector(contact, Sector(width * (index + 0.5), width / 2.0))
             for contact in self.coordinates.layout.cones.tolist()
-            for index in range(_SECTORS)
+            for index in range(_CONE_SECTORS)
         ]
         return [*(_Surface(one) for one in flat), *sectors]
 
@@ -228,12 +228,12 @@ class ForceExtremes:
         """Whether some mode holds a force and a ray along which -c grows."""
         alone = self.rays.with_costs(c)
         answer = solve(alone.program, self.solver)
-        if answer.outcome is Outcome.SOLVED and answer.value > -_IS_RAY:
+        if answer.outcome is Outcome.SOLVED and answer.value > -_LEAST_RAY_GROWTH:
             return False
         if self.rules.static_friction is StaticFriction.COULOMB:
             self.proven = self.proven and answer.outcome is Outcome.SOLVED
             return self.proven
-        if any(self._in_mode(alone, mode) < -_IS_RAY for mode in self.growing):
+        if any(self._in_mode(alone, mode) < -_LEAST_RAY_GROWTH for mode in self.growing):
             return True
         # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest
         # that there is none; the modes of rays and of far forces mostly have the other too; forces
@@ -242,7 +242,7 @@ class ForceExtremes:
         beside = ForceBesideRay(self.set.objective)
         pair = formulate(self.problem, beside, layers=(0, self.rows.size))
         pair = pair.with_costs(np.concatenate([np.zeros(len(c)), c]))
-        for limit in _NODES:
+        for limit in _RAY_NODE_LIMITS:
             if self.limits.passed:
                 self.proven = False
                 break
@@ -252,7 +252,7 @@ class ForceExtremes:
             if ray is None and over:
                 return False
             force, _ = self._try(priced, limit)
-            if force is not None and self._in_mode(alone, force) < -_IS_RAY:
+            if force is not None and self._in_mode(alone, force) < -_LEAST_RAY_GROWTH:
                 return self._keep(force)
             both, over = self._try(pair, limit)
             if both is not None:
@@ -269,7 +269,7 @@ class ForceExtremes:
         """Return the best mode within some nodes if its value is negative; whether that is all."""
         _, state = self._search(formulation, node_limit=limit)
         over = limit is None or state.nodes < limit
-        return (None if state.best_value > -_IS_RAY else state.mode), over
+        return (None if state.best_value > -_LEAST_RAY_GROWTH else state.mode), over
 
     def _in_mode(self, formulation: Formulation, mode: SlidingMode) -> float:
         """Optimum of a program of one set of forces in one mode, inf where it has none."""
@@ -279,7 +279,7 @@ class ForceExtremes:
     def _has_rays(self) -> bool:
         """Whether the force set without modes is unbounded."""
         answer = solve(self.rays.with_costs(-self.rows.normal.sum(axis=0)).program, self.solver)
-        return answer.outcome is not Outcome.SOLVED or answer.value < -_IS_RAY
+        return answer.outcome is not Outcome.SOLVED or answer.value < -_LEAST_RAY_GROWTH
 
     def _search(
         self,
@@ -299,7 +299,7 @@ class ForceExtremes:
         return status, state
 
 
-_DETERMINATE = 1e-6
+_DETERMINATE_RANGE = 1e-6
 _HEADERS = ["#", "f_n [N]", "f_t1 [N]", "f_t2 [N]"]
 _REACHED = " *"
 _NOTE = "* reached; no proof yet that these torques allow no wider range"
@@ -345,7 +345,7 @@ class ContactForceBounds(Brief):
     @property
     def indeterminate(self) -> NDArray[np.bool_]:
         """(M, 3) components that the torques do not determine, as far as is known."""
-        return self.upper - self.lower > _DETERMINATE * self.problem.scales.force
+        return self.upper - self.lower > _DETERMINATE_RANGE * self.problem.scales.force
 
     @property
     def covers(self) -> str:

@@ -173,7 +173,7 @@ def _turned(program: Program, friction: list[tuple[NDArray[np.int_], Sector | No
     )  # fmt: skip
 
 
-_PER_PROBLEM = 8
+_PROGRAMS_PER_PROBLEM = 8
 
 
 class SharedParts(NamedTuple):
@@ -221,7 +221,7 @@ def formulate(
         ) from None
     if made is None:
         made = scaled_program(problem, objective, shared.coordinates)
-        if len(known) >= _PER_PROBLEM:
+        if len(known) >= _PROGRAMS_PER_PROBLEM:
             known.pop(next(iter(known)), None)
         known[objective] = made
     coordinates, program, unit = made

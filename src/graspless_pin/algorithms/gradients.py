@@ -27,8 +27,8 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
 
-_SAME = 1e-6
-_ROUNDING = 1e-9
+_SAME_DERIVATIVE = 1e-6
+_DERIVATIVE_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,7 +170,9 @@ def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
     """Return which entries are the same in arrays of one quantity, read-only."""
     stack = np.stack([values, *others])
     spread = np.abs(stack - values).max(axis=0)
-    return read_only(spread <= _SAME * np.abs(stack).max(initial=0.0) + _ROUNDING)
+    return read_only(
+        spread <= _SAME_DERIVATIVE * np.abs(stack).max(initial=0.0) + _DERIVATIVE_ROUNDING
+    )
 
 
 def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:

@@ -41,9 +41,9 @@ from graspless_pin.records import Brief
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome, solve
 
-STRAIGHT = 2e-8
+SAME_TORQUE = 2e-8
 """Torques closer than this, over the torque scale, are the same."""
-WIDTH = 1e-8
+SAME_MARGIN = 1e-8
 """Margins closer than this, over the load, are the same."""
 
 
@@ -87,10 +87,10 @@ def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
     parts: list[Piece] = []
     for other in curve:
         low, high = max(piece.a, other.a), min(piece.b, other.b)
-        if high - low > WIDTH:
+        if high - low > SAME_MARGIN:
             parts += _lower_of_two(piece.part(low, high), other.part(low, high))
     covered = parts[-1].b if parts else piece.a
-    if piece.b - covered > WIDTH:
+    if piece.b - covered > SAME_MARGIN:
         parts.append(piece.part(covered, piece.b))
     merged: list[Piece] = []
     for part in parts:
@@ -107,13 +107,13 @@ def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
 
 def _lower_of_two(one: Piece, other: Piece) -> list[Piece]:
     """Return the lower envelope of two pieces over the same margins; of equal ones the first."""
-    slack = STRAIGHT * max(1.0, abs(one.slope), abs(other.slope))
+    slack = SAME_TORQUE * max(1.0, abs(one.slope), abs(other.slope))
     before, after = other.t_a - one.t_a, other.t_b - one.t_b
     if min(before, after) >= -slack:
         return [one]
     if max(before, after) <= slack:
         return [other]
-    # Farther than WIDTH from both ends: slack is at least two widths of either slope.
+    # Farther than SAME_MARGIN from both ends: slack is at least two widths of either slope.
     crossing = one.a + (one.b - one.a) * before / (before - after)
     first, second = (one, other) if before > 0.0 else (other, one)
     return [first.part(one.a, crossing), second.part(crossing, one.b)]
@@ -128,16 +128,16 @@ def joined(pieces: list[Piece]) -> list[Piece]:
             whole = last._replace(b=piece.b, t_b=piece.t_b)
             steep = max(1.0, abs(whole.slope))
             between = (last.b, last.t_b), (piece.a, piece.t_a)
-            if max(abs(whole.at(e) - t) for e, t in between) <= STRAIGHT * steep:
+            if max(abs(whole.at(e) - t) for e, t in between) <= SAME_TORQUE * steep:
                 joined[-1] = whole
                 continue
         joined.append(piece)
     return joined
 
 
-TOLERANCE = 5e-7
+CURVE_TOLERANCE = 5e-7
 """No mode lies farther below the curve than this, in scaled units along its steeper axis."""
-_STEP = 1e-6
+_STEP_BEHIND_JUMP = 1e-6
 """How far behind a jump, over F, the search goes on where the mode that ends there hides others."""
 _PROVEN = frozenset({Status.OPTIMAL, Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES})
 
@@ -169,12 +169,12 @@ class CurveSearch:
         if not pieces:
             return Status.UNVERIFIED, []
         limited = status not in _PROVEN
-        while open_ := [one for one in pieces if not one.closed and one.b - one.a > WIDTH]:
+        while left := [one for one in pieces if not one.closed and one.b - one.a > SAME_MARGIN]:
             if is_coulomb:
                 break
-            piece = open_[0]
+            piece = left[0]
             parts = [piece]
-            for begin in (piece.a, piece.a + _STEP):
+            for begin in (piece.a, piece.a + _STEP_BEHIND_JUMP):
                 curve, proven = self._found_below(piece, begin)
                 limited = limited or not proven
                 parts = lower(piece, curve)
@@ -182,7 +182,7 @@ class CurveSearch:
                 if not curve or len(parts) > 1 or parts[0] != piece:
                     break
             if parts == [piece]:
-                pieces[pieces.index(piece)] = piece._replace(closed=True)
+                pieces = [old._replace(closed=True) if old is piece else old for old in pieces]
             else:
                 pieces = [part for old in pieces for part in lower(old, curve)]
         limited = limited or bool(self.unanswered)
@@ -190,10 +190,10 @@ class CurveSearch:
 
     def _found_below(self, piece: Piece, begin: float) -> tuple[list[Piece], bool]:
         """Return the curve of a mode below a piece, and whether the search was completed."""
-        if piece.b - begin <= WIDTH:
+        if piece.b - begin <= SAME_MARGIN:
             return [], True
         target = self._toward(piece, begin)
-        status, state = self._below(target, self._line(target, piece) - TOLERANCE)
+        status, state = self._below(target, self._line(target, piece) - CURVE_TOLERANCE)
         found = state.best is not None
         return self._curve(self._extended(state.mode), None) if found else [], status in _PROVEN
 
@@ -229,7 +229,7 @@ class CurveSearch:
         while left:
             piece = left.pop()
             e, t = self._lowest(piece)
-            if piece.a + WIDTH < e < piece.b - WIDTH:
+            if piece.a + SAME_MARGIN < e < piece.b - SAME_MARGIN:
                 left.append(piece._replace(a=e, t_a=t))
                 left.append(piece._replace(b=e, t_b=t))
             else:
@@ -238,17 +238,17 @@ class CurveSearch:
 
     def _lowest(self, piece: Piece) -> tuple[float, float]:
         """Return the point of its mode farthest below a piece; its begin if there is none."""
-        if piece.b - piece.a > 2.0 * WIDTH:
+        if piece.b - piece.a > 2.0 * SAME_MARGIN:
             target = self._toward(piece, piece.a)
             answer = self._in_mode(piece.mode, target)
             line = self._line(target, piece)
-            if answer.outcome is Outcome.SOLVED and answer.value < line - STRAIGHT:
+            if answer.outcome is Outcome.SOLVED and answer.value < line - SAME_TORQUE:
                 return self._margin(answer), self._torque(answer)
         return piece.a, piece.t_a
 
     def _point(self, mode: SlidingMode | None, margin: float) -> tuple[float, float] | None:
         """(margin, smallest torque) of a mode; a hair less margin where rounding asks for it."""
-        for e in (margin, margin - 0.1 * WIDTH, margin - WIDTH):
+        for e in (margin, margin - 0.1 * SAME_MARGIN, margin - SAME_MARGIN):
             at = max(e, 0.0)
             answer = self._in_mode(mode, aimed(self.formulation.program, 1.0, 0.0, at, at))
             if answer.outcome is Outcome.SOLVED:

@@ -26,8 +26,8 @@ from graspless_pin.solution.certificate import ConflictSplit, ContactSplit, Kine
 
 SignItem = tuple[int, int, int]
 """Contact, component and sign of a virtual sliding; the sign 0: the contact is selected."""
-_CORRECTIONS = 2
-_SHORT = 0.1
+_COMBINATION_CORRECTIONS = 2
+_SHORT_COMBINATION = 0.1
 """Combinations shorter than this share of the threshold are not brought nearer to zero."""
 
 
@@ -259,9 +259,9 @@ class ModeTree:
             still[contact, 1:] = [rule is SignRule.EXACT and not sign for sign in signs]
         # First by what takes part already, so that conflicts stay small.
         for places in (still & (v != 0.0), still):
-            for _ in range(_CORRECTIONS):
+            for _ in range(_COMBINATION_CORRECTIONS):
                 visible = np.einsum("mk,mkd->d", v, seen)
-                if np.linalg.norm(visible) < _SHORT * kinematics.threshold:
+                if np.linalg.norm(visible) < _SHORT_COMBINATION * kinematics.threshold:
                     return v
                 v = v.copy()
                 v[places] -= np.linalg.lstsq(seen[places].T, visible)[0]

@@ -35,10 +35,10 @@ from graspless_pin.tree_search import TreeSearch
 
 MOST_LEAVES = 1000
 """Proofs with more leaves are not written."""
-_CLOSE = 1e-7
-_THIN = 1e-9
+_BOUND_TOLERANCE = 1e-7
+_LEAST_MULTIPLIER = 1e-9
 """Multipliers below this share of the largest are left out where the proof does without them."""
-_WORSE = 1e-6
+_LOST_VIOLATION = 1e-6
 """By this share at most a smallest common violation may be less without them."""
 
 
@@ -91,7 +91,7 @@ class ModeProver:
         return ModeProof(tuple(nodes))
 
     def _closes(self, bound: float) -> bool:
-        return bound >= self.target - _CLOSE * max(1.0, abs(self.target))
+        return bound >= self.target - _BOUND_TOLERANCE * max(1.0, abs(self.target))
 
     def _node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
         """Return the node of a part with its children, or why there is none."""
@@ -121,7 +121,9 @@ class ModeProver:
             cutoff: A proven bound above it is enough; None: where the part is closed.
         """
         if cutoff is None:
-            room = _CLOSE * max(1.0, abs(self.target)) if np.isfinite(self.target) else 0.0
+            room = (
+                _BOUND_TOLERANCE * max(1.0, abs(self.target)) if np.isfinite(self.target) else 0.0
+            )
             cutoff = self.target - 0.5 * room
         return self.formulation.solve(*self.tree.bounds(part), self.solver, cutoff=cutoff)
 
@@ -150,14 +152,14 @@ class ModeProver:
             return None
         # Far limits make much of multipliers that are hardly there.
         thin = _thinned(z)
-        enough = program.infeasibility_bound(y, thin) >= (1.0 - _WORSE) * proven
+        enough = program.infeasibility_bound(y, thin) >= (1.0 - _LOST_VIOLATION) * proven
         return BoundLeaf(y, thin if enough else z, objective=False)
 
 
 def _thinned(z: FloatArray) -> FloatArray:
     """Return multipliers without those that are hardly there."""
     size = np.abs(z)
-    return np.where(size > _THIN * size.max(initial=0.0), z, 0.0)
+    return np.where(size > _LEAST_MULTIPLIER * size.max(initial=0.0), z, 0.0)
 
 
 _OPEN = UNDECIDED | {Status.INFEASIBLE_STRONG}

@@ -37,7 +37,7 @@ from graspless_pin.solvers import Outcome
 if TYPE_CHECKING:
     from graspless_pin.holding.small_motions import RestModel
 
-FACTORS = (0.1, 10.0)
+THRESHOLD_FACTORS = (0.1, 10.0)
 """The thresholds of virtual motions that an optimum is compared for, over the rule's own."""
 _SAME_OPTIMUM = 1e-6
 
@@ -211,7 +211,7 @@ def threshold_optima(
     if not (kinematics.undecided_near or _is_slow(state)):
         return None
     values = []
-    for factor in FACTORS:
+    for factor in THRESHOLD_FACTORS:
         other = VirtualKinematics(formulation.problem, factor * kinematics.threshold)
         again = SearchState(replace(formulation, kinematics=other), state.options, state.limits)
         search(again)

@@ -374,8 +374,8 @@ def useless(key: str, algorithm: str) -> str:
 
 def users_of(key: str, algorithm: str) -> list[str]:
     """Return which other algorithms a figure is of that changes nothing under one; empty: none."""
-    others = [name for name, figures in _FIGURES.items() if key in figures]
-    return [] if key in _FIGURES[algorithm] else others
+    users = [name for name, figures in _FIGURES.items() if key in figures]
+    return [] if algorithm in users else users
 
 
 def asked_by(objective: Objective) -> tuple[str, dict[str, Any]] | None:

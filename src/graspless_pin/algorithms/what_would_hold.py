@@ -17,10 +17,10 @@ from graspless_pin.holding.verdict import NODE_LIMIT, Stability, StabilityVerdic
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 
-_SHARES = (0.25, 0.5, 1.0, 2.0, 4.0)
+_TORQUE_SHARES = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Of torques or of the load, by which torques grow, tried one after the other."""
 _MOST_FRICTION = 4.0
-_BISECTIONS = 6
+_CHANGE_BISECTIONS = 6
 
 _Changed = tuple[QuasistaticProblem, FloatArray]
 
@@ -112,7 +112,7 @@ def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iter
     if problem.joint_count:
         excess = tau - problem.gravity_torques
         yield from _smallest(
-            lambda share: (problem, tau + share * excess), _SHARES,
+            lambda share: (problem, tau + share * excess), _TORQUE_SHARES,
             lambda share: f"contact torques {100.0 * share:.0f} % larger",
             limits,
         )  # fmt: skip
@@ -172,7 +172,7 @@ def _preload(
     largest = float(np.linalg.norm(squeeze.contact_forces, axis=1).max())
     per_newton, load = squeeze.torques / largest, problem.scales.force
     yield from _smallest(
-        lambda share: (problem, tau + share * load * per_newton), _SHARES,
+        lambda share: (problem, tau + share * load * per_newton), _TORQUE_SHARES,
         lambda share: f"a preload of up to {share * load:.3g} N at the contacts, by the torques",
         limits,
     )  # fmt: skip
@@ -204,7 +204,7 @@ def _smallest(
         if found is None:
             too_small = size
             continue
-        for _ in range(_BISECTIONS):
+        for _ in range(_CHANGE_BISECTIONS):
             middle = 0.5 * (too_small + size)
             less = next(_tried(change(middle), words(middle), limits), None)
             too_small, size = (middle, size) if less is None else (too_small, middle)

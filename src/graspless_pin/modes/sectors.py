@@ -23,7 +23,7 @@ from graspless_pin.problem.checks import FloatArray
 
 WIDEST = np.deg2rad(80.0)
 """Half of the widest sector: beyond a half-plane a sector is no convex cone."""
-_ROUNDING = 1e-12
+_LEAST_SECTOR_WIDTH = 1e-12
 """Narrower sectors are rounding, rad."""
 
 
@@ -56,7 +56,9 @@ class Sector(NamedTuple):
         """Return its pieces on both sides of a part of it."""
         low, high = self.middle - self.half, self.middle + self.half
         ends = (low, part.middle - part.half), (part.middle + part.half, high)
-        return [Sector(0.5 * (a + b), 0.5 * (b - a)) for a, b in ends if b - a > _ROUNDING]
+        return [
+            Sector(0.5 * (a + b), 0.5 * (b - a)) for a, b in ends if b - a > _LEAST_SECTOR_WIDTH
+        ]
 
 
 def other_directions(part: Sector) -> list[Sector]:

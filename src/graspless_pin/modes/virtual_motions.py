@@ -31,7 +31,7 @@ GUESSES = 4
 # Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
 # rounding and far below what a motion needs.
 _DAMPING = 1e-12
-_CORRECTIONS = 2
+_DAMPING_CORRECTIONS = 2
 
 _posv, _potrf, _potrs = get_lapack_funcs(("posv", "potrf", "potrs"))
 
@@ -58,7 +58,7 @@ class _Seen(NamedTuple):
 
 def judged_by(clear: float) -> tuple[float, int, float, float]:
     """Return what the compiled `witness` judges motions by; ``clear`` as in `NearestMotions`."""
-    return _DAMPING, _CORRECTIONS, RANK_TOLERANCE, clear**2
+    return _DAMPING, _DAMPING_CORRECTIONS, RANK_TOLERANCE, clear**2
 
 
 class NearestMotions:
@@ -150,7 +150,7 @@ class NearestMotions:
         normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, rows.shape[2])
         factor, failed = _potrf(_damped_gram(normal), lower=1)
         if not failed:
-            for _ in range(_CORRECTIONS):
+            for _ in range(_DAMPING_CORRECTIONS):
                 motion = motion - _potrs(factor, normal.dot(motion), lower=1)[0].dot(normal)
         return _Seen(tangential.dot(motion), normal.dot(motion), motion)
 
@@ -168,7 +168,7 @@ class NearestMotions:
             held = tangential - (tangential @ back) @ normal
             motion = _damped_pseudo_inverse(held)
             # Again, to take away what damping and rounding left.
-            for _ in range(_CORRECTIONS):
+            for _ in range(_DAMPING_CORRECTIONS):
                 motion -= back @ (normal @ motion)
             known = np.concatenate([tangential @ motion, normal @ motion, motion])
             self._known[contacts] = known
@@ -216,11 +216,11 @@ def _damped_gram(rows: FloatArray) -> FloatArray:
 
 TAKES_PART = 1e-9
 """Weights below this share of the largest one count as none."""
-_TIE = 1.001
+_THRESHOLD_TIE = 1.001
 """A motion that is this close to the threshold, and that no solver brings to it, does not count."""
 _LARGEST_MOTION = 1e6
 # What the sum of the weights is worth beside the velocities: less where more digits are needed.
-_WORTH = (1.0, 1e-3, 1e-5)
+_SUM_WEIGHTS = (1.0, 1e-3, 1e-5)
 
 
 class Sliding(NamedTuple):
@@ -269,7 +269,7 @@ def _shortest(
     best = None
     size = moving.shape[1]
     system, target = np.empty((size + 1, len(moving))), np.zeros(size + 1)
-    for worth in _WORTH:
+    for worth in _SUM_WEIGHTS:
         system[:size] = moving.T
         system[size] = worth * strict
         target[size] = worth
@@ -284,13 +284,14 @@ def _shortest(
         total = float(weights @ strict) if all_finite((weights,)) else 0.0
         if total <= 0.0:
             continue
-        found = _judged(moving, strict, weights / total)
+        weights = weights / total
+        found = _speed(moving, strict, weights @ moving, weights)
         norm = length(found.motion)
         if norm < threshold:
             return found._replace(slowest=min(found.slowest, norm))
         if found.slowest < threshold:
             even = _evened(moving, strict, found)
-            if even.slowest < threshold and norm < _TIE * threshold:
+            if even.slowest < threshold and norm < _THRESHOLD_TIE * threshold:
                 return found
             found = even
         if best is None or found.slowest > best.slowest:
@@ -306,11 +307,6 @@ def _evened(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
     solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
     other = _speed(moving, strict, solved.astype(np.float64), found.weights)
     return other if other.slowest > found.slowest else found
-
-
-def _judged(moving: FloatArray, strict: FloatArray, weights: FloatArray) -> Sliding:
-    """Return what a combination of rows is worth as a motion."""
-    return _speed(moving, strict, weights @ moving, weights)
 
 
 def _speed(
@@ -351,8 +347,10 @@ def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float)
             return found
     weights = np.maximum(-answer.ineqlin.marginals, 0.0)
     total = float(weights @ strict)
-    found = _judged(moving, strict, weights / total) if total > 0.0 else None
-    if found is None or not length(found.motion) < threshold:
+    if total > 0.0:
+        weights /= total
+    found = _speed(moving, strict, weights @ moving, weights)
+    if not (total > 0.0 and length(found.motion) < threshold):
         raise UndecidedMotionError("No solver decided whether a virtual motion exists.")
     return found._replace(slowest=min(found.slowest, length(found.motion)))
 

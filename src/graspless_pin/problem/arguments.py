@@ -36,7 +36,7 @@ from graspless_pin.problem.cones import checked_cone, default_tangents
 
 AT_REST = 1e-12
 """Sliding speeds up to this are none, m/s."""
-_ORTHOGONAL = 1e-6
+_LARGEST_COSINE = 1e-6
 
 
 def checked_arguments(
@@ -168,8 +168,8 @@ def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatA
     frames = np.concatenate([normals[:, :, None], t], axis=2)
     gram = np.abs(frames.transpose(0, 2, 1) @ frames - np.eye(3))
     off = np.maximum.reduce([gram[:, 0, 1], gram[:, 0, 2], gram[:, 1, 2]])
-    if (off > _ORTHOGONAL).any():
-        index = int(np.argmax(off > _ORTHOGONAL))
+    if (off > _LARGEST_COSINE).any():
+        index = int(np.argmax(off > _LARGEST_COSINE))
         raise ArgumentError(
             "tangents",
             f"at index {index} are {t[index].T.tolist()}: they must be orthogonal to each other "
@@ -184,7 +184,7 @@ def _checked_sliding(sliding: ArrayLike | None, normals: FloatArray) -> FloatArr
                      (len(normals), 3))  # fmt: skip
     speed = np.linalg.norm(v, axis=1)
     along = np.einsum("ij,ij->i", v, normals)
-    bad = (speed > AT_REST) & (np.abs(along) > _ORTHOGONAL * speed)
+    bad = (speed > AT_REST) & (np.abs(along) > _LARGEST_COSINE * speed)
     if bad.any():
         index = int(np.argmax(bad))
         raise ArgumentError(

@@ -28,7 +28,7 @@ SINGULAR = 1e-12
 _ENTRIES = {"torques": ", one per joint"}
 """What the entries of an argument are, by its name."""
 _UNIT_TOLERANCE = 1e-6
-_SYMMETRIC = 1e-9
+_SYMMETRY_TOLERANCE = 1e-9
 _Choice = TypeVar("_Choice", bound=StrEnum)
 _Array = TypeVar("_Array", bound=NDArray[Any])
 
@@ -277,8 +277,8 @@ def checked_inertia(
     roots = np.sqrt(diagonal)
     scale = np.outer(roots, roots)
     for skew, rule in (
-        (np.abs(given - given.T) > _SYMMETRIC * scale, "the matrix must be symmetric"),
-        (np.abs(given) > (1.0 + _SYMMETRIC) * scale, "it must be positive semidefinite"),
+        (np.abs(given - given.T) > _SYMMETRY_TOLERANCE * scale, "the matrix must be symmetric"),
+        (np.abs(given) > (1.0 + _SYMMETRY_TOLERANCE) * scale, "it must be positive semidefinite"),
     ):
         if skew.any():
             row, column = (int(i) for i in np.argwhere(skew)[0])
@@ -289,7 +289,7 @@ def checked_inertia(
                 f"{rule}",
             )
     least = float(np.linalg.eigvalsh(with_unit_diagonal(given)).min(initial=1.0))
-    if least < (SINGULAR if definite else -_SYMMETRIC):
+    if least < (SINGULAR if definite else -_SYMMETRY_TOLERANCE):
         rule = "definite" if definite else "semidefinite"
         raise ArgumentError(
             name,

@@ -18,7 +18,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.matrices import kinetic_directions
 
-_ROUNDING = 1e-9
+_SECTION_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +52,12 @@ class Section:
             raise ArgumentError(name, "are not three or more distinct ones")
         directions = np.stack([sides[:, 1], -sides[:, 0]]) / lengths
         distances = np.einsum("ij,ji->i", points, directions)
-        if distances.min() <= 0.0 or (points @ directions - distances).max() > _ROUNDING:
+        if distances.min() <= 0.0 or (points @ directions - distances).max() > _SECTION_ROUNDING:
             raise ArgumentError(
                 name, "must be those of a convex polygon around the normal, counterclockwise"
             )
         longest = float(np.linalg.norm(points, axis=1).max())
-        if longest > 1.0 + _ROUNDING:
+        if longest > 1.0 + _SECTION_ROUNDING:
             raise ArgumentError(
                 name,
                 f"are up to {longest:.6g} from the normal; they must be within 1: the coefficient "
@@ -211,7 +211,7 @@ class ConeModel(ABC):
             ways /= np.linalg.norm(ways, axis=1, keepdims=True)
             along = self.kinetic_friction(ways)
             power = np.einsum("mi,mi->m", ways, along)
-            if power.max() > 0.0 or np.linalg.norm(along, axis=1).max() > 1.0 + _ROUNDING:
+            if power.max() > 0.0 or np.linalg.norm(along, axis=1).max() > 1.0 + _SECTION_ROUNDING:
                 raise ArgumentError(
                     "kinetic_friction",
                     f"of the cone '{self.name}' must be against the sliding and at most 1; it is "

@@ -10,7 +10,7 @@ from graspless_pin.problem.checks import SINGULAR, FloatArray, with_unit_diagona
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.problem.scales import passive_levers
 
-_NORMAL = 1e-9
+_NORMAL_TOLERANCE = 1e-9
 
 
 def hybrid_contacts(problem: QuasistaticProblem) -> NDArray[np.intp]:
@@ -33,7 +33,8 @@ def hybrid_contacts(problem: QuasistaticProblem) -> NDArray[np.intp]:
         if (
             len(where) == 1
             and acts[where[0]].sum() == 1
-            and np.abs(blocks[where[0], :, column] - problem.normals[where[0]]).max() <= _NORMAL
+            and np.abs(blocks[where[0], :, column] - problem.normals[where[0]]).max()
+            <= _NORMAL_TOLERANCE
         ):
             contacts[column] = where[0]
     return contacts

@@ -13,9 +13,9 @@ from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem, contact_map
 from graspless_pin.records import Brief, unchecked
 
-_IDLE = 1e-12
+_IDLE_LEVER = 1e-12
 """Of the longest lever: joints on shorter ones bear no contact force."""
-_RANK = 1e-9
+_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,7 +100,7 @@ def motions_without_force(problem: QuasistaticProblem) -> FloatArray:
     length = problem.scales.length
     sizes = np.ones(rows.shape[1])
     sizes[: problem.passive_count] = np.where(problem.passive_turns, 1.0, length)
-    return sizes[:, None] * null_space(rows * sizes, rcond=_RANK)
+    return sizes[:, None] * null_space(rows * sizes, rcond=_RANK_TOLERANCE)
 
 
 def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> QuasistaticProblem:
@@ -239,11 +239,13 @@ def shared_commands(
         maps = [one.problem.jacobian / one.factors for one in members]
         levers = np.max([np.abs(one).max(axis=0, initial=0.0) for one in maps], axis=0)
         # What carries the links of joints that bear no contact force is their own.
-        loaded = np.flatnonzero(levers > _IDLE * levers.max(initial=0.0))
+        loaded = np.flatnonzero(levers > _IDLE_LEVER * levers.max(initial=0.0))
         return np.eye(len(units))[loaded], [units[joint] for joint in loaded.tolist()]
     if members[0].directions is not None:
         feedback = members[0].directions
-    shared = null_space(feedback.T, rcond=_RANK).T if feedback.size else np.eye(len(units))
+    shared = (
+        null_space(feedback.T, rcond=_RANK_TOLERANCE).T if feedback.size else np.eye(len(units))
+    )
     turning = np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
     turns = (shared[:, turning] ** 2).sum(axis=1) >= 0.5
     return shared, [JointUnit.TORQUE if turn else JointUnit.FORCE for turn in turns]
@@ -255,7 +257,9 @@ def _blocks(matrices: Sequence[FloatArray]) -> FloatArray:
 
 def _with_contacts(problems: Sequence[QuasistaticProblem], **others: Any) -> QuasistaticProblem:
     """Return a problem with the contacts of several, whose data were checked with theirs."""
-    contacts = {name: np.concatenate([getattr(one, name) for one in problems]) for name in _OF_EACH}
+    contacts = {
+        name: np.concatenate([getattr(one, name) for one in problems]) for name in _CONTACT_ARRAYS
+    }
     values = contacts | others
     for value in values.values():
         if isinstance(value, np.ndarray):
@@ -264,4 +268,4 @@ def _with_contacts(problems: Sequence[QuasistaticProblem], **others: Any) -> Qua
     return unchecked(QuasistaticProblem, cone_edges=first.cone_edges, cone=first.cone, **values)
 
 
-_OF_EACH = ("positions", "normals", "friction", "tangents", "sliding", "max_normal_force")
+_CONTACT_ARRAYS = ("positions", "normals", "friction", "tangents", "sliding", "max_normal_force")

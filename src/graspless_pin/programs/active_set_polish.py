@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.program import Program
 
-_RANK = 1e-11
-_CORRECTIONS = 2
-_ROUNDS = 4
+_RANK_TOLERANCE = 1e-11
+_RESIDUAL_CORRECTIONS = 2
+_MOST_SIGN_ROUNDS = 4
 Found = tuple[FloatArray, FloatArray, FloatArray]
 
 
@@ -47,7 +47,7 @@ def polished(program: Program, found: Found) -> Found | None:
     bound = np.where(slope > 0.0, program.lb, program.ub)
     held = np.abs(slope) > np.abs(bound - x)
     weights[:count] = without_cancelling(program.A, weights[:count], slope, held)
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_SIGN_ROUNDS):
         solved = _solved(program, x, weights, active, held, side, bound)
         if solved is None:
             return None
@@ -71,7 +71,7 @@ def without_cancelling(
     The slope of variables that are not held stays, and that of held ones keeps its sign.
     """
     independent, sizes, _ = np.linalg.svd(A[:, ~held], full_matrices=False)
-    independent = independent[:, sizes > _RANK * sizes.max(initial=0.0)]
+    independent = independent[:, sizes > _RANK_TOLERANCE * sizes.max(initial=0.0)]
     step = independent @ (independent.T @ y) - y
     change = (step @ A)[held]
     turning = change * slope[held] < 0.0
@@ -98,14 +98,14 @@ def _solved(
     system[:n, :n] = np.diag(program.P[free])
     system[:n, n:], system[n:, :n] = E.T, E
     try:
-        inverse = np.linalg.pinv(system, rcond=_RANK, hermitian=True)
+        inverse = np.linalg.pinv(system, rcond=_RANK_TOLERANCE, hermitian=True)
     except np.linalg.LinAlgError:
         return None
     # Residuals in a longer format: what is left is then the rounding of the result.
     long = np.longdouble
     matrix, c, P = rows.astype(long), program.c.astype(long), program.P[free].astype(long)
     target, at, by = side[active].astype(long), x.astype(long), w.astype(long)
-    for _ in range(_CORRECTIONS):
+    for _ in range(_RESIDUAL_CORRECTIONS):
         off = np.concatenate([
             -(P * at[free] + c[free] + by @ matrix[:, free]), target - matrix @ at,
         ]).astype(np.float64)  # fmt: skip
@@ -117,15 +117,15 @@ def _solved(
     return at.astype(np.float64), multipliers
 
 
-_PART = 1e-12
+_LEAST_MULTIPLIER = 1e-12
 """Of the largest multiplier: smaller ones take no part."""
-_NOISE = 1e-9
+_SLOPE_NOISE = 1e-9
 """Of what makes a slope: smaller ones are rounding."""
-_MATTERS = 1e-9
+_LEAST_LOSS = 1e-9
 """Rounding that may cost a bound less needs no care."""
-_ROUNDED = 1e-2
+_MOST_BOUND_ROUNDING = 1e-2
 """Of a bound, scaled: rounding costs no more than that."""
-_REFINEMENTS = 3
+_SLOPE_REFINEMENTS = 3
 _LONG = np.longdouble
 _EPSILON = float(np.finfo(float).eps)
 
@@ -145,13 +145,13 @@ def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArra
     first, last = program.reach
     far, total = np.maximum(np.abs(first), np.abs(last)), float(np.abs(weights).sum())
     lost = _EPSILON * float((np.abs(weights) @ np.abs(program.rows)) @ far)
-    if not program.is_polyhedral or not np.isfinite(lost) or lost < _MATTERS:
+    if not program.is_polyhedral or not np.isfinite(lost) or lost < _LEAST_LOSS:
         return y, z
     low, high = program.sides
     weights = np.where(np.isfinite(np.where(weights > 0.0, high, low)), weights, 0.0)
-    weights[np.abs(weights) <= _PART * total] = 0.0
+    weights[np.abs(weights) <= _LEAST_MULTIPLIER * total] = 0.0
     slope = program.c + weights @ program.rows
-    held = np.abs(slope) > _NOISE * (np.abs(weights) @ np.abs(program.rows))
+    held = np.abs(slope) > _SLOPE_NOISE * (np.abs(weights) @ np.abs(program.rows))
     smaller = weights.copy()
     # Rows of one side only are equalities, too: fixed torques cancel against the balance.
     fixed = low == high
@@ -163,7 +163,7 @@ def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArra
     # An optimum at the end of its box, such as torques of zero, needs no multiplier at all. What
     # zeros gain beyond rounding is no gain: then the multipliers are of forces in another box.
     none = np.zeros_like(weights)
-    if 0.0 < _bound(program, none) - _bound(program, best) < _ROUNDED:
+    if 0.0 < _bound(program, none) - _bound(program, best) < _MOST_BOUND_ROUNDING:
         best = none
     return best[:count], best[count:]
 
@@ -189,12 +189,12 @@ def _leaning(program: Program, weights: FloatArray) -> list[FloatArray]:
     part |= low == high
     rows = program.rows[part]
     leaning = np.where(first == 0.0, 1.0, np.where(last == 0.0, -1.0, 0.0))
-    for _ in range(_REFINEMENTS):
+    for _ in range(_SLOPE_REFINEMENTS):
         weights = weights.copy()
         slope, size = _slope(program, weights)
-        noise = (np.abs(slope) < _NOISE * size) & (first < last)
+        noise = (np.abs(slope) < _SLOPE_NOISE * size) & (first < last)
         wanted = (4.0 * _EPSILON * size * leaning - slope)[noise]
-        weights[part] += np.linalg.lstsq(rows[:, noise].T, wanted, rcond=_RANK)[0]
+        weights[part] += np.linalg.lstsq(rows[:, noise].T, wanted, rcond=_RANK_TOLERANCE)[0]
         tried.append(weights)
     return tried
 

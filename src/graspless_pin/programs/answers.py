@@ -211,11 +211,11 @@ GAP_TOLERANCE = 1e-7
 to the objective where that is larger."""
 _LARGEST_GAP = 5e-7
 """Half of what the checker of documents lets pass: it works in another order of rounding."""
-_ROUNDING = 1e-14
+_BOUND_ROUNDING = 1e-14
 """What rounding leaves of a bound, over the largest variable that it is proven for."""
-_INFEASIBLE = 1e-8
-_SHRUNK_BY = (1e3, 1e6)
-_LARGEST = 1e100
+_LEAST_VIOLATION = 1e-8
+_SHRINKING_FACTORS = (1e3, 1e6)
+_LARGEST_ANSWER = 1e100
 """Products with larger figures overflow; what is no number is not within it either."""
 
 Multipliers = tuple[FloatArray, FloatArray, FloatArray]
@@ -284,11 +284,11 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
         A solved or infeasible answer, or a failed one with the bound that is proven all the same.
     """
     near = without_far_limits(program)
-    factors = [1.0, *(factor for factor in _SHRUNK_BY if near.has_sides_beyond(factor))]
+    factors = [1.0, *(factor for factor in _SHRINKING_FACTORS if near.has_sides_beyond(factor))]
     if near.has_sides_beyond(FARTHEST):
         # Interior points are led there, and end after all their steps: rescaled, the program has
         # nothing so far away.
-        factors.sort(key=lambda factor: factor != _SHRUNK_BY[0])
+        factors.sort(key=lambda factor: factor != _SHRINKING_FACTORS[0])
     best = -np.inf
     for factor in factors:
         answer = _tried(program, near, factor, backend, name, cutoff)
@@ -315,12 +315,12 @@ def _tried(
         again = proven(program, nearer, name, cutoff)
         if again.outcome is not Outcome.FAILED:
             return again
-    if program.residual(found[0]) <= _INFEASIBLE:
+    if program.residual(found[0]) <= _LEAST_VIOLATION:
         return failed(answer.bound)  # no proof says more than a point violates
     for multipliers in (found[1:], _elastic_multipliers(program, backend)):
         if multipliers is not None:
             proof = program.infeasibility_bound(*multipliers)
-            if proof > _INFEASIBLE or _breaks_limits(program, multipliers, proof):
+            if proof > _LEAST_VIOLATION or _breaks_limits(program, multipliers, proof):
                 return _infeasible(np.inf, proof, *multipliers, name)
     return failed(answer.bound)
 
@@ -329,9 +329,9 @@ def _breaks_limits(
     program: Program, multipliers: tuple[FloatArray, FloatArray], proof: float
 ) -> bool:
     """Return whether all points break what is strict, though others may be met nearly."""
-    if program.strict is None or proof <= _ROUNDING * max(1.0, program.farthest):
+    if program.strict is None or proof <= _BOUND_ROUNDING * max(1.0, program.farthest):
         return False
-    return program.infeasibility_bound(*multipliers, strictly=True) > _INFEASIBLE
+    return program.infeasibility_bound(*multipliers, strictly=True) > _LEAST_VIOLATION
 
 
 def asked(backend: Backend, program: Program) -> Multipliers | None:
@@ -345,7 +345,7 @@ def asked(backend: Backend, program: Program) -> Multipliers | None:
     """
     within_range = clipped(program)
     raw = None if within_range is None else backend(within_range)
-    return None if raw is None or not all_within(raw, _LARGEST) else raw
+    return None if raw is None or not all_within(raw, _LARGEST_ANSWER) else raw
 
 
 def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> Answer:
@@ -367,7 +367,8 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
     if _is_above(program, bound, cutoff, y, z):
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
     gap = abs(value - bound) / max(1.0, abs(value))
-    is_near = gap <= GAP_TOLERANCE or gap <= _rounding_gap(program)
+    # What rounding may leave of large figures counts as none, too.
+    is_near = gap <= max(GAP_TOLERANCE, min(_BOUND_ROUNDING * program.farthest, _LARGEST_GAP))
     is_met = residual <= PRIMAL_TOLERANCE and program.is_resolved
     if is_met and is_near and _is_within_reach(program, x):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
@@ -376,7 +377,7 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
 
 def _is_above(program: Program, bound: float, cutoff: float, y: FloatArray, z: FloatArray) -> bool:
     """Return whether multipliers prove that no solution is below a cutoff."""
-    least = cutoff + _INFEASIBLE * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0)
+    least = cutoff + _LEAST_VIOLATION * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0)
     if bound <= least:
         return False
     farthest = program.farthest
@@ -385,7 +386,7 @@ def _is_above(program: Program, bound: float, cutoff: float, y: FloatArray, z: F
         bound = program.dual_bound(y, z, whole=True)
         farthest = float(np.abs(program.whole_box).max(initial=0.0))
     # Multipliers may be so large that their rounding is above the cutoff.
-    rounding = _ROUNDING * farthest * (np.abs(y).sum() + np.abs(z).sum())
+    rounding = _BOUND_ROUNDING * farthest * (np.abs(y).sum() + np.abs(z).sum())
     return bool(bound > least and bound - cutoff > rounding)
 
 
@@ -395,11 +396,6 @@ def _is_within_reach(program: Program, x: FloatArray) -> bool:
         return True
     room = PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(x))
     return bool(((x >= program.box[0] - room) & (x <= program.box[1] + room)).all())
-
-
-def _rounding_gap(program: Program) -> float:
-    """Relative distance between a value and its bound that rounding may leave of large figures."""
-    return min(_ROUNDING * program.farthest, _LARGEST_GAP)
 
 
 def failed(bound: float) -> Answer:

@@ -27,7 +27,7 @@ from graspless_pin.problem.scales import Strictness, passive_levers
 from graspless_pin.programs.program import FARTHEST
 
 _FRAME = np.arange(3)
-_MOST_KEPT = 16
+_LAYOUTS_KEPT = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class ForceLayout:
     picks: FloatArray
 
 
-@lru_cache(maxsize=_MOST_KEPT)
+@lru_cache(maxsize=_LAYOUTS_KEPT)
 def layout_of(mask: bytes) -> ForceLayout:
     """Return the layout of the force coordinates of a problem.
 
@@ -165,7 +165,7 @@ def _rows(
     return ConeRows(name, second_order, read_only(rows), read_only(margin), owner, shape, places)
 
 
-@lru_cache(maxsize=_MOST_KEPT)
+@lru_cache(maxsize=_LAYOUTS_KEPT)
 def cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> ConeRows:
     """Return the rows of a problem's friction cones.
 
@@ -182,7 +182,7 @@ def cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> Con
     return face_rows(layout, coefficients, model.section(edges))
 
 
-@lru_cache(maxsize=_MOST_KEPT)
+@lru_cache(maxsize=_LAYOUTS_KEPT)
 def reach_of(mask: bytes, friction: bytes) -> FloatArray:
     """Return (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
 

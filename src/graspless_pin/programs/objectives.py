@@ -39,7 +39,7 @@ from graspless_pin.programs.forces import (
 )
 from graspless_pin.programs.program import FARTHEST, Columns, Program
 
-_ORDINARY = 1e6
+_LARGEST_UNCHECKED = 1e6
 """Figures from 0 up to this are in order; others are checked by `real_number`."""
 
 
@@ -149,7 +149,7 @@ class Margin(Objective):
 def _check(objective: Objective, **figures: float) -> None:
     """Refuse figures that are not numbers from 0 on."""
     for name, value in figures.items():
-        if type(value) is not float or not 0.0 <= value <= _ORDINARY:
+        if type(value) is not float or not 0.0 <= value <= _LARGEST_UNCHECKED:
             argument = name.removeprefix("required_")
             object.__setattr__(objective, name, real_number(argument, value, 0.0))
 
@@ -168,25 +168,6 @@ class Side(NamedTuple):
     joints: NDArray[np.int_]
     unit: FloatArray
     level: FloatArray
-
-
-def _torque_sides(count: int, unit: float) -> tuple[Side, ...]:
-    """Rows of t >= |J^T f + g| for each joint, with t in a unit (N m)."""
-    every = np.arange(count), np.full(count, unit), np.ones(count)
-    return Side(1.0, *every), Side(-1.0, *every)
-
-
-def _share_sides(problem: QuasistaticProblem, scale: FloatArray, unit: float) -> tuple[Side, ...]:
-    """Rows of t >= (J^T f + g) / limit; no entry of them is above 1.
-
-    A limit of zero, or one on the wrong side of zero, stays a hard row and has no share.
-    """
-    sides = []
-    for sign, limit in ((1.0, problem.upper_torque), (-1.0, -problem.lower_torque)):
-        joints = np.flatnonzero(np.isfinite(limit) & (limit > 0.0))
-        size = np.maximum(scale[joints] / limit[joints] / unit, 1.0)
-        sides.append(Side(sign, joints, unit * size * limit[joints], 1.0 / size))
-    return tuple(sides)
 
 
 def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
@@ -253,8 +234,10 @@ class Torque(Objective):
         program.curve(self.regularization)
 
     def sides(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> tuple[Side, ...]:
-        """Return the rows that say which torque is the largest."""
-        return _torque_sides(problem.joint_count, self.unit(problem, coordinates))
+        """Return the rows t >= |J^T f + g|, which say which torque is the largest."""
+        count = problem.joint_count
+        every = np.arange(count), np.full(count, self.unit(problem, coordinates)), np.ones(count)
+        return Side(1.0, *every), Side(-1.0, *every)
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         """Return the torque scale, N m."""
@@ -271,8 +254,16 @@ class TorqueShare(Torque):
     by_limits = True
 
     def sides(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> tuple[Side, ...]:
-        """Return the rows that say which share is the largest."""
-        return _share_sides(problem, coordinates.joint_scale, self.unit(problem, coordinates))
+        """Return the rows t >= (J^T f + g) / limit, no entry above 1: which share is the largest.
+
+        A limit of zero, or one on the wrong side of zero, stays a hard row and has no share.
+        """
+        sides, unit, scale = [], self.unit(problem, coordinates), coordinates.joint_scale
+        for sign, limit in ((1.0, problem.upper_torque), (-1.0, -problem.lower_torque)):
+            joints = np.flatnonzero(np.isfinite(limit) & (limit > 0.0))
+            size = np.maximum(scale[joints] / limit[joints] / unit, 1.0)
+            sides.append(Side(sign, joints, unit * size * limit[joints], 1.0 / size))
+        return tuple(sides)
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         """Return the largest share of any joint's limit that the load's torque is, at most 1.

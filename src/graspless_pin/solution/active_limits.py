@@ -21,9 +21,9 @@ from graspless_pin.solution.tables import (
 )
 from graspless_pin.solution.torque_solution import TorqueSolution
 
-_AS_NEAR = 1e-6
-_AS_MUCH = 0.25
-_UNUSED = 0.05
+_TIE_TOLERANCE = 1e-6
+_LIMITING_SHARE = 0.25
+_UNUSED_FRICTION = 0.05
 """Share of its friction below which a contact force is told to use none."""
 _AVAILABLE_FRICTION = "available friction"
 
@@ -62,7 +62,7 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     """
     problem = solution.problem
     rooms = contact_rooms(problem, solution.contact_forces)
-    near = rooms <= solution.margin + _AS_NEAR * force_sizes(problem)[:, None]
+    near = rooms <= solution.margin + _TIE_TOLERANCE * force_sizes(problem)[:, None]
     if solution.algorithm is Algorithm.MARGIN and solution.status is not Status.STRONG:
         found = solution.multipliers
         # The first of a round cone's multipliers is its force in the direction of the margin.
@@ -70,7 +70,7 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
         sides = found["round_cones"][:, 0] if second_order else found["faces"].sum(axis=1)
         weights = near * np.column_stack([found["normal_lower"], found["normal_upper"], sides])
         if weights.any():
-            near = weights >= _AS_MUCH * weights.max()
+            near = weights >= _LIMITING_SHARE * weights.max()
     return {
         limit: np.flatnonzero(column).tolist()
         for limit, column in zip(ContactLimit, near.T, strict=True)
@@ -78,33 +78,28 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     }
 
 
-def _contacts_by_words(solution: TorqueSolution) -> dict[str, list[int]]:
-    """Return limiting contacts by words; those next to slipping by whether they use friction.
-
-    A force along the normal is as far from the sides of its cone as friction and its size allow.
-    """
-    by_limit: dict[str, list[int]] = {}
-    use = friction_use(solution.problem, solution.contact_forces)
-    for limit, contacts in limiting_contacts(solution).items():
-        for contact in contacts:
-            unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED
-            words = _AVAILABLE_FRICTION if unused else f"the distance to {limit}"
-            by_limit.setdefault(words, []).append(contact)
-    return by_limit
-
-
 def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
     """Return a sentence that says which contacts limit the margin, and how.
+
+    Those next to slipping are told by whether they use friction: a force along the normal is as far
+    from the sides of its cone as friction and its size allow.
 
     Args:
         solution: A solution that was found.
         bodies: M names of what touches the object at each contact; None: left out.
     """
+    by_limit: dict[str, list[int]] = {}
+    use = friction_use(solution.problem, solution.contact_forces)
+    for limit, contacts in limiting_contacts(solution).items():
+        for contact in contacts:
+            unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED_FRICTION
+            words = _AVAILABLE_FRICTION if unused else f"the distance to {limit}"
+            by_limit.setdefault(words, []).append(contact)
     parts = []
-    for limit, contacts in _contacts_by_words(solution).items():
+    for words, contacts in by_limit.items():
         numbers = ", ".join(map(str, contacts))
         names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
-        parts.append(f"{limit} at contact{'s' * (len(contacts) > 1)} {numbers}{names}")
+        parts.append(f"{words} at contact{'s' * (len(contacts) > 1)} {numbers}{names}")
     return f"The margin is limited by {' and by '.join(parts)}."
 
 
@@ -123,7 +118,7 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     if np.isnan(shares).all():
         return "No joint has a finite limit on the side of its torque."
     # Where joints tie, as at the least largest torque, rounding must not choose among them.
-    joint = int(np.argmax(shares >= (1.0 - _AS_NEAR) * np.nanmax(shares)))
+    joint = int(np.argmax(shares >= (1.0 - _TIE_TOLERANCE) * np.nanmax(shares)))
     torque, size = float(torques[joint]), torque_size(problem, torques)
     left = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]

@@ -16,7 +16,7 @@ from graspless_pin.problem.scales import LIMIT_TOLERANCE
 from graspless_pin.solution.certificate import Certificate
 
 _AT_LIMIT = 1e-6
-_OWN_LEVER = 1e-3
+_LEAST_LEVER_SHARE = 1e-3
 """Of the longest lever at a contact: joints with a shorter one say nothing of forces there."""
 
 
@@ -33,7 +33,9 @@ def force_sizes(problem: QuasistaticProblem) -> FloatArray:
         return sizes
     blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
     levers = np.sqrt((blocks**2).sum(axis=1))
-    own = (levers > 0.0) & (levers >= _OWN_LEVER * levers.max(axis=1, initial=0.0, keepdims=True))
+    own = (levers > 0.0) & (
+        levers >= _LEAST_LEVER_SHARE * levers.max(axis=1, initial=0.0, keepdims=True)
+    )
     forces = np.where(own, joint_sizes(problem), 0.0) / np.where(own, levers, 1.0)
     return np.where(own.any(axis=1), np.minimum(forces.max(axis=1, initial=0.0), load), sizes)
 
@@ -71,17 +73,17 @@ def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> F
     return np.where(np.isfinite(limit) & (limit != 0.0), share, np.nan)
 
 
-_LEAST, _MOST = 0.01, 1e6
+_LEAST_EVERYDAY, _MOST_EVERYDAY = 0.01, 1e6
 """Loads whose figures have four decimals in tables."""
-_NOTHING = 1e-7
+_ZERO_SHARE = 1e-7
 """Of what a figure is beside: less is what solvers leave of zero."""
-_SMALLEST = 5e-5
+_LEAST_IN_DECIMALS = 5e-5
 """Smaller figures have no digit among four decimals."""
 _NO_MATHEMATICS = 'class="tex2jax_ignore mathjax_ignore"'
 """Notebooks would set what stands between dollar signs as mathematics; names may have any."""
 COLUMNS = 80
 """Columns of the narrowest terminal."""
-_NARROWEST = 12
+_LEAST_NAME_WIDTH = 12
 """Columns that a name is left at least."""
 _JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
 _CONTACT_LEGEND = (
@@ -118,7 +120,7 @@ class Table(NamedTuple):
             names = self.texts[0]
             width = max(len(str(row[names])) for row in self.rows) - excess
             widths: list[int | None] = [None] * len(self.headers)
-            widths[names] = max(width, len(self.headers[names]), _NARROWEST)
+            widths[names] = max(width, len(self.headers[names]), _LEAST_NAME_WIDTH)
             table = self._text(widths)
         return f"{table}\n{self.legend}" if self.legend else table
 
@@ -288,11 +290,11 @@ def shown(value: float, size: float, sign: str = "", rounding: float | None = No
         sign: ``+`` to print it always.
         rounding: The largest figure that is rounding of zero; None: 1e-7 of the size.
     """
-    if abs(value) <= (_NOTHING * size if rounding is None else rounding):
+    if abs(value) <= (_ZERO_SHARE * size if rounding is None else rounding):
         return "0"
     if not _is_everyday(size):
         return f"{value:{sign}.5g}"
-    return f"{value:{sign}.1e}" if abs(value) < _SMALLEST else f"{value:{sign}.4f}"
+    return f"{value:{sign}.1e}" if abs(value) < _LEAST_IN_DECIMALS else f"{value:{sign}.4f}"
 
 
 def coordinate(value: float, length: float) -> str:
@@ -302,7 +304,7 @@ def coordinate(value: float, length: float) -> str:
 
 def figure(value: float, size: float) -> str:
     """Return six digits of a figure beside others of a size; what rounding leaves of zero is 0."""
-    return f"{0.0 if abs(value) <= _NOTHING * size else value:.6g}"
+    return f"{0.0 if abs(value) <= _ZERO_SHARE * size else value:.6g}"
 
 
 def brief_figure(value: float, size: float) -> str:
@@ -318,13 +320,13 @@ def torque_rounding(problem: QuasistaticProblem, from_contacts: FloatArray) -> l
         from_contacts: (L,) torques that hold the contact forces.
     """
     sizes = [joint_sizes(problem), np.abs(problem.gravity_torques), np.abs(from_contacts)]
-    rounding: list[float] = (_NOTHING * np.maximum.reduce(sizes)).tolist()
+    rounding: list[float] = (_ZERO_SHARE * np.maximum.reduce(sizes)).tolist()
     return rounding
 
 
 def force_rounding(problem: QuasistaticProblem) -> list[float]:
     """Return for each of M contacts the largest force that is rounding of zero."""
-    rounding: list[float] = (_NOTHING * force_sizes(problem)).tolist()
+    rounding: list[float] = (_ZERO_SHARE * force_sizes(problem)).tolist()
     return rounding
 
 
@@ -335,7 +337,7 @@ def torque_size(problem: QuasistaticProblem, torques: FloatArray) -> float:
 
 
 def _is_everyday(size: float) -> bool:
-    return _LEAST <= size <= _MOST
+    return _LEAST_EVERYDAY <= size <= _MOST_EVERYDAY
 
 
 def counted(number: int, noun: str) -> str:

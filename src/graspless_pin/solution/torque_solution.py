@@ -41,7 +41,7 @@ from graspless_pin.solution.tables import (
 )
 from graspless_pin.suggestions import what_to_pass
 
-_NOTHING = 1e-6  # of the load
+_NO_MARGIN = 1e-6  # of the load
 
 
 class HasFindings(Protocol):
@@ -87,7 +87,7 @@ def solution_doubts(
             "look at masses (kg), sizes (m) and gravity (m/s^2), or raise the limits",
         )
     load = problem.scales.force
-    if margin is not None and margin <= _NOTHING * load:
+    if margin is not None and margin <= _NO_MARGIN * load:
         printed = figure(margin, load)
         size = "zero" if printed == "0" else f"{printed} N, next to nothing beside {load:.3g} N"
         yield Finding(

@@ -24,10 +24,10 @@ from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
 clarabel: Any = compiled_clarabel
 _FIRST_CUTS = 8
-_ROUNDS = 40
+_CUT_ROUNDS = 40
 _GUESS_TOLERANCE = 1e-6
 """Scaled: what a point of a semidefinite program may miss."""
-_NEAR = 1e-9
+_CONE_TOLERANCE = 1e-9
 """Cuts end where forces are no farther outside their cones, in scaled units."""
 
 
@@ -140,7 +140,7 @@ def by_cuts(solver: Backend) -> Backend:
         owner = np.repeat(np.arange(len(cones)), _FIRST_CUTS)
         first = _planes(2.0 * np.pi * np.arange(_FIRST_CUTS) / _FIRST_CUTS)
         planes = np.tile(first, (len(cones), 1))
-        for _ in range(_ROUNDS):
+        for _ in range(_CUT_ROUNDS):
             rows = np.einsum("pi,pin->pn", planes, cones[owner])
             sides = np.einsum("pi,pi->p", planes, apex[owner])
             found = asked(solver, _cut(program, rows, sides))
@@ -151,7 +151,7 @@ def by_cuts(solver: Backend) -> Backend:
             np.add.at(weights, owner, z[flat:, None] * planes)
             z = np.concatenate([z[:flat], weights.ravel()])
             inside = cones @ x - apex
-            outside = np.flatnonzero(np.hypot(*inside[:, 1:].T) - inside[:, 0] > _NEAR)
+            outside = np.flatnonzero(np.hypot(*inside[:, 1:].T) - inside[:, 0] > _CONE_TOLERANCE)
             if not len(outside) or program.dual_bound(y, z) > program.worst:
                 return x, y, z
             touching = _planes(np.arctan2(inside[outside, 2], inside[outside, 1]))
@@ -179,8 +179,11 @@ def _cut(program: Program, rows: FloatArray, sides: FloatArray) -> Program:
     )
 
 
-_TOLERANCE = 1e-8
-_ANSWERS, _NOTHING = ("Solved", "AlmostSolved"), ("PrimalInfeasible", "DualInfeasible")
+_SPARSE_TOLERANCE = 1e-8
+_ANSWER_STATUSES, _INFEASIBLE_STATUSES = (
+    ("Solved", "AlmostSolved"),
+    ("PrimalInfeasible", "DualInfeasible"),
+)
 """Of Clarabel; with other words it is asked once more, to refine its steps."""
 
 
@@ -309,14 +312,14 @@ class SparseConic:
         kinds += [clarabel.SecondOrderConeT(size) for size in self._sizes]
         curved = scipy.sparse.csc_array((self.width, self.width))
         for refined in (False, True):
-            settings = _settings(_TOLERANCE, refined=refined)
+            settings = _settings(_SPARSE_TOLERANCE, refined=refined)
             if deadline is not None:
                 settings.time_limit = max(deadline - time.monotonic(), 0.0)
             found = clarabel.DefaultSolver(curved, cost, matrix, sides, kinds, settings).solve()
             status = str(found.status)
-            if status in _ANSWERS:
+            if status in _ANSWER_STATUSES:
                 x, z = np.array(found.x), np.array(found.z)
                 return x, z[firsts[1] : firsts[2]], z[firsts[2] :]
-            if status in _NOTHING:
+            if status in _INFEASIBLE_STATUSES:
                 break
         return None

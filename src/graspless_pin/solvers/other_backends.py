@@ -29,7 +29,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "qp_iteration_limit": 10_000,
     },
 }
-_SPARSE = ("highs", "clarabel", "osqp", "scs")
+_SPARSE_SOLVERS = ("highs", "clarabel", "osqp", "scs")
 
 
 def by_proxqp(program: Program) -> Multipliers:
@@ -63,7 +63,7 @@ def by_qpsolvers(name: str) -> Backend:
         up, down = np.isfinite(reduced.u), np.isfinite(reduced.l)
         rows = np.vstack([reduced.G[up], -reduced.G[down]])
         sides = np.concatenate([reduced.u[up], -reduced.l[down]])
-        as_matrix = scipy.sparse.csc_matrix if name in _SPARSE else np.ascontiguousarray
+        as_matrix = scipy.sparse.csc_matrix if name in _SPARSE_SOLVERS else np.ascontiguousarray
         has_rows, has_equalities = len(rows) > 0, len(reduced.A) > 0
         quadratic = qpsolvers.Problem(
             as_matrix(np.diag(reduced.P)), reduced.c,

@@ -18,13 +18,13 @@ SOLVER_TOLERANCE = 1e-10
 """What all solvers are asked for, in scaled units."""
 # Programs are well scaled: interior points may go closer to the boundary than PIQP's default.
 _STEP_TO_BOUNDARY = 0.9999
-_UNIT = 10.0
+_VARIABLE_UNIT = 10.0
 """What PIQP's variables count in: it starts near one, and forces are some loads."""
-_TOLERANCE = SOLVER_TOLERANCE / _UNIT
-_FIRST_ITERATIONS, _LARGER = 20, 10
+_TOLERANCE = SOLVER_TOLERANCE / _VARIABLE_UNIT
+_FIRST_ITERATIONS, _COLUMNS_PER_ITERATION = 20, 10
 """Steps after which it is asked whether there is a solution, and columns that take one more."""
 _MOST_ITERATIONS = 250
-_PER_STRUCTURE = 2
+_ENGINES_PER_STRUCTURE = 2
 _MOST_STRUCTURES = 32
 
 
@@ -40,7 +40,9 @@ class _Engine:
         n, count = len(program.c), len(program.b)
         self._A, self._places_A = _columns(program.rows, slice(count))
         self._G, self._places_G = _columns(program.rows, slice(count, None))
-        self._P = scipy.sparse.csc_matrix((_UNIT * program.P, np.arange(n), np.arange(n + 1)))
+        self._P = scipy.sparse.csc_matrix(
+            (_VARIABLE_UNIT * program.P, np.arange(n), np.arange(n + 1))
+        )
         self._known = program
         self._piqp = piqp.SparseSolver()
         settings = self._settings = self._piqp.settings
@@ -53,12 +55,12 @@ class _Engine:
             self._P,
             program.c,
             self._A,
-            program.b / _UNIT,
+            program.b / _VARIABLE_UNIT,
             self._G,
-            program.l / _UNIT,
-            program.u / _UNIT,
-            program.lb / _UNIT,
-            program.ub / _UNIT,
+            program.l / _VARIABLE_UNIT,
+            program.u / _VARIABLE_UNIT,
+            program.lb / _VARIABLE_UNIT,
+            program.ub / _VARIABLE_UNIT,
         )
 
     def holds(self, program: Program) -> bool:
@@ -70,15 +72,18 @@ class _Engine:
         known = self._known
         changed: dict[str, Any] = {}
         if program.lb is not known.lb or program.ub is not known.ub:
-            changed["x_l"], changed["x_u"] = program.lb / _UNIT, program.ub / _UNIT
+            changed["x_l"], changed["x_u"] = (
+                program.lb / _VARIABLE_UNIT,
+                program.ub / _VARIABLE_UNIT,
+            )
         if program.c is not known.c:
             changed["c"] = program.c
         if program.b is not known.b:
-            changed["b"] = program.b / _UNIT
+            changed["b"] = program.b / _VARIABLE_UNIT
         if program.l is not known.l:  # both are made at once
-            changed["h_l"], changed["h_u"] = program.l / _UNIT, program.u / _UNIT
+            changed["h_l"], changed["h_u"] = program.l / _VARIABLE_UNIT, program.u / _VARIABLE_UNIT
         if program.P is not known.P:
-            np.multiply(program.P, _UNIT, out=self._P.data)
+            np.multiply(program.P, _VARIABLE_UNIT, out=self._P.data)
             changed["P"] = self._P
         if not self.holds(program):
             entries = program.rows.T.ravel()
@@ -95,7 +100,7 @@ class _Engine:
         A feasible program takes some ten iterations; on an infeasible one the multipliers grow
         until the iteration limit, long after they have become a proof.
         """
-        self._settings.max_iter = _FIRST_ITERATIONS + len(program.c) // _LARGER
+        self._settings.max_iter = _FIRST_ITERATIONS + len(program.c) // _COLUMNS_PER_ITERATION
         status, result = self._piqp.solve(), self._piqp.result
         if status == piqp.PIQP_MAX_ITER_REACHED and not (
             program.dual_bound(result.y, result.z_u - result.z_l) > program.worst
@@ -103,7 +108,7 @@ class _Engine:
             self._settings.max_iter = _MOST_ITERATIONS
             self._piqp.solve()
         # Bounds that meet are met to the solver's tolerance: the answer meets them exactly.
-        x = np.minimum(np.maximum(_UNIT * result.x, program.lb), program.ub)
+        x = np.minimum(np.maximum(_VARIABLE_UNIT * result.x, program.lb), program.ub)
         return x, np.array(result.y), result.z_u - result.z_l
 
 
@@ -136,7 +141,7 @@ class _Engines:
             if kept:
                 # Two, so that one stays with a problem that is asked again while others pass.
                 held = [index for index, one in enumerate(kept) if one.holds(program)]
-                if held or len(kept) >= _PER_STRUCTURE:
+                if held or len(kept) >= _ENGINES_PER_STRUCTURE:
                     engine = kept.pop(held[0] if held else 0)
         if engine is None:
             return _Engine(program)
@@ -150,7 +155,7 @@ class _Engines:
                 self._kept.clear()
             kept = self._kept.setdefault(_structure(program), [])
             kept.append(engine)
-            del kept[:-_PER_STRUCTURE]
+            del kept[:-_ENGINES_PER_STRUCTURE]
 
 
 def _structure(program: Program) -> tuple[int, int, int, bytes]:

@@ -25,7 +25,7 @@ _OPTIONS: dict[str, bool | int | float | str] = {
     "dual_feasibility_tolerance": 1e-10,
     "threads": 1,
 }
-_DENSE = 300
+_MOST_DENSE_VARIABLES = 300
 """Variables up to which a dictionary without zeros left out is the faster one."""
 
 
@@ -88,7 +88,7 @@ class Simplex:
             lb: (n,), -inf where there is no bound.
             ub: (n,).
         """
-        make = _Highs if core is None or len(cost) > _DENSE else core.DenseSimplex
+        make = _Highs if core is None or len(cost) > _MOST_DENSE_VARIABLES else core.DenseSimplex
         self._engine = make(cost, lb, ub)
         self._size, self.row_count = len(cost), 0
         self.solves = 0
