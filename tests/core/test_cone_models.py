@@ -447,7 +447,7 @@ def test_a_verdict_needs_cones_that_stand_for_coulombs_law():
 )
 def test_corners_that_are_no_section_are_refused(corners, message):
     with pytest.raises(ArgumentError, match=f"corners: .*{message}"):
-        Section.of(corners)
+        Section.with_corners(corners)
 
 
 def test_the_model_is_named_whose_corners_are_none(monkeypatch):

@@ -49,10 +49,10 @@ def test_an_answer_does_not_depend_on_what_was_solved_before(monkeypatch, algori
     problems = same_structure()
     alone = []
     for problem in problems:
-        monkeypatch.setattr(piqp_engines, "_engines", piqp_engines._Engines())
+        monkeypatch.setattr(piqp_engines, "_kept", {})
         alone.append(figures(algorithm(problem)))
     assert len(set(alone)) == len(problems)
-    monkeypatch.setattr(piqp_engines, "_engines", piqp_engines._Engines())
+    monkeypatch.setattr(piqp_engines, "_kept", {})
     for order in permutations(range(len(problems)), 3):
         for index in order:
             assert figures(algorithm(problems[index])) == alone[index]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation
 from graspless_pin.algorithms.mode_tree import ModePart
@@ -114,8 +115,7 @@ class ModeOracle:
         required = []
         for contact, selected in enumerate(part.selected.tolist()):
             own = part.signs(contact) if selected else (0, 0)
-            along = friction.get(contact, (0, 0))
-            a, b = (-sign or known for sign, known in zip(along, own, strict=True))
+            a, b = (-f or s for f, s in zip(friction[contact].tolist(), own, strict=True))
             if a or b or selected:
                 required.append(Requirement(contact, (a, b)))
         return required
@@ -161,35 +161,24 @@ class ModeOracle:
 
     def describe(self, x: FloatArray) -> SlidingMode:
         """Return the mode that only describes the friction in x, feasible or not."""
-        signs = self._friction(x) or {}
-        requirements = tuple(
-            Requirement(contact, (-a, -b)) for contact, (a, b) in signs.items() if a or b
-        )
-        return mode_of(self.formulation.problem, requirements)
+        friction = self._friction(x)
+        signs = np.zeros((self.formulation.problem.contact_count, 2), dtype=np.int8)
+        if friction is not None:
+            signs -= friction
+        return SlidingMode.unchecked(np.logical_or.reduce(signs, axis=1), signs)
 
     def _at_once(self, x: FloatArray, near: FloatArray | None) -> FoundMode | None:
         """Return the mode of the friction in x, if a motion behind it is found without a search."""
-        formulation = self.formulation
-        if self._always_selected or len(formulation.layers) > 1:
+        if self._always_selected or len(self.formulation.layers) > 1:
             return None
-        friction = x[formulation.cone_columns[0]]
-        with_friction = np.abs(friction) > NO_FRICTION
-        opposed = -np.sign(friction)
-        layout = formulation.coordinates.layout
-        chosen, contacts = layout.cones, layout.cone_contacts
-        if not np.logical_and.reduce(with_friction, axis=None):
-            opposed *= with_friction
-            some = np.logical_or.reduce(with_friction, axis=1)
-            chosen, opposed = chosen[some], opposed[some]
-            contacts = tuple(chosen.tolist())
-        seen = self._glimpse(contacts, opposed.ravel(), near)
+        mode = self.describe(x)
+        seen = self._glimpse(mode.contacts, mode.own_signs.ravel().astype(np.float64), near)
         if seen is None:
             return None
         known, motion = seen
-        selection = np.zeros(formulation.problem.contact_count, dtype=bool)
-        signs = np.zeros((len(selection), 2), dtype=np.int8)
-        selection[chosen], signs[chosen] = True, known.reshape(-1, 2)
-        return FoundMode(SlidingMode.unchecked(selection, signs), motion, is_clear=True)
+        signs = mode.signs.copy()
+        signs[mode.selection] = known.reshape(-1, 2)
+        return FoundMode(SlidingMode.unchecked(mode.selection, signs), motion, is_clear=True)
 
     def admitted_again(
         self, x: FloatArray, mode: SlidingMode, near: FloatArray
@@ -234,20 +223,18 @@ class ModeOracle:
         self.kinematic_programs += found is not None
         return found
 
-    def _friction(self, x: FloatArray) -> dict[int, SignPair] | None:
-        """Signs of the friction at each contact with a cone, 0 where a component vanishes.
+    def _friction(self, x: FloatArray) -> NDArray[np.int8] | None:
+        """(M, 2) signs of the friction in x, 0 where a component vanishes or there is no cone.
 
         None: two sets of forces have opposite signs.
         """
         values = x[self.formulation.cone_columns]
-        signs = np.sign(values).astype(int)
-        signs[np.abs(values) <= NO_FRICTION] = 0
-        contacts = self.formulation.coordinates.layout.cone_contacts
-        if len(signs) > 1:
-            if ((signs > 0).any(axis=0) & (signs < 0).any(axis=0)).any():
-                return None
-            signs = np.sign(signs.sum(axis=0))[None]
-        return dict(zip(contacts, map(tuple, signs[0].tolist()), strict=True))
+        signs = np.sign(values) * (np.abs(values) > NO_FRICTION)
+        if len(signs) > 1 and ((signs > 0.0).any(axis=0) & (signs < 0.0).any(axis=0)).any():
+            return None
+        friction = np.zeros((self.formulation.problem.contact_count, 2), dtype=np.int8)
+        friction[self.formulation.coordinates.layout.cones] = np.sign(signs.sum(axis=0))
+        return friction
 
     @cached_property
     def _always_selected(self) -> list[int]:

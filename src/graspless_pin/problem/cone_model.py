@@ -37,7 +37,7 @@ class Section:
     distances: FloatArray
 
     @classmethod
-    def of(cls, corners: ArrayLike, name: str = "corners") -> Section:
+    def with_corners(cls, corners: ArrayLike, name: str = "corners") -> Section:
         """Return the section with these corners, (r, 2); messages name them.
 
         Raises:
@@ -225,4 +225,4 @@ class ConeModel(ABC):
 
 @cache
 def _section(model: ConeModel, edges: int) -> Section:
-    return Section.of(model.corners(edges), f"corners of the cone '{model.name}'")
+    return Section.with_corners(model.corners(edges), f"corners of the cone '{model.name}'")

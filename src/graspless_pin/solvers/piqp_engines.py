@@ -10,6 +10,7 @@ import piqp
 import scipy.sparse
 from numpy.typing import NDArray
 
+from graspless_pin.caching import Bounded
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.answers import Multipliers
 from graspless_pin.programs.program import Program
@@ -125,49 +126,30 @@ def _columns(rows: FloatArray, part: slice) -> tuple[Any, NDArray[np.int_]]:
     return scipy.sparse.csc_matrix(entries, shape=(size, len(filled))), np.flatnonzero(filled)
 
 
-class _Engines:
-    """The PIQP solvers that are kept, by the structure of their programs."""
-
-    def __init__(self) -> None:
-        """Keep none yet."""
-        self._lock = Lock()
-        self._kept: dict[tuple[int, int, int, bytes], list[_Engine]] = {}
-
-    def take(self, program: Program) -> _Engine:
-        """Return an engine for the program, for this thread alone until it is put back."""
-        engine = None
-        with self._lock:
-            kept = self._kept.setdefault(_structure(program), [])
-            if kept:
-                # Two, so that one stays with a problem that is asked again while others pass.
-                held = [index for index, one in enumerate(kept) if one.holds(program)]
-                if held or len(kept) >= _ENGINES_PER_STRUCTURE:
-                    engine = kept.pop(held[0] if held else 0)
-        if engine is None:
-            return _Engine(program)
-        engine.load(program)
-        return engine
-
-    def put_back(self, engine: _Engine, program: Program) -> None:
-        """Keep an engine for later programs."""
-        with self._lock:
-            if len(self._kept) > _MOST_STRUCTURES:
-                self._kept.clear()
-            kept = self._kept.setdefault(_structure(program), [])
-            kept.append(engine)
-            del kept[:-_ENGINES_PER_STRUCTURE]
-
-
-def _structure(program: Program) -> tuple[int, int, int, bytes]:
-    return len(program.c), len(program.b), len(program.l), program.pattern
-
-
-_engines = _Engines()
+_kept: dict[tuple[int, int, int, bytes], list[_Engine]] = Bounded(_MOST_STRUCTURES)
+"""Engines that no thread uses, by the structure of their programs."""
+_LOCK = Lock()
 
 
 def by_piqp(program: Program) -> Multipliers:
     """PIQP, with a solver kept from an earlier program of the same structure if there is one."""
-    engine = _engines.take(program)
+    structure = len(program.c), len(program.b), len(program.l), program.pattern
+    engine = None
+    with _LOCK:
+        kept = _kept.get(structure, [])
+        held = [index for index, one in enumerate(kept) if one.holds(program)]
+        # Two, so that one stays with a problem that is asked again while others pass.
+        if held or len(kept) >= _ENGINES_PER_STRUCTURE:
+            engine = kept.pop(held[0] if held else 0)
+    if engine is None:
+        engine = _Engine(program)
+    else:
+        engine.load(program)
     answer = engine.solve(program)
-    _engines.put_back(engine, program)
+    with _LOCK:
+        if structure not in _kept:
+            _kept[structure] = []
+        kept = _kept[structure]
+        kept.append(engine)
+        del kept[:-_ENGINES_PER_STRUCTURE]
     return answer
