@@ -101,14 +101,12 @@ class Tries:
 
     Attributes:
         limits: Of all of them.
-        is_limited: Whether there are any.
         cut_short: Whether one of them was ended by a limit, or not begun.
     """
 
     def __init__(self, options: SolveOptions) -> None:
         """Let the time begin."""
         self.limits = Limits.of(options)
-        self.is_limited = self.limits != NO_LIMITS
         self.cut_short = False
 
     def options(self, rules: Rules) -> SolveOptions | None:
@@ -364,7 +362,7 @@ def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggesti
     if options is None:
         return
     found = smallest_factor(problem, solution.objective, options)
-    tries.cut_short |= tries.is_limited and not found.proven
+    tries.cut_short |= tries.limits != NO_LIMITS and not found.proven
     if not found.found:
         return
 

@@ -256,7 +256,7 @@ def _wider_faces(problem: QuasistaticProblem, found: Marginals, local: FloatArra
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MarginSensitivity(Brief):
-    """Derivatives of the largest margin in its optimal mode.
+    """Derivatives of the largest margin in its optimal mode, out of its `OptimumGradients`.
 
     Where the optimum is degenerate or the mode is about to change, they are one of several
     one-sided derivatives. See the example of `margin_sensitivity`.
@@ -310,7 +310,7 @@ class MarginSensitivity(Brief):
 def margin_sensitivity(
     problem: QuasistaticProblem, **options: Unpack[SolveKeywords]
 ) -> MarginSensitivity:
-    """Differentiate the largest margin by its data.
+    """Differentiate the largest margin by its data: `optimum_gradients` of `maximize_margin`.
 
     Args:
         problem: Contacts, wrench, joints and limits.

@@ -91,9 +91,7 @@ class NearestMotions:
         """
         if not contacts:
             return signs, np.zeros(self._rows.shape[2])
-        if near is not None and len(near) != self._rows.shape[2]:
-            near = None
-        if near is not None:
+        if near is not None and len(near) == self._rows.shape[2]:
             seen = self._held(contacts, near)
             full = seen.completed(signs)
             if self._slides(seen, full):

@@ -113,8 +113,7 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
     n = finite_array("normals", normals, (None, 3))
     unit_rows("normals", n)
     owner: dict[int, int] = {}
-    columns, lower, upper, names = [np.zeros((3 * len(n), 0))], [], [], []
-    units: list[JointUnit] = []
+    spaces: list[JointSpace] = []
     for index, finger in enumerate(fingers):
         label = f"fingers[{index}]"
         for contact in _indices(label, finger.contacts):
@@ -128,22 +127,21 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
                     f"names contact {contact}, which is of finger {owner[contact]}",
                 )
             owner[contact] = index
-        block, low, high, count = _finger_block(label, finger, n)
-        columns.append(block)
-        lower.append(low)
-        upper.append(high)
-        given = finger.joint_names
-        if given is None:
-            given = [f"finger_{index + 1}_joint_{j + 1}" for j in range(count)]
-        if len(given) != count:
-            raise ArgumentError(f"{label}.joint_names", f"has {len(given)} names for {count}")
-        names.extend(given)
-        units += _units(label, finger, count)
+        block, limits = _finger_block(label, finger, n)
+        count, names = block.shape[1], finger.joint_names
+        if names is None:
+            names = [f"finger_{index + 1}_joint_{j + 1}" for j in range(count)]
+        if len(names) != count:
+            raise ArgumentError(f"{label}.joint_names", f"has {len(names)} names for {count}")
+        spaces.append(JointSpace(block, limits, tuple(names), _units(label, finger, count)))
+    lower, upper = (
+        np.concatenate([*(space.torque_limits[side] for space in spaces), []]) for side in (0, 1)
+    )
     return JointSpace(
-        read_only(np.hstack(columns)),
-        (read_only(np.concatenate([*lower, []])), read_only(np.concatenate([*upper, []]))),
-        tuple(names),
-        tuple(units),
+        read_only(np.hstack([np.zeros((3 * len(n), 0)), *(space.jacobian for space in spaces)])),
+        (read_only(lower), read_only(upper)),
+        tuple(name for space in spaces for name in space.joint_names),
+        tuple(unit for space in spaces for unit in space.joint_units),
     )
 
 
@@ -164,8 +162,8 @@ def _indices(label: str, contacts: Sequence[int]) -> list[int]:
 
 def _finger_block(
     label: str, finger: FingerContacts, normals: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """Return one finger's (3M, L_i) columns, its limits and L_i."""
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    """Return one finger's (3M, L_i) columns and its limits."""
     size = 3 * len(normals)
     try:
         mode = ControlMode(finger.mode)
@@ -175,7 +173,7 @@ def _finger_block(
             f"{label}.mode", f"is {finger.mode!r}; it must be one of {known}"
         ) from None
     if mode is ControlMode.POSITION:
-        return np.zeros((size, 0)), np.zeros(0), np.zeros(0), 0
+        return np.zeros((size, 0)), (np.zeros(0), np.zeros(0))
     if mode is ControlMode.HYBRID:
         if len(finger.contacts) != 1:
             raise ArgumentError(
@@ -186,7 +184,7 @@ def _finger_block(
         contact = finger.contacts[0]
         column[3 * contact : 3 * contact + 3, 0] = normals[contact]
         limit = real_number(f"{label}.max_force", finger.max_force, 0.0, finite=False)
-        return column, np.zeros(1), np.array([limit]), 1
+        return column, (np.zeros(1), np.array([limit]))
     if finger.jacobian is None:
         raise ArgumentError(f"{label}.jacobian", "is missing; a force-controlled finger needs it")
     limits = finger.torque_limits
@@ -198,10 +196,8 @@ def _finger_block(
     block = np.zeros((size, own.shape[1]))
     for row, contact in enumerate(finger.contacts):
         block[3 * contact : 3 * contact + 3] = own[3 * row : 3 * row + 3]
-    count = own.shape[1]
-    return (
-        block,
-        per_item(f"{label}.torque_limits lower", limits[0], count),
-        per_item(f"{label}.torque_limits upper", limits[1], count),
-        count,
+    lower, upper = (
+        per_item(f"{label}.torque_limits {side}", limit, own.shape[1])
+        for side, limit in zip(("lower", "upper"), limits, strict=True)
     )
+    return block, (lower, upper)
