@@ -66,7 +66,7 @@ class Formulation:
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
         """Solve the program under other bounds; values above the cutoff count as infeasible."""
         cutoff = min(cutoff, self.cutoff)
-        return solve(self.bounded(lb, ub, cutoff), solver, cutoff=cutoff)
+        return solve(self.program.bounded(lb, ub, cutoff), solver, cutoff=cutoff)
 
     def solve_along(
         self, friction: Mapping[int, Sector | None], solver: str, *, cutoff: float
@@ -91,12 +91,6 @@ class Formulation:
             if sector is not None:
                 x[tangent[contact]] = -sector.edges @ x[tangent[contact]]
         return answer.moved(x, answer.value, answer.residual)
-
-    def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float) -> Program:
-        """Return the program with other bounds; values above the cutoff are of no interest."""
-        if lb is self.program.lb and ub is self.program.ub:
-            return self.program
-        return self.program.bounded(lb, ub, cutoff)
 
     def capped(self, most: float) -> Formulation:
         """Return the same with its last added column at most so large."""

@@ -169,7 +169,7 @@ class _WarmState(SearchState):
             active: ActiveSet of a similar problem under bounds of the same kind.
         """
         cutoff = min(self.best_value, self.formulation.cutoff)
-        program = self.formulation.bounded(lb, ub, cutoff)
+        program = self.formulation.program.bounded(lb, ub, cutoff)
         known = None if active is None else solved_on(program, active, cutoff)
         if known is not None:
             self.force_programs += 1

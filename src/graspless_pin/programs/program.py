@@ -199,6 +199,8 @@ class Program:
             ub: (n,) upper bounds.
             cutoff: A value above which solutions are of no interest.
         """
+        if lb is self.lb and ub is self.ub:
+            return self
         if "worst" not in self.__dict__:
             _ = self.is_linear, self.rows, self._sparse, self.sides, self.pattern, self.worst
             _ = self.is_far, self.farthest, self.highest, self.has_rows_in_range
