@@ -305,6 +305,21 @@ def test_the_checker_refuses_what_is_missing_of_a_ball(of_ball: dict[str, Any]) 
             verify_document(document)
 
 
+def test_a_ball_whose_bound_the_limit_left_open_is_told(tmp_path: Path) -> None:
+    """The members that bound the torques have forces, in modes that twelve nodes do not find."""
+    file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.05, "force_radius": 0.05})
+    target = tmp_path / "solution.json"
+    asked = ("--algorithm", "torque", "--margin", "0.05", "--no-verdict", "--json", target)
+    result = run("solve", file, *asked)
+    assert result.exit_code == 0
+    assert "N m, proven for the whole set" in words(result.stdout)
+    document = read_document(target)
+    assert not document["uncertainty"]["proof"]["found"]
+    checked = verify_document(document)
+    assert checked.passed and not checked.proven
+    assert "bound: stated" in [one.name for one in checked.checks if one.passed is None]
+
+
 def test_one_mode_is_what_covers_the_set_under_the_rules(tmp_path: Path) -> None:
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1, "center_of_mass": 0.004})
     target = tmp_path / "solution.json"

@@ -164,12 +164,21 @@ class RobustSolution(Brief):
 
     @property
     def max_torque_unit(self) -> JointUnit:
-        """Unit of the joint with the largest |torque| in the solution; N m without joints."""
-        return self.solution.max_torque_unit
+        """Unit of the joint with the largest |torque| in any member; N m without joints.
+
+        Raises:
+            NoSolutionError: If nothing was found.
+        """
+        units = self.members[0].problem.joint_units
+        return units[int(self.largest_commands.argmax())] if units else JointUnit.TORQUE
 
     @property
     def value(self) -> float:
-        """The worst value of the objective in any member, in its unit; NaN: nothing was found."""
+        """The worst value of the objective in any member, in its unit.
+
+        Raises:
+            NoSolutionError: If nothing was found.
+        """
         if self.policy is not None:
             return self.policy.value(self.solution.objective)
         return self.solution.value

@@ -75,11 +75,13 @@ def uncertainty_checks(
                         for one in joints])  # fmt: skip
     if stated.get("policy") is not None:
         each = [_member(one, problem) for one in members]
-        bound = proof["certificate"]["bound"]
+        bound = proof["certificate"].maybe("bound")
         checks += policy_checks(stated, problem, each, [torques, stacked(joints, "torque")])
         proven = [
             _is_joined(joined, problem, stated["bounding"], constant=constant),
-            agrees("stated", stated["bound"], bound, tolerances.SAME * abs(bound)),
+            Check("stated", None, "the limit ended its search before forces were found")
+            if bound is None
+            else agrees("stated", stated["bound"], bound, tolerances.SAME * abs(bound)),
             *run(nested),
         ]
         return [*checks, *(replace(one, name=f"bound: {one.name}") for one in proven)]
