@@ -21,6 +21,7 @@ from graspless_pin.algorithms.options import NO_LIMITS, Limits
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.members import Member, shared_commands
+from graspless_pin.problem.scales import passive_levers
 from graspless_pin.programs.answers import PRIMAL_TOLERANCE
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
 from graspless_pin.programs.objectives import Margin, Torque
@@ -30,32 +31,34 @@ CANCELS = 1e-9
 """Scaled: what balance may leave of a unit of what is unknown."""
 
 
-class CornerRows(NamedTuple):
-    """Rows of a corner in its force coordinates, without those that its mode forbids.
+class Group(NamedTuple):
+    """Corners of the same contacts, and the same loads of what is unknown: what they share.
+
+    The n columns are force coordinates, without those that the mode forbids.
 
     Attributes:
+        corners: Their numbers.
         coordinates: Of all forces.
         kept: (n,) columns that are there.
         rows: (R, n) that stay below their sides.
         level: (R,) what the margin counts in each.
         sides: (R,).
-        balance: (P, n).
-        wrench: (P,) its sides.
-        weight: (P,) what a load over the load counts there.
+        effects: (P + s, n) balance, then shared commands.
+        inverse: (n, P + s) pseudo-inverse.
         torque: (L, n) commands, over the joint scale.
-        carried: (L,) those without forces.
+        loads: (P, D) sides of the balance of each unknown.
     """
 
+    corners: list[int]
     coordinates: ForceCoordinates
     kept: NDArray[np.int_]
     rows: FloatArray
     level: FloatArray
     sides: FloatArray
-    balance: FloatArray
-    wrench: FloatArray
-    weight: FloatArray
+    effects: FloatArray
+    inverse: FloatArray
     torque: FloatArray
-    carried: FloatArray
+    loads: FloatArray
 
     def forces(self, x: FloatArray) -> FloatArray:
         """Return the (M, 3) contact forces of n columns, N."""
@@ -64,48 +67,47 @@ class CornerRows(NamedTuple):
         return self.coordinates.forces(whole)
 
 
-class Group(NamedTuple):
-    """Corners of the same contacts, and the same loads of what is unknown.
-
-    Attributes:
-        corners: Their numbers.
-        rows: Of the first; wrench and what is carried are its own.
-        effects: (P + s, n) balance, then shared commands.
-        inverse: (n, P + s) pseudo-inverse.
-        loads: (P, D) sides of the balance of each unknown.
-    """
-
-    corners: list[int]
-    rows: CornerRows
-    effects: FloatArray
-    inverse: FloatArray
-    loads: FloatArray
-
-
-def corner_rows(
-    corners: Sequence[Member], scale: ForceCoordinates, mode: SlidingMode | None
-) -> list[CornerRows]:
-    """Return the rows of each corner.
+def grouped(
+    corners: Sequence[Member],
+    unknowns: Unknowns,
+    scale: ForceCoordinates,
+    shared: FloatArray,
+    mode: SlidingMode | None,
+) -> list[Group]:
+    """Return the corners that may share what their forces add for each unknown.
 
     Args:
         corners: K members.
+        unknowns: What is unknown.
         scale: The scales of all.
+        shared: (s, L) sums of scaled commands that are the same for all members.
         mode: The one mode of all forces; None: plain Coulomb friction.
     """
-    found: list[CornerRows] = []
-    known: dict[bytes, CornerRows] = {}
-    for member in corners:
-        key = member.problem.friction.tobytes() + member.factors.tobytes()
-        if key not in known:
-            known[key] = _rows_of(member, scale, mode)
-        rows = known[key]
-        carried = member.commanded(np.zeros(member.problem.joint_count)) / scale.joint_scale
-        wrench = -rows.weight * member.problem.external_wrench / scale.force_scale
-        found.append(rows._replace(wrench=wrench, carried=carried))
-    return found
+    groups: dict[bytes, Group] = {}
+    weight = _weight(corners[0], scale)
+    for number, member in enumerate(corners):
+        loads = -weight[:, None] * unknowns.loads[number] / scale.force_scale
+        parts = loads.round(12) + 0.0, member.problem.friction, member.factors
+        key = b"".join(one.tobytes() for one in parts)
+        if key not in groups:
+            groups[key] = _group(member, loads, scale, shared, mode)
+        groups[key].corners.append(number)
+    return list(groups.values())
 
 
-def _rows_of(member: Member, scale: ForceCoordinates, mode: SlidingMode | None) -> CornerRows:
+def _weight(corner: Member, scale: ForceCoordinates) -> FloatArray:
+    """Return (P,) what a load over the load counts in each row of the balance."""
+    return 1.0 / passive_levers(corner.problem.passive_units, scale.length_scale)
+
+
+def _group(
+    member: Member,
+    loads: FloatArray,
+    scale: ForceCoordinates,
+    shared: FloatArray,
+    mode: SlidingMode | None,
+) -> Group:
+    """Return a group without its corners, of which a member is one: see `grouped`."""
     problem = member.problem
     if problem.cone_model.second_order:
         problem = problem.with_changes(cone="edges")  # inside the round cones
@@ -123,44 +125,21 @@ def _rows_of(member: Member, scale: ForceCoordinates, mode: SlidingMode | None) 
         level.append(np.zeros(len(opposed)))
         sides.append(np.zeros(len(opposed)))
         kept = np.setdiff1d(kept, columns[signs == 0])
-    torque = forces.torque / member.factors[:, None]
-    return CornerRows(
-        coordinates, kept, np.vstack(rows)[:, kept], np.concatenate(level), np.concatenate(sides),
-        forces.balance[:, kept], forces.wrench, forces.weight, torque[:, kept], forces.gravity,
+    torque = forces.torque[:, kept] / member.factors[:, None]
+    effects = np.vstack([forces.balance[:, kept], shared @ torque])
+    inverse: FloatArray = np.asarray(np.linalg.pinv(effects, rcond=CANCELS), dtype=float)
+    return Group(
+        [], coordinates, kept, np.vstack(rows)[:, kept], np.concatenate(level),
+        np.concatenate(sides), effects, inverse, torque, loads,
     )  # fmt: skip
-
-
-def grouped(
-    corners: Sequence[Member],
-    rows: Sequence[CornerRows],
-    unknowns: Unknowns,
-    shared: FloatArray,
-) -> list[Group]:
-    """Return the corners that may share what their forces add for each unknown.
-
-    Args:
-        corners: K members.
-        rows: K of them.
-        unknowns: What is unknown.
-        shared: (s, L) sums of scaled commands that are the same for all members.
-    """
-    groups: dict[bytes, Group] = {}
-    for number, (member, own) in enumerate(zip(corners, rows, strict=True)):
-        loads = -own.weight[:, None] * unknowns.loads[number] / own.coordinates.force_scale
-        parts = loads.round(12) + 0.0, member.problem.friction, member.factors
-        key = b"".join(one.tobytes() for one in parts)
-        if key not in groups:
-            effects = np.vstack([own.balance, shared @ own.torque])
-            inverse: FloatArray = np.asarray(np.linalg.pinv(effects, rcond=CANCELS), dtype=float)
-            groups[key] = Group([], own, effects, inverse, loads)
-        groups[key].corners.append(number)
-    return list(groups.values())
 
 
 _ACTIVE = 1e-3
 """Of the sum of all multipliers of a corner: rows with less do not count."""
-_SAME, _MOST_ACTIVE = 1e-3, 100
+_DIGITS = 3
+"""Of d: members that agree in these count as one."""
 _FAR = 1e6
+"""Of what the load makes of a joint: limits of torques from there on are looked at in the end."""
 
 
 def best_policy(
@@ -232,9 +211,13 @@ class _AffineProgram:
         shared = shared_commands(corners, directions)[0] * scale.joint_scale
         sizes = np.abs(shared).max(axis=1, initial=0.0)
         self.shared = shared / np.where(sizes > 0.0, sizes, 1.0)[:, None]
-        self.rows = corner_rows(corners, scale, mode)
-        self.groups = grouped(corners, self.rows, unknowns, self.shared)
-        self.of_joint = np.flatnonzero(unknowns.joints >= 0)
+        self.groups = grouped(corners, unknowns, scale, self.shared, mode)
+        still = np.zeros(first.joint_count)
+        self.carried = np.array([one.commanded(still) for one in corners]) / scale.joint_scale
+        wrenches = np.array([one.problem.external_wrench for one in corners])
+        self.wrenches = -_weight(corners[0], scale) * wrenches / scale.force_scale
+        self.of_joint = unknowns.of_errors
+        self.joints = unknowns.joints[self.of_joint]
         self.free = sorted({one for group in self.groups for one in self._free(group)})
 
     def best(self, limits: Limits) -> ForcePolicy | None:
@@ -249,8 +232,7 @@ class _AffineProgram:
     def _sides(self, group: Group, errors: FloatArray) -> FloatArray:
         """Return (P + s, D) what the forces of each unknown have to make; errors (L,) scaled."""
         commands = np.zeros((len(errors), len(self.unknowns.balls)))
-        joints = self.unknowns.joints[self.of_joint]
-        commands[joints, self.of_joint] = errors[joints]
+        commands[self.joints, self.of_joint] = errors[self.joints]
         return np.vstack([group.loads, self.shared @ commands])
 
     def _free(self, group: Group) -> list[int]:
@@ -262,10 +244,10 @@ class _AffineProgram:
 
     def _build(self) -> None:
         built, unknowns, objective = self.built, self.unknowns, self.objective
-        count, D = len(self.rows[0].kept), len(unknowns.balls)
+        count = len(self.groups[0].kept)
         self.at = [built.columns(count) for _ in self.corners]
-        self.slopes = [[built.columns(count) for _ in range(D)] for _ in self.groups]
-        self.errors = built.columns(len(unknowns.joints[self.of_joint]))
+        self.slopes = [[built.columns(count) for _ in unknowns.balls] for _ in self.groups]
+        self.errors = built.columns(len(self.joints))
         margin: float | NDArray[np.int_]
         if isinstance(objective, Margin):
             margin = built.columns(1, cost=-1.0)
@@ -280,28 +262,24 @@ class _AffineProgram:
 
     def _balance(self) -> None:
         """Balance at d = 0 and of each d; the same commands, and errors that forces make up for."""
-        first, start = self.rows[0], Entries.of(-(self.shared @ self.rows[0].torque))
-        for number, rows in enumerate(self.rows):
-            own = int(self.at[number][0])
-            self.built.equal([Entries.of(rows.balance).at(own)], rows.wrench)
-            if number:
-                torque = Entries.of(self.shared @ rows.torque)
-                self.built.equal(
-                    [torque.at(own), start.at(int(self.at[0][0]))],
-                    self.shared @ (first.carried - rows.carried),
-                )
-        passive = len(first.balance)
+        passive = self.wrenches.shape[1]
+        start = Entries.of(-self.groups[0].effects[passive:]).at(int(self.at[0][0]))
         for slopes, group in zip(self.slopes, self.groups, strict=True):
+            balance, torque = map(Entries.of, (group.effects[:passive], group.effects[passive:]))
+            for number in group.corners:
+                own = int(self.at[number][0])
+                self.built.equal([balance.at(own)], self.wrenches[number])
+                if number:
+                    apart = self.carried[0] - self.carried[number]
+                    self.built.equal([torque.at(own), start], self.shared @ apart)
             effects = Entries.of(group.effects)
             sides = self._sides(group, np.zeros(len(self.scale.joint_scale)))
             for number, columns in enumerate(slopes):
                 parts = [effects.at(int(columns[0]))]
-                made = np.flatnonzero(self.of_joint == number)
-                if len(made):
-                    joint = self.unknowns.joints[number]
-                    error = np.zeros((passive + len(self.shared), 1))
-                    error[passive:, 0] = -self.shared[:, joint]
-                    parts.append(Entries.of(error).at(int(self.errors[made[0]])))
+                for made in np.flatnonzero(self.of_joint == number):
+                    error = np.zeros((len(sides), 1))
+                    error[passive:, 0] = -self.shared[:, self.joints[made]]
+                    parts.append(Entries.of(error).at(int(self.errors[made])))
                 self.built.equal(parts, sides[:, number])
 
     def _lengths(
@@ -335,10 +313,9 @@ class _AffineProgram:
                 self.built.cones([diagonal(sizes, -1.0)], np.zeros(count), inside)
                 continue
             parts = [inside[0]]
-            made = np.flatnonzero(self.of_joint == own[0])
-            if of_commands and len(made):
-                joint = np.array([self.unknowns.joints[own[0]]])
-                parts.append(Entries(joint, self.errors[made], -np.ones(1)))
+            made = self.of_joint == own[0]
+            if of_commands and made.any():
+                parts.append(Entries(self.joints[made], self.errors[made], -np.ones(1)))
             for sign in (1.0, -1.0):
                 signed = [one.at(0, times=sign) for one in parts]
                 self.built.below([*signed, diagonal(sizes, -1.0)], np.zeros(count))
@@ -348,12 +325,11 @@ class _AffineProgram:
         self, group: Group, slopes: list[NDArray[np.int_]], margin: float | NDArray[np.int_]
     ) -> None:
         """Keep the rows of all corners of a group below their sides, by the margin, for all d."""
-        rows, entries = group.rows, Entries.of(group.rows.rows)
-        sides, wide = rows.sides, []
+        entries, sides, wide = Entries.of(group.rows), group.sides, list[Entries]()
         if isinstance(margin, np.ndarray):
-            wide = [Entries.of(rows.level[:, None]).at(int(margin[0]))]
+            wide = [Entries.of(group.level[:, None]).at(int(margin[0]))]
         else:
-            sides = sides - margin * rows.level
+            sides = sides - margin * group.level
         # With one corner the cone of a ball bounds its rows itself, without further columns.
         balls = np.bincount(self.unknowns.balls, minlength=1)
         leave = int(balls.argmax()) if len(group.corners) == 1 and balls.max() > 1 else -1
@@ -373,15 +349,13 @@ class _AffineProgram:
         driven = group.corners if fed else [one for one in group.corners if one == 0]
         if not driven or not len(self.scale.joint_scale):
             return
-        problem, scale = self.corners[0].problem, self.scale.joint_scale
-        torque = group.rows.torque
+        scale, torque = self.scale.joint_scale, group.torque
         lengths = (
             self._lengths(Entries.of(torque), len(scale), slopes, of_commands=True) if fed else []
         )
-        loaded, of_errors = torque.any(axis=1), self.unknowns.joints[self.of_joint]
-        sides = ()
-        if isinstance(self.objective, Torque):
-            sides = self.objective.sides(problem, self.scale)
+        loaded = torque.any(axis=1)
+        shares = self.unknowns.shares[self.joints]
+        offsets = -(self.unknowns.offsets / scale)[self.joints]
 
         def below(number: int, sign: float, joints: NDArray[np.int_], times: FloatArray,
                   side: FloatArray, more: list[Entries]) -> None:  # fmt: skip
@@ -390,7 +364,7 @@ class _AffineProgram:
             picked = Entries.of(times[:, None] * np.eye(len(scale))[joints])
             parts = [Entries.of(sign * times[:, None] * torque[joints]).at(int(self.at[number][0]))]
             parts += [picked.at(int(one.columns[0])) for one in lengths]
-            carried = sign * times * self.rows[number].carried[joints]
+            carried = sign * times * self.carried[number][joints]
             self.built.below([*parts, *more], side - carried)
 
         for number in driven:
@@ -399,94 +373,83 @@ class _AffineProgram:
                 # Limits far above the load spoil figures; whether they hold is checked in the end.
                 joints = np.flatnonzero(loaded & (limit < _FAR * scale))
                 below(number, sign, joints, np.ones(len(joints)), (limit / scale)[joints], [])
-                shares = self.unknowns.shares[of_errors]
-                more = [diagonal(self.errors, -1.0)] if len(of_errors) else []
-                offsets = -(self.unknowns.offsets / scale)[of_errors]
-                below(number, sign, of_errors, shares, offsets, more)
-            for one in sides:
+                below(number, sign, self.joints, shares, offsets, [diagonal(self.errors, -1.0)])
+            if not isinstance(self.objective, Torque):
+                continue
+            for one in self.objective.sides(self.corners[0].problem, self.scale):
                 more = [Entries.of(-one.level[:, None]).at(int(self.largest))]
                 times = scale[one.joints] / one.unit
                 below(number, one.sign, one.joints, times, np.zeros(len(times)), more)
 
     def _policy(self, x: FloatArray, z: FloatArray, of_cones: FloatArray) -> ForcePolicy | None:
         """Return what a solver's answer is once equalities hold exactly; None: nothing it says."""
-        force, joints = self.scale.force_scale, self.scale.joint_scale
+        joints, D = self.scale.joint_scale, self.unknowns.count
         at = np.array([x[one] for one in self.at])
-        first = self.rows[0]
-        at[0] += np.linalg.lstsq(first.balance, first.wrench - first.balance @ at[0])[0]
-        start = self.shared @ (first.torque @ at[0] + first.carried)
+        first, passive = self.groups[0], self.wrenches.shape[1]
+        balance = first.effects[:passive]
+        at[0] += np.linalg.lstsq(balance, self.wrenches[0] - balance @ at[0])[0]
+        start = self.shared @ (first.torque @ at[0] + self.carried[0])
         errors = np.zeros(len(joints))
-        of_errors = self.unknowns.joints[self.of_joint]
-        errors[of_errors] = x[self.errors]
-        slopes = np.zeros((len(self.groups), at.shape[1], len(self.unknowns.balls)))
+        errors[self.joints] = x[self.errors]
+        slopes = np.zeros((len(self.groups), at.shape[1], D))
         forces = np.zeros((len(at), self.corners[0].problem.contact_count, 3))
-        spread = np.zeros((*forces.shape, slopes.shape[2]))
+        spread = np.zeros((*forces.shape, D))
         active: list[tuple[float, int, FloatArray]] = []
         for number, group in enumerate(self.groups):
-            F = np.array([x[one] for one in self.slopes[number]]).reshape(-1, at.shape[1]).T
+            F = np.array([x[one] for one in self.slopes[number]]).T
             slopes[number] = F + group.inverse @ (self._sides(group, errors) - group.effects @ F)
             for corner in group.corners:
-                rows = self.rows[corner]
                 if corner:
-                    sides = np.concatenate([rows.wrench, start - self.shared @ rows.carried])
+                    commands = start - self.shared @ self.carried[corner]
+                    sides = np.concatenate([self.wrenches[corner], commands])
                     at[corner] += group.inverse @ (sides - group.effects @ at[corner])
-                forces[corner] = rows.forces(at[corner])
-                for one in range(slopes.shape[2]):
-                    spread[corner, :, :, one] = rows.forces(slopes[number][:, one])
-                active += self._needed(corner, rows, slopes[number], z, of_cones)
-        made = np.zeros((len(joints), slopes.shape[2]))
-        made[of_errors, self.of_joint] = (joints * errors)[of_errors]
+                forces[corner] = group.forces(at[corner])
+                spread[corner] = np.stack([group.forces(one) for one in slopes[number].T], axis=-1)
+                active += self._needed(corner, group.rows @ slopes[number], z, of_cones)
+        made = np.zeros((len(joints), D))
+        made[self.joints, self.of_joint] = (joints * errors)[self.joints]
         found = ForcePolicy(
             tuple(self.corners), self.unknowns, read_only(forces), read_only(spread),
             read_only(made), self.directions, _distinct(active),
         )  # fmt: skip
-        return found if self._passes(found, at, slopes, force) else None
+        return found if self._passes(found, at, slopes) else None
 
     def _needed(
-        self, corner: int, rows: CornerRows, slopes: FloatArray, z: FloatArray, of_cones: FloatArray
+        self, corner: int, rows: FloatArray, z: FloatArray, of_cones: FloatArray
     ) -> list[tuple[float, int, FloatArray]]:
-        """Return multiplier, corner and worst d of the rows that bound the optimum."""
+        """Return multiplier, corner and worst d of the rows (R, D) that bound the optimum."""
         places = self.active[corner]
         weights = z[places] if (places >= 0).all() else of_cones[-1 - places]
         counts = np.flatnonzero(weights > _ACTIVE * max(float(weights.sum()), 1e-30))
-        worst = self.unknowns.worst(rows.rows[counts] @ slopes)
+        worst = self.unknowns.worst(rows[counts])
         return [(float(weights[one]), corner, d) for one, d in zip(counts, worst, strict=True)]
 
-    def _passes(self, found: ForcePolicy, at: FloatArray, slopes: FloatArray, force: float) -> bool:
+    def _passes(self, found: ForcePolicy, at: FloatArray, slopes: FloatArray) -> bool:
         """Return whether the policy keeps what it has to, worked out anew and for the worst d."""
-        if not found.residual() <= PRIMAL_TOLERANCE:
+        least = self.objective.required_margin - PRIMAL_TOLERANCE * self.scale.force_scale
+        if not found.residual() <= PRIMAL_TOLERANCE or found.least_margin < least:
             return False
-        least = self.objective.required_margin - PRIMAL_TOLERANCE * force
-        for number, group in enumerate(self.groups):
-            for corner in group.corners:
-                # What a mode asks of friction stands in the rows alone.
-                rows = self.rows[corner]
-                off = rows.rows @ at[corner] - rows.sides
-                off += self.unknowns.sizes_of(rows.rows @ slopes[number])
-                if off.max() > PRIMAL_TOLERANCE or found.margin(corner) < least:
-                    return False
-                problem, room = (
-                    self.corners[corner].problem,
-                    PRIMAL_TOLERANCE * self.scale.joint_scale,
-                )
-                if corner and self.directions is None:
-                    continue
-                nominal, size = found.commands(corner)[0], found.added(corner)
-                if (nominal + size > problem.upper_torque + room).any():
-                    return False
-                if (nominal - size < problem.lower_torque - room).any():
-                    return False
+        for group, slope in zip(self.groups, slopes, strict=True):
+            # What a mode asks of friction stands in the rows alone.
+            off = at[group.corners] @ group.rows.T - group.sides
+            if (off + self.unknowns.sizes_of(group.rows @ slope)).max() > PRIMAL_TOLERANCE:
+                return False
+        tolerance = PRIMAL_TOLERANCE * self.scale.joint_scale
+        for number in found.driven:
+            problem, room = self.corners[number].problem, found.rooms[number] - tolerance
+            beyond = found.commands[number] + room > problem.upper_torque
+            if (beyond | (found.commands[number] - room < problem.lower_torque)).any():
+                return False
         return True
 
 
 def _distinct(active: list[tuple[float, int, FloatArray]]) -> tuple[tuple[int, FloatArray], ...]:
     """Return members with the largest sums of multipliers first, nearly equal ones once."""
-    active = sorted(active, key=lambda one: -one[0])[:_MOST_ACTIVE]
     if not active:
         return ()
-    weights = np.array([one[0] for one in active])
-    points = np.array([np.append(one[1], one[2]) for one in active])
-    same = np.abs(points[:, None] - points).max(axis=2) < _SAME
-    first = np.unique(same.argmax(axis=1))
-    sums = same[first] @ weights
+    points = np.array([np.append(corner, d) for _, corner, d in active])
+    _, first, owner = np.unique(
+        points.round(_DIGITS), axis=0, return_index=True, return_inverse=True
+    )
+    sums = np.bincount(owner.ravel(), [weight for weight, _, _ in active])
     return tuple(active[place][1:] for place in first[np.argsort(-sums, kind="stable")])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -39,7 +40,7 @@ class Unknowns(Brief):
         joints: (D,) the joint whose torque it puts off, -1 where it is of the load.
         shares: (L,) of the largest |command| by which a joint's torque may be off.
         offsets: (L,) by which it may be off beside that, N m (N).
-        words: What the balls are of, and (D,) sizes in words' units.
+        words: What the balls are of, and the units in words.
     """
 
     loads: FloatArray
@@ -50,17 +51,19 @@ class Unknowns(Brief):
     shares: FloatArray
     offsets: FloatArray
     words: tuple[tuple[str, str], ...]
-    sizes: FloatArray
 
     @property
     def count(self) -> int:
         """D."""
         return len(self.balls)
 
+    @property
+    def of_errors(self) -> NDArray[np.int_]:
+        """Numbers of the unknowns that are errors of torques."""
+        return np.flatnonzero(self.joints >= 0)
+
     def sizes_of(self, slopes: FloatArray) -> FloatArray:
         """Return (...,) the most that (..., D) slopes add for any d."""
-        if not len(self.balls):
-            return np.zeros(slopes.shape[:-1])
         starts = np.flatnonzero(np.diff(self.balls, prepend=-1))
         return np.sqrt(np.add.reduceat(slopes**2, starts, axis=-1)).sum(axis=-1)
 
@@ -70,25 +73,41 @@ class Unknowns(Brief):
         lengths = np.sqrt(squares.sum(axis=-1))
         return np.divide(slopes, lengths, out=np.zeros_like(slopes), where=lengths > 0.0)
 
-    def corner(self, corner: Corner | None, d: FloatArray) -> Corner:
-        """Return what a corner is at d: pushed, and with its centre of mass elsewhere."""
-        corner = corner or self.nominal
-        off, force, moment = np.split(self.moved @ d, 3)
-        return replace(
-            corner,
-            center_of_mass=read_only(corner.center_of_mass + off),
-            force=read_only(corner.force + force),
-            moment=read_only(corner.moment + moment),
-        )
+    def member(
+        self, number: int, corner: Member, d: FloatArray, signs: FloatArray | float = 1.0
+    ) -> Member:
+        """Return the member of a corner at d: pushed, and with its centre of mass elsewhere.
 
-    def told(self, d: FloatArray) -> list[str]:
-        """Return one d in words."""
-        told = []
+        Args:
+            number: Of the corner.
+            corner: The corner.
+            d: (D,).
+            signs: Of the commands whose shares are errors, one for each of these.
+        """
+        problem, at, of = corner.problem, corner.corner or self.nominal, self.of_errors
+        factors, offsets = corner.factors.copy(), corner.offsets.copy()
+        factors[self.joints[of]] += self.shares[self.joints[of]] * d[of] * signs
+        offsets[self.joints[of]] += self.offsets[self.joints[of]] * d[of]
+        wrench = problem.external_wrench + self.loads[number] @ d
+        off, force, moment = np.split(self.moved @ d, 3)
+        moved = replace(
+            at,
+            center_of_mass=read_only(at.center_of_mass + off),
+            force=read_only(at.force + force),
+            moment=read_only(at.moment + moment),
+        )
+        told = [] if corner.words == "nominal" else [corner.words]
+        words = ", ".join([*told, *self._told(d)]) or "nominal"
+        loaded = under_load(problem, wrench, problem.gravity_torques)
+        return Member(loaded, factors, offsets, words, moved)
+
+    def _told(self, d: FloatArray) -> list[str]:
+        """Return d in words."""
+        told, values = [], np.where(self.joints < 0, self.moved.sum(axis=0), 1.0) * d
         for ball, (name, unit) in enumerate(self.words):
             own = self.balls == ball
             if np.abs(d[own]).max() > 1e-9:
-                values = ", ".join(f"{x:+.3g}" for x in (self.sizes * d)[own].tolist())
-                told.append(f"{name} [{values}] {unit}")
+                told.append(f"{name} [{', '.join(f'{x:+.3g}' for x in values[own])}] {unit}")
         return told
 
 
@@ -108,57 +127,42 @@ def unknowns_of(
         weight: Which part of the load is weight.
         corners: K of them.
     """
-    loads: list[FloatArray] = []
-    moved: list[FloatArray] = []
-    words: list[tuple[str, str]] = []
-    balls: list[int] = []
-    sizes: list[float] = []
-    count, passive, zero = len(corners), problem.passive_count, np.zeros(3)
+    zero = np.zeros(3)
     nominal = Corner(0.0, zero, weight.down, zero, zero, np.zeros(problem.contact_count))
-
-    def add(maps: FloatArray, first: int, named: tuple[str, str], scale: FloatArray, *,
-            together: bool) -> None:  # fmt: skip
-        """Add (K, P, 3) loads of three axes: those of a ball, or intervals that are not empty."""
-        name, unit = named
-        for axis in np.flatnonzero(scale):
-            if not together or axis == 0:
-                words.append((name if together else f"{name} {'xyz'[axis]}", unit))
+    # Of each: its place among the nine, what it is, sizes along axes, and whether it is a ball.
+    parts: list[tuple[int, str, str, FloatArray, bool]] = []
+    for first, name, unit in ((3, "force", "N"), (6, "moment", "N m")):
+        box = zero if getattr(of_corners, name).any() else getattr(uncertainty, name)
+        radius = np.full(3, getattr(uncertainty, f"{name}_radius"))
+        beside = f"{name} beside" if box.any() else name
+        parts += [(first, name, unit, box, False), (first, beside, unit, radius, True)]
+    radius = np.full(3, uncertainty.center_of_mass_radius)
+    parts.append((0, "centre of mass", "m", radius, True))
+    words, balls, moved = list[tuple[str, str]](), list[int](), list[FloatArray]()
+    for first, name, unit, sizes, is_ball in parts:
+        for axis in np.flatnonzero(sizes).tolist():
+            if axis == 0 or not is_ball:
+                words.append((name if is_ball else f"{name} {'xyz'[axis]}", unit))
             balls.append(len(words) - 1)
-            sizes.append(float(scale[axis]))
-            loads.append(scale[axis] * maps[:, :, axis])
-            moved.append(scale[axis] * np.eye(9)[first + axis])
-
-    for first, name, unit in ((0, "force", "N"), (3, "moment", "N m")):
-        box, radius = getattr(uncertainty, name), getattr(uncertainty, f"{name}_radius")
-        box = np.zeros(3) if getattr(of_corners, name).any() else box
-        if box.any() or radius > 0.0:
-            maps = np.broadcast_to(np.eye(6)[:, first : first + 3], (count, 6, 3))
-            add(maps, 3 + first, (name, unit), box, together=False)
-            beside = f"{name} beside" if box.any() else name
-            add(maps, 3 + first, (beside, unit), np.full(3, radius), together=True)
-    radius = uncertainty.center_of_mass_radius
-    if radius > 0.0:
-        maps = np.zeros((count, 6, 3))
-        for number, one in enumerate(corners):
-            at = one.corner or nominal
-            maps[number, 3:] = np.cross(weight.axes.T, weight.pull(at.mass, at.down)).T
-        add(maps, 0, ("centre of mass", "m"), np.full(3, radius), together=True)
+            moved.append(sizes[axis] * np.eye(9)[first + axis])
     shares, offsets = errors_of(problem, uncertainty)
     if any(part.any() for part in errors_of(problem, of_corners)):
         shares, offsets = np.zeros_like(shares), np.zeros_like(offsets)
     joints = np.flatnonzero((shares > 0.0) | (offsets > 0.0))
-    of_load = len(loads)
-    for joint in joints.tolist():
-        words.append((f"error of {problem.joint_names[joint]}", "of its largest"))
-        balls.append(len(words) - 1)
-        sizes.append(1.0)
-        loads.append(np.zeros((count, passive)))
-        moved.append(np.zeros(9))
-    stacked = np.array(loads).reshape(len(loads), count, passive).transpose(1, 2, 0)
-    of_joint = np.concatenate([np.full(of_load, -1), joints]).astype(int)
+    of_joint = np.concatenate([np.full(len(balls), -1), joints]).astype(int)
+    balls += range(len(words), len(words) + len(joints))
+    words += [(f"error of {problem.joint_names[one]}", "of its largest") for one in joints]
+    moves = np.zeros((9, len(balls)))
+    moves[:, : len(moved)] = np.reshape(moved, (-1, 9)).T
+    maps = np.zeros((len(corners), problem.passive_count, 9))
+    if moved:  # of one free object
+        maps[:, :, 3:] = np.eye(6)
+        for number, one in enumerate(corners):
+            at = one.corner or nominal
+            maps[number, 3:, :3] = np.cross(weight.axes.T, weight.pull(at.mass, at.down)).T
     return Unknowns(
-        stacked, np.array(moved).reshape(-1, 9).T, nominal, np.array(balls, dtype=int), of_joint,
-        shares, offsets, tuple(words), np.array(sizes),
+        maps @ moves, moves, nominal, np.array(balls, dtype=int), of_joint, shares, offsets,
+        tuple(words),
     )  # fmt: skip
 
 
@@ -172,40 +176,34 @@ def extreme_members(
         unknowns: What d is.
         of: Numbers of unknowns; None: ends of all, drawn from a seeded generator.
     """
-    found, count = [], len(unknowns.balls)
-    drawn = np.random.default_rng(0).choice([-1.0, 1.0], (_DRAWN, count))
-    ends = unknowns.worst(drawn) if of is None else np.eye(count)[of]
-    for (number, corner), d, sign in product(enumerate(corners), ends, (1.0, -1.0)):
-        factors, offsets = corner.factors.copy(), corner.offsets.copy()
-        of_joint = unknowns.joints >= 0
-        joints, off = unknowns.joints[of_joint], sign * d[of_joint]
-        factors[joints] += off * unknowns.shares[joints]
-        offsets[joints] += off * unknowns.offsets[joints]
-        wrench = corner.problem.external_wrench + unknowns.loads[number] @ (sign * d)
-        found.append(_member_at(corner, unknowns, sign * d, wrench, factors, offsets))
-    return found
+    drawn = np.random.default_rng(0).choice([-1.0, 1.0], (_DRAWN, unknowns.count))
+    ends = unknowns.worst(drawn) if of is None else np.eye(unknowns.count)[of]
+    return [
+        unknowns.member(number, corner, sign * d)
+        for (number, corner), d, sign in product(enumerate(corners), ends, (1.0, -1.0))
+    ]
 
 
-def _member_at(
-    member: Member,
-    unknowns: Unknowns,
-    d: FloatArray,
-    wrench: FloatArray,
-    factors: FloatArray,
-    offsets: FloatArray,
-) -> Member:
-    """Return a member at d, under another wrench and with other errors of its joints."""
-    return Member(
-        under_load(member.problem, wrench, member.problem.gravity_torques),
-        factors,
-        offsets,
-        _joined_words(member.words, unknowns.told(d)),
-        unknowns.corner(member.corner, d),
-    )
+def far_apart(
+    points: FloatArray, chosen: Sequence[int], count: int, distances: FloatArray | None = None
+) -> list[int]:
+    """Return numbers of points (K, n) that are far from each other: farthest-point sampling.
 
+    The greedy choice of Gonzalez, Theor. Comput. Sci. 38, 1985.
 
-def _joined_words(words: str, told: list[str]) -> str:
-    return ", ".join([*([] if words == "nominal" else [words]), *told]) or "nominal"
+    Args:
+        points: The points.
+        chosen: Numbers of those to begin with.
+        count: How many to choose, these among them, unless there are fewer.
+        distances: (K,) that points are no farther from what was chosen than; None: any.
+    """
+    far = np.full(len(points), np.inf) if distances is None else distances
+    chosen, begin = [], list(chosen)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(begin.pop(0) if begin else int(far.argmax()))
+        far = np.minimum(far, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        far[chosen] = -1.0
+    return chosen
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,96 +231,105 @@ class ForcePolicy(Brief):
     directions: FloatArray | None
     active: tuple[tuple[int, FloatArray], ...]
 
-    def commands(self, corner: int) -> tuple[FloatArray, FloatArray]:
-        """Return (L,) commanded torques of a corner at d = 0, and (L, D) what d adds to them."""
-        member = self.corners[corner]
-        J = member.problem.J.T
-        slopes = J @ self.slopes[corner].reshape(J.shape[1], -1)
-        nominal = member.commanded(J @ self.forces[corner].ravel())
-        return nominal, slopes / member.factors[:, None] - self.errors
+    @cached_property
+    def commands(self) -> FloatArray:
+        """(K, L) commanded torques of each corner at d = 0, N m (N)."""
+        each = zip(self.corners, self.forces, strict=True)
+        return np.array([one.commanded(one.problem.J.T @ force.ravel()) for one, force in each])
 
-    def added(self, corner: int) -> FloatArray:
-        """Return (L,) the most that d adds to commands, N m (N); zero where none is fed back."""
-        nominal, slopes = self.commands(corner)
-        return np.zeros_like(nominal) if self.directions is None else self._sizes(slopes)
+    @cached_property
+    def added(self) -> FloatArray:
+        """(K, L, D) what 1 of each adds to these."""
+        each = zip(self.corners, self._flat_slopes, strict=True)
+        made = [one.problem.J.T @ slopes / one.factors[:, None] for one, slopes in each]
+        return np.array(made) - self.errors
 
-    def most(self, corner: int) -> FloatArray:
-        """Return (L,) the largest |command| of each joint, N m (N)."""
-        return np.abs(self.commands(corner)[0]) + self.added(corner)
+    @property
+    def _flat_slopes(self) -> FloatArray:
+        count = self.forces[0].size
+        return self.slopes.reshape(len(self.corners), count, self.unknowns.count)
+
+    @cached_property
+    def rooms(self) -> FloatArray:
+        """(K, L) the most that d adds to commands, N m (N); zero where none is fed back."""
+        if self.directions is None:
+            return np.zeros_like(self.commands)
+        return self.unknowns.sizes_of(self.added)
+
+    @property
+    def driven(self) -> range:
+        """Numbers of the corners whose commands count: constant torques are those of the first."""
+        return range(1 if self.directions is None else len(self.corners))
+
+    @property
+    def largest_commands(self) -> FloatArray:
+        """(L,) the largest |command| of each joint in any member, N m (N)."""
+        return (np.abs(self.commands) + self.rooms)[self.driven].max(axis=0)
 
     @property
     def max_torque(self) -> float:
         """The largest |command| in any member, N m or N."""
-        driven = range(1 if self.directions is None else len(self.corners))
-        return max(float(self.most(one).max(initial=0.0)) for one in driven)
+        return float(self.largest_commands.max(initial=0.0))
 
     @property
     def least_margin(self) -> float:
         """The margin that the forces of all members keep, N."""
-        return min(map(self.margin, range(len(self.corners))))
+        return float(self.margins.min())
 
     def value(self, objective: Objective) -> float:
         """Return the worst value of one of the paper's objectives in any member, in its unit."""
         if objective.maximizes:
             return self.least_margin
-        if not objective.by_limits:
-            return self.max_torque
-        return max(self._share(one) for one in range(len(self.corners)))
+        return self._largest_share if objective.by_limits else self.max_torque
 
-    def margin(self, corner: int) -> float:
-        """Return the least margin over all d, N: of side faces, and of both ends of normal forces.
+    @cached_property
+    def margins(self) -> FloatArray:
+        """(K,) the least margins over all d, N: of side faces, and of both ends of normal forces.
 
         The pyramids of the problem stand inside its round cones.
         """
-        problem = self.corners[corner].problem
-        faces = problem.H.T[problem.H.any(axis=0)]
-        rows = np.vstack([faces, -problem.N.T, problem.N.T])
-        zero = np.zeros(len(faces) + problem.contact_count)
-        sides = np.concatenate([zero, problem.max_normal_force])
-        slopes = rows @ self.slopes[corner].reshape(rows.shape[1], -1)
-        return float((sides - rows @ self.forces[corner].ravel() - self._sizes(slopes)).min())
+        least = []
+        for corner, force, slopes in zip(self.corners, self.forces, self._flat_slopes, strict=True):
+            problem = corner.problem
+            faces = problem.H.T[problem.H.any(axis=0)]
+            rows = np.vstack([faces, -problem.N.T, problem.N.T])
+            sides = np.zeros(len(rows))
+            sides[-problem.contact_count :] = problem.max_normal_force
+            room = sides - rows @ force.ravel() - self.unknowns.sizes_of(rows @ slopes)
+            least.append(room.min())
+        return np.array(least)
 
-    def _share(self, corner: int) -> float:
-        """Return the largest share of a joint's limit that is commanded."""
-        problem, nominal = self.corners[corner].problem, self.commands(corner)[0]
-        room = self.added(corner)
+    @property
+    def _largest_share(self) -> float:
+        """The largest share of a joint's limit that is commanded in any member."""
         most = 0.0
-        for limit, torque in ((problem.upper_torque, nominal), (-problem.lower_torque, -nominal)):
-            there = np.isfinite(limit) & (limit > 0.0)
-            most = max(most, float(((torque + room)[there] / limit[there]).max(initial=0.0)))
+        for number in self.driven:
+            problem, nominal = self.corners[number].problem, self.commands[number]
+            limits = (problem.upper_torque, nominal), (-problem.lower_torque, -nominal)
+            for limit, torque in limits:
+                there = np.isfinite(limit) & (limit > 0.0)
+                shares = (torque + self.rooms[number])[there] / limit[there]
+                most = max(most, float(shares.max(initial=0.0)))
         return most
-
-    def _sizes(self, slopes: FloatArray) -> FloatArray:
-        return self.unknowns.sizes_of(slopes)
 
     def residual(self) -> float:
         """Return what balance and shared commands are off by, of the load, for the worst d.
 
         Errors of torques that are smaller than they may be count as well.
         """
-        first, worst = self.corners[0], 0.0
-        units = coordinate_units(first.problem.scales, first.problem.passive_units)
-        passive = first.problem.passive_count
+        problem, unknowns = self.corners[0].problem, self.unknowns
+        units = coordinate_units(problem.scales, problem.passive_units)
         shared, _ = shared_commands(self.corners, self.directions)
-        start = self.commands(0)[0]
-        needed = np.zeros(len(start))
-        for number, member in enumerate(self.corners):
-            problem = member.problem
-            nominal, slopes = self.commands(number)
-            flat = self.slopes[number].reshape(3 * problem.contact_count, -1)
-            off = np.concatenate([
-                np.abs(problem.W @ self.forces[number].ravel() + problem.external_wrench)
-                + self._sizes(problem.W @ flat + self.unknowns.loads[number]),
-                np.abs(shared.T)
-                @ (np.abs(shared @ (nominal - start)) + self._sizes(shared @ slopes)),
-            ])  # fmt: skip
-            worst = max(worst, float(np.abs(off / units).max()))
-            most = self.most(number) if number == 0 or self.directions is not None else 0.0
-            needed = np.maximum(needed, most)
-        needed = self.unknowns.shares * needed + self.unknowns.offsets
-        return max(
-            worst, float(((needed - self.errors.sum(axis=1)) / units[passive:]).max(initial=0))
-        )
+        wrenches = np.array([one.problem.external_wrench for one in self.corners])
+        flat = self.forces.reshape(len(wrenches), -1)
+        off = np.abs(flat @ problem.W.T + wrenches)
+        off += unknowns.sizes_of(problem.W @ self._flat_slopes + unknowns.loads)
+        apart = np.abs((self.commands - self.commands[0]) @ shared.T)
+        apart = (apart + unknowns.sizes_of(shared @ self.added)) @ np.abs(shared)
+        needed = unknowns.shares * self.largest_commands + unknowns.offsets
+        lacks = (needed - self.errors.sum(axis=1)) / units[problem.passive_count :]
+        worst = float((np.hstack([off, apart]) / units).max())
+        return max(worst, float(lacks.max(initial=0.0)))
 
     def critical(self, count: int) -> list[Member]:
         """Return members that need the torques most, and as many of the others far from each other.
@@ -339,23 +346,13 @@ class ForcePolicy(Brief):
             ]) / units
             for corner, d in self.active
         ]  # fmt: skip
-        kept = list(range(min(count, len(loads))))
-        points = np.array(loads).reshape(len(loads), -1)
-        distances = np.full(len(loads), np.inf)
-        while len(kept) < min(2 * count, len(loads)):
-            for one in kept:
-                distances = np.minimum(distances, np.linalg.norm(points - points[one], axis=1))
-            kept.append(int(distances.argmax()))
-        return [self.member(*self.active[one]) for one in kept]
+        kept = [*range(min(count, len(loads)))]
+        chosen = far_apart(np.reshape(loads, (len(loads), -1)), kept, 2 * count)
+        return [self.member(*self.active[one]) for one in chosen]
 
     def member(self, corner: int, d: FloatArray) -> Member:
         """Return the member of a corner at d: errors are shares of what is commanded just there."""
-        member, unknowns = self.corners[corner], self.unknowns
-        factors, offsets = member.factors.copy(), member.offsets.copy()
-        of = np.flatnonzero(unknowns.joints >= 0)
-        joints, (nominal, slopes) = unknowns.joints[of], self.commands(corner)
-        commanded = nominal[joints] + slopes[joints] @ d
-        factors[joints] += unknowns.shares[joints] * d[of] * np.where(commanded < 0.0, -1.0, 1.0)
-        offsets[joints] += unknowns.offsets[joints] * d[of]
-        wrench = member.problem.external_wrench + unknowns.loads[corner] @ d
-        return _member_at(member, unknowns, d, wrench, factors, offsets)
+        joints = self.unknowns.joints[self.unknowns.of_errors]
+        commanded = self.commands[corner] + self.added[corner] @ d
+        signs = np.where(commanded[joints] < 0.0, -1.0, 1.0)
+        return self.unknowns.member(corner, self.corners[corner], d, signs)

@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
+from graspless_pin.algorithms.force_policy import far_apart
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
@@ -182,18 +183,12 @@ def spread(
     problem = members[0].problem
     sizes = coordinate_units(problem.scales, problem.passive_units)
     still = np.zeros(problem.joint_count)
-    points = np.array(
-        [
-            np.concatenate([one.problem.external_wrench, one.commanded(still)]) / sizes
-            for one in members
-        ]
-    )
-    distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    chosen: list[int] = []
-    while len(chosen) < most:
-        chosen.append(len(chosen) if len(chosen) < held else int(distances.argmax()))
-        distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        distances[chosen] = -1.0
+    points = np.array([
+        np.concatenate([one.problem.external_wrench, one.commanded(still)]) / sizes
+        for one in members
+    ])  # fmt: skip
+    from_mean = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    chosen = far_apart(points, range(held), most, from_mean)
     rest = [one for number, one in enumerate(members) if number not in set(chosen)]
     return [members[number] for number in chosen], rest
 

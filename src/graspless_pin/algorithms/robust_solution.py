@@ -199,8 +199,7 @@ class RobustSolution(Brief):
         """
         if self.policy is None:
             return np.abs(self.commands).max(axis=0)
-        driven = range(1 if self.feedback is None else len(self.policy.corners))
-        return np.max([self.policy.most(corner) for corner in driven], axis=0)
+        return self.policy.largest_commands
 
     @property
     def joined_members(self) -> tuple[Member, ...]:
@@ -243,7 +242,7 @@ class RobustSolution(Brief):
             NoSolutionError: If nothing was found.
         """
         if self.policy is not None:
-            return int(np.argmin([*map(self.policy.margin, range(len(self.policy.corners)))]))
+            return int(self.policy.margins.argmin())
         forces = zip(self.members, self.contact_forces, strict=False)
         return int(np.argmin([member.problem.margin_of(force) for member, force in forces]))
 
@@ -270,9 +269,8 @@ class RobustSolution(Brief):
         """
         sizes = np.abs(self.deflections)
         if self.policy is not None and self.feedback is not None:
-            added = np.array([self.policy.added(one) for one in range(len(sizes))])
             there = self.feedback > 0.0
-            sizes[:, there] += added[:, there] / self.feedback[there]
+            sizes[:, there] += self.policy.rooms[:, there] / self.feedback[there]
         return float(sizes.max(initial=0.0))
 
     @property
