@@ -176,7 +176,7 @@ def cases(path: Path, *, lifted: bool, count: int = MEMBERS) -> Iterator[MemberC
     if robust.found:  # the torques are the same at any stiffness
         stiffness *= max(1.0, robust.largest_deflection / MOST_DEFLECTION)
     scene = scene.with_changes(controller=Controller(stiffness))
-    gains = joint_stiffness(scene.problem(), scene.controller, {})
+    gains = np.array(joint_stiffness(scene.problem(), scene.controller, {}))
     asked = {"nominal": (nominal.torques, "")}
     if robust.found:
         asked["robust"] = robust.torques, str(robust.coverage)

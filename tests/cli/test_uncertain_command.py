@@ -114,6 +114,18 @@ def test_the_document_holds_set_members_and_proof(cuboid: Path, document: dict[s
     assert "the joined problem is made of the members" in names
 
 
+def test_torques_that_are_stated_are_those_of_the_proof(tmp_path: Path) -> None:
+    """To a millionth: where the joined problem holds all members nothing else tells it."""
+    file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1})
+    target = tmp_path / "solution.json"
+    run("solve", file, *ASKED, "--no-verdict", "--json", target)
+    for off, passed in ((1e-8, True), (1e-5, False)):
+        document = read_document(target)
+        torques = document["uncertainty"]["torques"]
+        torques[next(iter(torques))] *= 1.0 + off
+        assert verify_document(document).passed is passed
+
+
 def _spoilt(document: dict[str, Any], what: str) -> dict[str, Any]:
     spoilt = copy.deepcopy(document)
     stated = spoilt["uncertainty"]

@@ -255,7 +255,7 @@ class _AffineProgram:
             margin = objective.required_margin / self.scale.force_scale
             self.largest = built.columns(1, cost=1.0)[0]
         self._balance()
-        self.active: list[NDArray[np.int_]] = [np.zeros(0, dtype=int)] * len(self.corners)
+        self.active: dict[int, NDArray[np.int_]] = {}
         for slopes, group in zip(self.slopes, self.groups, strict=True):
             self._cone_rows(group, slopes, margin)
             self._command_rows(group, slopes)
@@ -289,7 +289,6 @@ class _AffineProgram:
         slopes: list[NDArray[np.int_]],
         *,
         of_commands: bool,
-        leave: int = -1,
     ) -> list[Entries]:
         """Add columns no less than the lengths of rows' coefficients, a column for each ball.
 
@@ -298,14 +297,10 @@ class _AffineProgram:
             count: How many.
             slopes: Columns of the coefficients.
             of_commands: Whether rows are those of joints, from which errors are taken off.
-            leave: A ball that is left out.
         """
         added = []
-        balls = self.unknowns.balls
         for ball in range(len(self.unknowns.words)):
-            if ball == leave:
-                continue
-            own = np.flatnonzero(balls == ball)
+            own = np.flatnonzero(self.unknowns.balls == ball)
             sizes = self.built.columns(count)
             added.append(diagonal(sizes))
             inside = [rows.at(int(slopes[one][0])) for one in own]
@@ -330,18 +325,10 @@ class _AffineProgram:
             wide = [Entries.of(group.level[:, None]).at(int(margin[0]))]
         else:
             sides = sides - margin * group.level
-        # With one corner the cone of a ball bounds its rows itself, without further columns.
-        balls = np.bincount(self.unknowns.balls, minlength=1)
-        leave = int(balls.argmax()) if len(group.corners) == 1 and balls.max() > 1 else -1
-        lengths = self._lengths(entries, len(sides), slopes, of_commands=False, leave=leave)
+        lengths = self._lengths(entries, len(sides), slopes, of_commands=False)
         for number in group.corners:
             parts = [entries.at(int(self.at[number][0])), *wide, *lengths]
-            if leave >= 0:
-                own = np.flatnonzero(self.unknowns.balls == leave)
-                inside = [entries.at(int(slopes[one][0])) for one in own]
-                self.active[number] = self.built.cones(parts, sides, inside)
-            else:
-                self.active[number] = self.built.below(parts, sides)
+            self.active[number] = self.built.below(parts, sides)
 
     def _command_rows(self, group: Group, slopes: list[NDArray[np.int_]]) -> None:
         """Keep commands within limits, errors no less than they may be, and t the largest."""
@@ -381,7 +368,7 @@ class _AffineProgram:
                 times = scale[one.joints] / one.unit
                 below(number, one.sign, one.joints, times, np.zeros(len(times)), more)
 
-    def _policy(self, x: FloatArray, z: FloatArray, of_cones: FloatArray) -> ForcePolicy | None:
+    def _policy(self, x: FloatArray, z: FloatArray) -> ForcePolicy | None:
         """Return what a solver's answer is once equalities hold exactly; None: nothing it says."""
         joints, D = self.scale.joint_scale, self.unknowns.count
         at = np.array([x[one] for one in self.at])
@@ -405,7 +392,7 @@ class _AffineProgram:
                     at[corner] += group.inverse @ (sides - group.effects @ at[corner])
                 forces[corner] = group.forces(at[corner])
                 spread[corner] = np.stack([group.forces(one) for one in slopes[number].T], axis=-1)
-                active += self._needed(corner, group.rows @ slopes[number], z, of_cones)
+                active += self._needed(corner, group.rows @ slopes[number], z)
         made = np.zeros((len(joints), D))
         made[self.joints, self.of_joint] = (joints * errors)[self.joints]
         found = ForcePolicy(
@@ -415,11 +402,10 @@ class _AffineProgram:
         return found if self._passes(found, at, slopes) else None
 
     def _needed(
-        self, corner: int, rows: FloatArray, z: FloatArray, of_cones: FloatArray
+        self, corner: int, rows: FloatArray, z: FloatArray
     ) -> list[tuple[float, int, FloatArray]]:
         """Return multiplier, corner and worst d of the rows (R, D) that bound the optimum."""
-        places = self.active[corner]
-        weights = z[places] if (places >= 0).all() else of_cones[-1 - places]
+        weights = z[self.active[corner]]
         counts = np.flatnonzero(weights > _ACTIVE * max(float(weights.sum()), 1e-30))
         worst = self.unknowns.worst(rows[counts])
         return [(float(weights[one]), corner, d) for one, d in zip(counts, worst, strict=True)]

@@ -52,7 +52,7 @@ _RESERVE = 0.9
 """Of the controller's gains: guesses hold with these already, as nothing is quite rigid."""
 _ROUNDS = 5
 """Semidefinite programs of one guess."""
-_FIRST_NODES = 300
+FIRST_NODES = 300
 """Sets of outcomes of a first verdict; what that leaves undecided is asked again, with all."""
 
 Optimum = Callable[[QuasistaticProblem, Objective], TorqueSolution]
@@ -96,7 +96,7 @@ def guaranteed(
     if verdict.joints_held:
         return _none_found(best, search.tried)
     found = [one for one in map(search.first, (search.led(verdict), search.guesses())) if one]
-    if not found and options.verdict_nodes > _FIRST_NODES:
+    if not found and options.verdict_nodes > FIRST_NODES:
         open_still = [one for one, known in search.tried[1:] if known.status is Stability.UNDECIDED]
         again = search.first(open_still, options.verdict_nodes)
         found = [] if again is None else [again]
@@ -129,7 +129,7 @@ class _Search:
     rest: RestModel
     tried: list[Tried] = field(default_factory=list)
 
-    def judged(self, candidate: TorqueSolution, nodes: int = _FIRST_NODES) -> StabilityVerdict:
+    def judged(self, candidate: TorqueSolution, nodes: int = FIRST_NODES) -> StabilityVerdict:
         """Return the verdict on a candidate's torques, after so many sets of outcomes at most."""
         verdict = self.rest.verdict(
             self.best.problem,
@@ -140,9 +140,7 @@ class _Search:
         self.tried.append((candidate, verdict))
         return verdict
 
-    def first(
-        self, candidates: Iterable[TorqueSolution], nodes: int = _FIRST_NODES
-    ) -> Tried | None:
+    def first(self, candidates: Iterable[TorqueSolution], nodes: int = FIRST_NODES) -> Tried | None:
         """Return the first candidate whose torques are guaranteed."""
         for candidate in candidates:
             verdict = self.judged(candidate, nodes)
@@ -182,20 +180,10 @@ class _Search:
                 verdict = self.tried[-1][1]
 
     def guesses(self) -> Iterator[TorqueSolution]:
-        """Yield optima with less friction at resting contacts that no joint moves.
-
-        Of the objective, then of the margin: large loads make proofs.
-        """
-        problem, objective = self.best.problem, self.best.objective
-        rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
-        supports = ~rows.any(axis=1) & ~problem.is_sliding
-        first = (1.0, *_SHARES) if self.motions else _SHARES
-        shares: list[tuple[Objective, float]] = [(objective, share) for share in first]
-        if not isinstance(objective, Margin):
-            shares += [(Margin(), share) for share in (1.0, *_SHARES)]
-        for aim, share in shares if problem.joint_count else ():
-            friction = np.where(supports, share, 1.0) * problem.friction
-            held = self._optimal(problem.with_changes(friction=friction), aim)
+        """Yield optima with less friction at the supports."""
+        shares = (1.0, *_SHARES) if self.motions else _SHARES
+        for weaker, aim in weaker_supports(self.best.problem, self.best.objective, shares):
+            held = self._optimal(weaker, aim)
             if held is not None:
                 yield held
 
@@ -233,6 +221,28 @@ class _Search:
         objective = self.best.objective
         held = self.optimum(self.best.problem, at_torques(objective, torques))
         return replace(held, objective=objective) if held.found else None
+
+
+def weaker_supports(
+    problem: QuasistaticProblem, objective: Objective, shares: Sequence[float] = _SHARES
+) -> Iterator[tuple[QuasistaticProblem, Objective]]:
+    """Yield problems with less friction at resting contacts that no joint moves, and objectives.
+
+    First the given objective, then the margin: large loads make proofs.
+
+    Args:
+        problem: Contacts, load and joints; without joints there is nothing to choose.
+        objective: What is optimised.
+        shares: Of that friction, with the given objective.
+    """
+    rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
+    supports = ~rows.any(axis=1) & ~problem.is_sliding
+    aims: list[tuple[Objective, float]] = [(objective, share) for share in shares]
+    if not isinstance(objective, Margin):
+        aims += [(Margin(), share) for share in (1.0, *_SHARES)]
+    for aim, share in aims if problem.joint_count else ():
+        friction = np.where(supports, share, 1.0) * problem.friction
+        yield problem.with_changes(friction=friction), aim
 
 
 def stable_torques(

@@ -86,6 +86,17 @@ def tiled(mode: SlidingMode, count: int) -> SlidingMode:
     return SlidingMode(selection, mode.signs.tolist() * count)
 
 
+def of_member(mode: SlidingMode | None, member: Member) -> SlidingMode | None:
+    """Return the mode of the first of those that a mode is of; None: there is none.
+
+    Args:
+        mode: Of the joined problem of members, or of one.
+        member: One of them.
+    """
+    size = member.problem.contact_count
+    return None if mode is None else SlidingMode(mode.selection[:size], mode.signs[:size])
+
+
 COMMON_NODES, NODES = 400, 12
 """Of the searches over modes that members have in common, and over modes of each, unless another
 limit is given."""
@@ -96,21 +107,22 @@ _FEW = 2
 
 
 def best_of(
-    together: QuasistaticProblem,
+    members: Sequence[Member],
     objective: Objective,
     options: SolveOptions,
-    members: Sequence[Member],
+    directions: FloatArray | None,
     mode: SlidingMode | None,
 ) -> tuple[TorqueSolution, Coverage]:
     """Return the best torques for some members, and whom they serve.
 
     Args:
-        together: Their joined problem.
+        members: The members.
         objective: What is optimised.
         options: How.
-        members: The members.
+        directions: What feedback may add to commands, see `feedback_torques`.
         mode: The one mode for all; None: the best that they have in common, if there is one.
     """
+    together = joined(members, directions)
     convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
     if mode is None and not convex:
         if not options.rules.by_direction:
@@ -127,11 +139,10 @@ def limited(options: SolveOptions, nodes: int) -> SolveOptions:
 
 
 def bound_of(
-    together: QuasistaticProblem,
+    solution: TorqueSolution,
+    members: Sequence[Member],
     objective: Objective,
     options: SolveOptions,
-    members: Sequence[Member],
-    solution: TorqueSolution,
     mode: SlidingMode | None,
 ) -> float:
     """Return what no torques for all members are better than, whatever their modes.
@@ -139,11 +150,10 @@ def bound_of(
     That is the optimum under plain Coulomb friction, or of a member alone where that is worse.
 
     Args:
-        together: Their joined problem.
+        solution: The best of all together, in one mode if there is one.
+        members: The members.
         objective: What is optimised.
         options: How.
-        members: The members.
-        solution: The best of all together, in one mode if there is one.
         mode: The one mode for all, if it was given: then the bound is that of this mode.
 
     Returns:
@@ -156,16 +166,13 @@ def bound_of(
         return solution.certificate.bound
     rules = replace(options.rules, static_friction=StaticFriction.COULOMB)
     best = max if not objective.maximizes else min
-    bound = solve_problem(together, objective, replace(options, rules=rules)).certificate.bound
+    relaxed = replace(options, rules=rules)
+    bound = solve_problem(solution.problem, objective, relaxed).certificate.bound
     for member in members:
-        if _reaches(solution, bound):
+        if abs(solution.value - bound) <= AS_GOOD * max(abs(bound), abs(solution.value)):
             break
         bound = best(bound, solve_problem(joined([member]), objective, options).certificate.bound)
     return bound
-
-
-def _reaches(solution: TorqueSolution, bound: float) -> bool:
-    return abs(solution.value - bound) <= AS_GOOD * max(abs(bound), abs(solution.value))
 
 
 def spread(
@@ -193,9 +200,9 @@ def spread(
     return [members[number] for number in chosen], rest
 
 
-def ended_by_time(solution: TorqueSolution) -> TorqueSolution:
-    """Return a solution without its torques: the time was over before all members were asked."""
-    return changed(solution, status=Status.NOT_FOUND_IN_LIMIT, _forces=None, _mode=None)
+def without_forces(solution: TorqueSolution, status: Status) -> TorqueSolution:
+    """Return a solution without its torques: they do not serve all members, or it is not known."""
+    return changed(solution, status=status, _forces=None, _mode=None)
 
 
 def conflict_of(
@@ -206,20 +213,22 @@ def conflict_of(
     limits: Limits,
     directions: FloatArray | None,
 ) -> tuple[int, ...]:
-    """Return members that no forces serve together, none of which can be left out.
+    """Return members that no forces serve together, none of which can be left out; else none.
 
     Multipliers that prove it (Farkas) tell in which order members are taken until some are refuted;
     a deletion filter (Chinneck) goes through these. Under Coulomb's law at most rank(J) + 1 are
     left, by Helly.
 
     Args:
-        refuted: The answer to their joined problem: infeasible.
-        members: Those that no forces serve.
+        refuted: The answer to their joined problem.
+        members: Those that no forces serve if it is infeasible.
         objective: What is optimised.
         options: How.
         limits: When to stop: then there are none.
         directions: What feedback may add to commands, see `feedback_torques`.
     """
+    if refuted.status is not Status.INFEASIBLE_FORCES:
+        return ()
     coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
 
     # Where contacts are moved, deflections count from the nominal member.
@@ -290,13 +299,6 @@ def member_margins(
     Returns:
         (K,) margins, below zero or -inf where no forces in the cones balance.
     """
-
-    def under(number: int) -> QuasistaticProblem:
-        problem = under_commands(members[number], commanded, directions)
-        if directions is None or torque_limits is None:
-            return problem
-        return problem.with_changes(torque_limits=torque_limits)
-
     margins = np.full(len(members), np.nan)
     open_members = np.ones(len(members), dtype=bool)
     if mode is not None or options.rules.static_friction is StaticFriction.COULOMB:
@@ -304,14 +306,35 @@ def member_margins(
             alike = [members[number] for number in group]
             loads = loads_under_commands(alike, commanded, directions)
             carried = np.array([one.commanded(np.zeros_like(commanded)) for one in alike])
-            margins[group] = _by_pivots(under(group[0]), loads, carried, limits, mode, enough)
+            margins[group] = _by_pivots(
+                under_limits(alike[0], commanded, directions, torque_limits),
+                loads,
+                carried,
+                limits,
+                mode,
+                enough,
+            )
             open_members[group] = np.isnan(margins[group])
     for number in np.flatnonzero(open_members).tolist():
         if limits.passed:
             break
-        solution = solve_problem(under(number), Margin(), options, mode=mode)
+        under = under_limits(members[number], commanded, directions, torque_limits)
+        solution = solve_problem(under, Margin(), options, mode=mode)
         margins[number] = solution.margin if solution.found else -math.inf
     return margins
+
+
+def under_limits(
+    member: Member,
+    commanded: FloatArray,
+    directions: FloatArray | None,
+    torque_limits: tuple[FloatArray, FloatArray] | None,
+) -> QuasistaticProblem:
+    """Return a member's problem under commanded torques; the arguments are `member_margins`'."""
+    problem = under_commands(member, commanded, directions)
+    if directions is None or torque_limits is None:
+        return problem
+    return problem.with_changes(torque_limits=torque_limits)
 
 
 def _alike(members: Sequence[Member]) -> list[list[int]]:

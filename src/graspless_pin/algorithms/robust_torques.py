@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.affine_policy import best_policy
 from graspless_pin.algorithms.force_policy import (
-    ForcePolicy,
     Unknowns,
     extreme_members,
     unknowns_of,
@@ -30,11 +29,13 @@ from graspless_pin.algorithms.joined_optimum import (
     bound_of,
     common_mode,
     conflict_of,
-    ended_by_time,
     limited,
     member_margins,
+    of_member,
     spread,
     tiled,
+    under_limits,
+    without_forces,
 )
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, Samples
@@ -54,9 +55,8 @@ from graspless_pin.holding.controller import Controller, gain_shares
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, real_number
-from graspless_pin.problem.members import Member, feedback_torques, joined, under_commands
+from graspless_pin.problem.members import Member, feedback_torques, joined
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
-from graspless_pin.records import changed
 from graspless_pin.solution import Status, TorqueSolution
 
 _EXTREMES = 16
@@ -108,7 +108,9 @@ def torques_by_policy(
     )
     names = corners[0].problem.joint_names
     if policy is not None:
-        chosen = _bounding(policy)
+        chosen = policy.critical(_CRITICAL)
+        if directions is not None or not chosen:  # feedback counts from the nominal one
+            chosen.insert(0, corners[0])
         together, how = joined(chosen, directions), limited(limits.within(options), NODES)
         every = None if mode is None else tiled(mode, len(chosen))
         bounding = solve_problem(together, objective, how, mode=every)
@@ -119,16 +121,14 @@ def torques_by_policy(
     extremes = extreme_members(corners[:1], unknowns, free[:1])
     if not free:
         extremes = _far_members(corners, unknowns, _EXTREMES)
-    together, how = joined(extremes, directions), limits.within(options)
-    solution, coverage = best_of(together, objective, how, extremes, mode)
-    bound = bound_of(together, objective, how, extremes, solution, mode)
-    conflict: tuple[int, ...] = ()
-    if solution.status is Status.INFEASIBLE_FORCES:
-        conflict = conflict_of(solution, extremes, objective, options, limits, directions)
-    elif limits.passed:
-        solution = ended_by_time(solution)
+    how = limits.within(options)
+    solution, coverage = best_of(extremes, objective, how, directions, mode)
+    bound = bound_of(solution, extremes, objective, how, mode)
+    conflict = conflict_of(solution, extremes, objective, options, limits, directions)
+    if limits.passed and solution.status is not Status.INFEASIBLE_FORCES:
+        solution = without_forces(solution, Status.NOT_FOUND_IN_LIMIT)
     elif solution.found:  # for these members alone
-        solution = changed(solution, status=Status.UNVERIFIED, _forces=None, _mode=None)
+        solution = without_forces(solution, Status.UNVERIFIED)
     return RobustSolution(solution, coverage, bound, tuple(extremes), names, conflict)
 
 
@@ -154,14 +154,6 @@ def _far_members(corners: Sequence[Member], unknowns: Unknowns, count: int) -> l
     """Return members far from each other: corners, and ends of what is unknown."""
     some = spread(corners, count)[0]
     return spread([*corners, *extreme_members(some, unknowns)], count)[0]
-
-
-def _bounding(policy: ForcePolicy) -> list[Member]:
-    """Return the members that need a policy's torques most, with the nominal one for feedback."""
-    chosen = policy.critical(_CRITICAL)
-    if policy.directions is not None or not chosen:
-        chosen.insert(0, policy.corners[0])
-    return chosen
 
 
 _AT_ONCE, _MORE = 4, 4
@@ -221,7 +213,7 @@ def solve_robust(
     radii = contact_radii(problem, uncertainty, slopes)
     weight = known_weight(problem, uncertainty, weight)
     of_corners = part_of_corners(problem, uncertainty)
-    stiffness = None if feedback is None else joint_stiffness(problem, feedback, fingers)
+    stiffness = joint_stiffness(problem, feedback, fingers)
     members, directions = corners_of(problem, of_corners, weight, stiffness)
     unknowns = unknowns_of(problem, uncertainty, of_corners, weight, members)
     aims = isinstance(objective, Margin | Torque | TorqueShare)
@@ -232,23 +224,18 @@ def solve_robust(
             f"cannot be sampled with {beside}; leave it out, or the radii, or ask for margin or "
             "torque",
         )
+    corners = members if feedback is None or len(members) == 1 else members[1:]
+    rng = np.random.default_rng(_SEED)
+    drawn = partial(moved_members, corners, radii, slopes, rng, stiffness=stiffness)
     if unknowns.count:
         found = torques_by_policy(
             members, unknowns, objective, options, limits, directions=directions, mode=mode
         )
-        return replace(found, feedback=stiffness, uncertainty=uncertainty, weight=weight)
-    corners = members if feedback is None or len(members) == 1 else members[1:]
-    rng = np.random.default_rng(_SEED)
-    drawn = partial(moved_members, corners, radii, slopes, rng, stiffness=stiffness)
-    found = torques_for_members(
-        members,
-        objective,
-        options,
-        limits,
-        directions=directions,
-        mode=mode,
-        further=drawn(_SOLVED, far=True) if radii.any() else (),
-    )
+    else:
+        found = torques_for_members(
+            members, objective, options, limits, directions=directions, mode=mode,
+            further=drawn(_SOLVED, far=True) if radii.any() else (),
+        )  # fmt: skip
     found = replace(found, feedback=stiffness, uncertainty=uncertainty, weight=weight)
     if not radii.any() or not found.found:
         return found
@@ -256,7 +243,8 @@ def solve_robust(
     found = replace(found, coverage=Coverage.SAMPLED)
     lacks = _lacks(found.solution, objective, options, found.members, tried, directions, limits)
     if limits.passed:
-        return replace(found, solution=ended_by_time(found.solution))
+        late = without_forces(found.solution, Status.NOT_FOUND_IN_LIMIT)
+        return replace(found, solution=late)
     return replace(found, samples=Samples(len(tried), int((lacks == 0.0).sum()), _SOLVED, covered))
 
 
@@ -292,14 +280,13 @@ def torques_for_members(
         others = [one for number, one in enumerate(members) if number not in set(begin)]
     others += further
     while True:
-        together = joined(chosen, directions)
-        solution, coverage = best_of(together, objective, limits.within(options), chosen, mode)
+        solution, coverage = best_of(chosen, objective, limits.within(options), directions, mode)
         lacks = np.zeros(len(others))
         if solution.found:
             lacks = _lacks(solution, objective, options, chosen, others, directions, limits)
         lacking = np.flatnonzero(lacks)
         if limits.passed and others and solution.found:
-            solution = ended_by_time(solution)
+            solution = without_forces(solution, Status.NOT_FOUND_IN_LIMIT)
             break
         if not len(lacking):
             break
@@ -310,10 +297,8 @@ def torques_for_members(
         held = len(chosen)
         chosen, others = spread(candidates, held + _MORE, held=held)
         others += served
-    bound = bound_of(together, objective, limits.within(options), chosen, solution, mode)
-    conflict: tuple[int, ...] = ()
-    if solution.status is Status.INFEASIBLE_FORCES:
-        conflict = conflict_of(solution, chosen, objective, options, limits, directions)
+    bound = bound_of(solution, chosen, objective, limits.within(options), mode)
+    conflict = conflict_of(solution, chosen, objective, options, limits, directions)
     names = members[0].problem.joint_names
     return RobustSolution(solution, coverage, bound, (*chosen, *others), names, conflict)
 
@@ -339,13 +324,15 @@ def corners_of(
 
 
 def joint_stiffness(
-    problem: QuasistaticProblem, feedback: Feedback, fingers: Mapping[str, str]
-) -> FloatArray:
-    """Return (L,) the stiffness of each joint; the arguments are those of `solve_robust`.
+    problem: QuasistaticProblem, feedback: Feedback | None, fingers: Mapping[str, str]
+) -> FloatArray | None:
+    """Return (L,) the stiffness of each joint, or None; the arguments are those of `solve_robust`.
 
     Raises:
         ArgumentError: If it is negative, no number, of another number of joints, or not stated.
     """
+    if feedback is None:
+        return None
     if isinstance(feedback, Controller) or np.ndim(feedback) == 0:
         if not isinstance(feedback, Controller):
             feedback = real_number("feedback", feedback, 0.0)
@@ -372,29 +359,15 @@ def _lacks(
 ) -> FloatArray:
     """Return (K,) what margins of other members lack of the one that is needed, N; 0: served."""
     needed = solution.margin if objective.maximizes else objective.required_margin
-    force = chosen[0].problem.scales.force
-    commanded = chosen[0].commanded(
-        chosen[0].problem.J.T @ solution.contact_forces[: chosen[0].problem.contact_count].ravel()
-    )
-    mode = _of_member(solution.given_mode, chosen[0])  # what is proven in one has to hold in it
-    margins = member_margins(
-        others,
-        commanded,
-        options,
-        limits,
-        directions=directions,
-        torque_limits=_found_limits(chosen[0].problem, solution, objective),
-        mode=mode,
+    problem = chosen[0].problem
+    forces = solution.contact_forces[: problem.contact_count]
+    lacks = needed - member_margins(
+        others, chosen[0].commanded(problem.J.T @ forces.ravel()), options, limits,
+        directions=directions, torque_limits=_found_limits(problem, solution, objective),
+        mode=of_member(solution.given_mode, chosen[0]),  # what is proven in one has to hold in it
         enough=needed,
-    )
-    lacks = needed - margins
-    return np.where(lacks > 0.5 * AS_GOOD * force, lacks, 0.0)
-
-
-def _of_member(mode: SlidingMode | None, first: Member) -> SlidingMode | None:
-    """Return the mode of the first member of those that a mode is of; None: there is none."""
-    size = first.problem.contact_count
-    return None if mode is None else SlidingMode(mode.selection[:size], mode.signs[:size])
+    )  # fmt: skip
+    return np.where(lacks > 0.5 * AS_GOOD * problem.scales.force, lacks, 0.0)
 
 
 def _found_limits(
@@ -407,8 +380,7 @@ def _found_limits(
         low, high = share * low, share * high
     # The largest torque that is told is that of all members, whatever is optimised.
     largest = most * solution.max_torque
-    low, high = np.maximum(low, -largest), np.minimum(high, largest)
-    return low, high
+    return np.maximum(low, -largest), np.minimum(high, largest)
 
 
 def further_forces(robust: RobustSolution) -> FloatArray | None:
@@ -426,16 +398,12 @@ def further_forces(robust: RobustSolution) -> FloatArray | None:
     """
     solution, first = robust.solution, robust.members[0]
     others = robust.members[len(robust.contact_forces) :]
-    mode = _of_member(solution.given_mode, first)
+    mode = of_member(solution.given_mode, first)
     if others and mode is None and solution.rules.static_friction is not StaticFriction.COULOMB:
         return None
     directions = feedback_torques(first.problem, robust.feedback)
     most = _found_limits(first.problem, solution, solution.objective)
-    found = []
-    for member in others:
-        problem = under_commands(member, robust.torques, directions)
-        if directions is not None:
-            problem = problem.with_changes(torque_limits=most)
-        options = SolveOptions(rules=solution.rules)
-        found.append(solve_problem(problem, Margin(), options, mode=mode).contact_forces)
+    under = (under_limits(one, robust.torques, directions, most) for one in others)
+    options = SolveOptions(rules=solution.rules)
+    found = [solve_problem(one, Margin(), options, mode=mode).contact_forces for one in under]
     return np.array(found).reshape(-1, *first.problem.positions.shape)

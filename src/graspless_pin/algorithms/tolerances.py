@@ -242,7 +242,7 @@ def tolerances(
     how = SolveOptions.parse(**options)
     given = finite_array("torques", torques, (problem.joint_count,))
     weight = weight_of_arrays(problem) if weight is None else weight
-    stiffness = None if feedback is None else joint_stiffness(problem, feedback, fingers)
+    stiffness = joint_stiffness(problem, feedback, fingers)
     options.pop("time_limit", None)  # of the attainable ones
     search = _Search(problem, given, stiffness, SolveOptions.parse(**options), options)
     if search.fails(0.0 * search.rest.external_wrench):

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.joined_optimum import common_motions, member_margins
+from graspless_pin.algorithms.joined_optimum import common_motions, member_margins, of_member
 from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
@@ -58,12 +58,9 @@ class EarlierForces(NamedTuple):
 
 def earlier_forces(robust: RobustSolution) -> EarlierForces:
     """Return the forces of torques that serve the corners of a set in one mode."""
-    frames, mode = robust.members[0].problem.frames, robust.solution.given_mode
-    if mode is not None:
-        size = len(frames)
-        mode = SlidingMode(mode.selection[:size], mode.signs[:size])
-    mean = robust.contact_forces.mean(axis=0)
-    return EarlierForces((mean[:, None] @ frames)[:, 0], robust.margin, mode)
+    first, mean = robust.members[0], robust.contact_forces.mean(axis=0)
+    mode = of_member(robust.solution.given_mode, first)
+    return EarlierForces((mean[:, None] @ first.problem.frames)[:, 0], robust.margin, mode)
 
 
 def are_served(

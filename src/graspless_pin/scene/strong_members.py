@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from graspless_pin.algorithms.guaranteed_torques import bounded_by
+from graspless_pin.algorithms.guaranteed_torques import FIRST_NODES, bounded_by, weaker_supports
+from graspless_pin.algorithms.joined_optimum import without_forces
 from graspless_pin.algorithms.options import Limits, RequiredStability, SolveOptions
 from graspless_pin.algorithms.robust_solution import RestAtCorners, RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
@@ -21,17 +22,11 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import feedback_torques, joined
 from graspless_pin.programs.analysis_objectives import at_torques
-from graspless_pin.programs.objectives import Margin, Objective
-from graspless_pin.records import changed
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.member_verdicts import torques_at_rest, under_feedback, verdicts_under
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.solution import Guarantee, Status, TorqueSolution
-
-_SHARES = (0.75, 0.5, 0.25, 0.0)
-"""Of the supports' friction, tried one after the other."""
-_FIRST_NODES = 300
-"""Sets of outcomes of a first verdict; what that leaves undecided is asked again, with all."""
 
 Solved = Callable[[QuasistaticProblem, Objective, SolveOptions], RobustSolution]
 """Finds the best torques for the set about another problem, for another objective."""
@@ -81,9 +76,13 @@ def strong_for_members(
 
     def candidates() -> Iterator[tuple[FloatArray, int]]:
         """Yield torques, and how many nodes a verdict on them may have."""
-        for torques in _guesses(best, problem, solved, options, limits):
-            yield torques, _FIRST_NODES
-        if options.verdict_nodes > _FIRST_NODES:
+        yield best.torques, FIRST_NODES
+        guesses = weaker_supports(problem, objective) if best.policy is None else ()
+        for weaker, aim in guesses:
+            found = solved(weaker, aim, limits.within(options))
+            if found.found and found.policy is None:
+                yield found.torques, FIRST_NODES
+        if options.verdict_nodes > FIRST_NODES:
             for torques, rest in tuple(tried):
                 if rest.verdicts and rest.verdicts[-1].status is Stability.UNDECIDED:
                     yield torques, options.verdict_nodes
@@ -100,32 +99,8 @@ def strong_for_members(
             break
     rest = max((one for _, one in tried), key=lambda one: len(one.corners))
     rest = replace(rest, kept=False, tried=len(tried))
-    none = changed(best.solution, status=Status.STRONG_NOT_FOUND, _forces=None, _mode=None)
+    none = without_forces(best.solution, Status.STRONG_NOT_FOUND)
     return replace(best, solution=none, policy=None, rest=rest)
-
-
-def _guesses(
-    best: RobustSolution,
-    problem: QuasistaticProblem,
-    solved: Solved,
-    options: SolveOptions,
-    limits: Limits,
-) -> Iterator[FloatArray]:
-    """Yield torques for the set: the best, and those that need less of the supports' friction."""
-    yield best.torques
-    if best.policy is not None or not problem.joint_count:
-        return
-    objective = best.solution.objective
-    rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
-    supports = ~rows.any(axis=1) & ~problem.is_sliding
-    shares: list[tuple[Objective, float]] = [(objective, share) for share in _SHARES]
-    if not isinstance(objective, Margin):
-        shares += [(Margin(), share) for share in (1.0, *_SHARES)]
-    for aim, share in shares:
-        friction = np.where(supports, share, 1.0) * problem.friction
-        found = solved(problem.with_changes(friction=friction), aim, limits.within(options))
-        if found.found and found.policy is None:
-            yield found.torques
 
 
 def _held(

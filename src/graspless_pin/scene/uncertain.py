@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -71,15 +69,13 @@ def solve_uncertain(
     if isinstance(uncertainty, Uncertainty):
         check_center(scene, uncertainty)
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
-    solved = partial(
-        _solved,
-        uncertainty=uncertainty,
-        weight=weight_of(scene, problem.joint_count),
-        feedback=feedback_in(scene) if feedback is None else feedback,
-        fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
-        mode=mode,
-        slopes=_slopes(scene, uncertainty),
-    )
+    known = {**_known_of(scene, problem, feedback), "slopes": _slopes(scene, uncertainty)}
+
+    def solved(
+        problem: QuasistaticProblem, objective: Objective, options: SolveOptions
+    ) -> RobustSolution:
+        return solve_robust(problem, objective, uncertainty, options, mode=mode, **known)
+
     if not options.strong:
         return solved(problem, objective, options)
     if any(figures_in(uncertainty.contact_position)):
@@ -94,15 +90,15 @@ def solve_uncertain(
     return strong_for_members(scene, objective, options, solved)
 
 
-def _solved(
-    problem: QuasistaticProblem,
-    objective: Objective,
-    options: SolveOptions,
-    *,
-    uncertainty: Uncertainty,
-    **further: Any,
-) -> RobustSolution:
-    return solve_robust(problem, objective, uncertainty, options, **further)
+def _known_of(
+    scene: SceneFields, problem: QuasistaticProblem, feedback: Feedback | None = None
+) -> dict[str, Any]:
+    """Return weight, feedback and fingers, as `solve_robust` and `tolerances` take them."""
+    return {
+        "weight": weight_of(scene, problem.joint_count),
+        "feedback": feedback_in(scene) if feedback is None else feedback,
+        "fingers": {} if scene.hand is None else fingers_of_motors(scene.hand),
+    }
 
 
 def _slopes(scene: SceneFields, uncertainty: Uncertainty) -> FloatArray | None:
@@ -127,13 +123,10 @@ def corners_in(
         scene: The nominal scene.
         uncertainty: The set.
     """
-    problem, stiffness = problem_of(scene), None
-    feedback, weight = feedback_in(scene), weight_of(scene, problem.joint_count)
-    if feedback is not None:
-        fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
-        stiffness = joint_stiffness(problem, feedback, fingers)
-    figures = by_contact_and_joint(scene, problem, uncertainty)
-    return corners_of(problem, figures, weight, stiffness)
+    problem = problem_of(scene)
+    figures, known = by_contact_and_joint(scene, problem, uncertainty), _known_of(scene, problem)
+    stiffness = joint_stiffness(problem, known["feedback"], known["fingers"])
+    return corners_of(problem, figures, known["weight"], stiffness)
 
 
 def stated_by(scene: SceneFields) -> Uncertainty:
@@ -174,14 +167,7 @@ def tolerances_of(
     """
     problem = problem_of(scene)
     own = {key: scene.solve_options[key] for key in _OPTIONS if key in scene.solve_options}
-    return tolerances(
-        problem,
-        torques,
-        feedback=feedback_in(scene) if feedback is None else feedback,
-        weight=weight_of(scene, problem.joint_count),
-        fingers=MappingProxyType({}) if scene.hand is None else fingers_of_motors(scene.hand),
-        **{**own, **options},
-    )
+    return tolerances(problem, torques, **{**_known_of(scene, problem, feedback), **own, **options})
 
 
 def check_center(scene: SceneFields, uncertainty: Uncertainty) -> None:

@@ -261,18 +261,13 @@ class SparseConic:
         self._below.count += len(sides)
         return np.arange(self._below.count - len(sides), self._below.count)
 
-    def cones(
-        self, entries: list[Entries], sides: FloatArray, inside: list[Entries]
-    ) -> NDArray[np.int_]:
+    def cones(self, entries: list[Entries], sides: FloatArray, inside: list[Entries]) -> None:
         """Add a cone for each row: the length of d products is at most h - g x.
 
         Args:
             entries: Of g, a row for each cone.
             sides: (k,) h.
             inside: d times the entries of B, a row for each cone.
-
-        Returns:
-            What `solve` has the multipliers of h - g x under, negative.
         """
         size, count, part = 1 + len(inside), len(sides), self._cones
         spread = np.zeros((count, size))
@@ -280,15 +275,11 @@ class SparseConic:
         part.add(entries, spread.ravel(), size, 0)
         for number, one in enumerate(inside, 1):
             part.add([one], np.zeros(0), size, number)
-        first = part.count
         part.count += count * size
         self._sizes += [size] * count
-        return -1 - (first + size * np.arange(count))
 
-    def solve(
-        self, time_limit: float | None = None
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Return x with the multipliers of rows and of cones, or None where Clarabel has none.
+    def solve(self, time_limit: float | None = None) -> tuple[FloatArray, FloatArray] | None:
+        """Return x with the multipliers of rows, or None where Clarabel has none.
 
         Args:
             time_limit: Seconds that Clarabel may take; None: any.
@@ -318,8 +309,7 @@ class SparseConic:
             found = clarabel.DefaultSolver(curved, cost, matrix, sides, kinds, settings).solve()
             status = str(found.status)
             if status in _ANSWER_STATUSES:
-                x, z = np.array(found.x), np.array(found.z)
-                return x, z[firsts[1] : firsts[2]], z[firsts[2] :]
+                return np.array(found.x), np.array(found.z)[firsts[1] : firsts[2]]
             if status in _INFEASIBLE_STATUSES:
                 break
         return None

@@ -41,6 +41,9 @@ _OF_MEMBER = (
     "external_wrench", "friction", "gravity_torques", "torque_factors", "torque_offsets"
 )  # fmt: skip
 
+Member = dict[str, np.ndarray]
+"""What is so of a member, by key: see `_member`."""
+
 
 def uncertainty_checks(
     document: dict[str, Any], problem: Problem, run: Callable[[dict[str, Any]], list[Check]]
@@ -65,6 +68,7 @@ def uncertainty_checks(
     checks = [given("the members", f"{len(members)} of the set, as stated")]
     if not stated["found"]:
         return [*checks, _of_this(document, stated, members, problem)]
+    each = [_member(one, problem) for one in members]
     nested, constant = stated["proof"], stated.maybe("feedback") is None
     if not isinstance(nested, dict) or "uncertainty" in nested:
         raise ValueError("proof of uncertainty is no document of a joined problem")
@@ -74,11 +78,11 @@ def uncertainty_checks(
     torques = np.array([number(entry(by_joint, one["name"], "torques"), "a torque")
                         for one in joints])  # fmt: skip
     if stated.get("policy") is not None:
-        each = [_member(one, problem) for one in members]
         bound = proof["certificate"].maybe("bound")
         checks += policy_checks(stated, problem, each, [torques, stacked(joints, "torque")])
+        bounding = [_member(one, problem) for one in stated["bounding"]]
         proven = [
-            _is_joined(joined, problem, stated["bounding"], constant=constant),
+            _is_joined(joined, problem, bounding, constant=constant),
             Check("stated", None, "the limit ended its search before forces were found")
             if bound is None
             else agrees("stated", stated["bound"], bound, tolerances.SAME * abs(bound)),
@@ -87,9 +91,9 @@ def uncertainty_checks(
         return [*checks, *(replace(one, name=f"bound: {one.name}") for one in proven)]
     held = joined.count // problem.count
     checks += [
-        *_samples(stated, members, problem),
-        _is_joined(joined, problem, members[:held], constant=constant),
-        *_further(members[held:], problem, stated, nested, torques, constant=constant),
+        *_samples(stated, each, problem),
+        _is_joined(joined, problem, each[:held], constant=constant),
+        *_further(members[held:], each[held:], problem, stated, nested, torques, constant=constant),
         _torques(torques, joints, proof, problem),
         *_figures(stated, proof),
         _bound(stated, proof, joined),
@@ -124,67 +128,73 @@ def _of_this(document: dict[str, Any], stated: Part, members: list[Part], joined
     return holds("this is the problem of the members", all(same), f"{stated['status']:.60}")
 
 
-def _is_joined(joined: Problem, problem: Problem, members: list[Part], *, constant: bool) -> Check:
+def _is_joined(joined: Problem, problem: Problem, each: list[Member], *, constant: bool) -> Check:
     """Whether a problem is that of members which share their torques."""
-    count, contacts, name = len(members), problem.count, "the joined problem is made of the members"
+    count, contacts, name = len(each), problem.count, "the joined problem is made of the members"
     if joined.count != count * contacts:
         return holds(name, passed=False, detail=f"{joined.count} contacts")
-    size, joints = len(problem.w), len(problem.units)
-    each = [_member(one, problem) for one in members]
-    same = [_near(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
-            for key in _ARRAYS]  # fmt: skip
-    same += [_near(joined.p, np.concatenate([problem.p + one["moved"] for one in each]))]
-    same += [_near(joined.mu, np.concatenate([one["friction"] for one in each]))]
-    same += [
-        _near(joined.w[: count * size], np.concatenate([one["external_wrench"] for one in each]))
-    ]
-    # The balance of each member by itself.
-    passive = joined.passive.reshape(count, contacts, 3, -1)
-    for k in range(count):
-        own = slice(k * size, (k + 1) * size)
-        same.append(_near(passive[k, :, :, own], _elsewhere(problem, each[k]).passive))
-        others = np.delete(passive[k, :, :, : count * size], np.r_[own], axis=2)
-        same.append(not others.any())
-    maps, carried = [_map(one) for one in each], [_carried(one) for one in each]
-    driven = 1 if constant else count
+    size, joints, driven = len(problem.w), len(problem.units), 1 if constant else count
     if len(joined.units) != driven * joints:
         return holds(name, passed=False, detail=f"{len(joined.units)} joints")
-    blocks = joined.J.reshape(count, contacts, 3, driven, joints)
-    for k in range(count):
-        for d in range(driven):
-            same.append(_near(blocks[k, :, :, d], maps[k] if k == d else np.zeros_like(maps[k])))
-    same.append(_near(joined.gravity, np.concatenate(carried[:driven])))
-    for side, limit in ((1.0, "upper"), (-1.0, "lower")):
-        own = side * getattr(joined, limit)
-        same.append(bool((own <= side * np.tile(getattr(problem, limit), driven)).all()))
-    if constant:
-        same.append(_shares_torques(joined, maps, carried, count * size))
+    rows, shape = count * size, (count, contacts, 3)
+    load, friction, moved, carried = (
+        np.concatenate([one[key] for one in each])
+        for key in ("external_wrench", "friction", "moved", "carried")
+    )
+    same = [
+        *(_near(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
+          for key in _ARRAYS),
+        _near(joined.p, np.tile(problem.p.T, count).T + moved),
+        _near(joined.mu, friction),
+        _near(joined.w[:rows], load),
+        _near(joined.gravity, carried[: driven * joints]),
+        # The balance of each member by itself, and its torques.
+        _are_blocks(joined.passive[:, :, :rows].reshape(*shape, count, size),
+                    [_elsewhere(problem, one).passive for one in each]),
+        _are_blocks(joined.J.reshape(*shape, driven, joints), [one["map"] for one in each]),
+        (joined.upper <= np.tile(problem.upper, driven)).all(),
+        (joined.lower >= np.tile(problem.lower, driven)).all(),
+        not constant or _shares_torques(joined, each, rows),
+    ]  # fmt: skip
     detail = f"{count} members of {contacts} contacts"
     return holds(name, all(same), detail + ("" if constant else "; what feedback adds is given"))
 
 
-def _shares_torques(
-    joined: Problem, maps: list[np.ndarray], carried: list[np.ndarray], first: int
-) -> bool:
-    """Whether the further rows say that all members have the torques of the first one."""
+def _are_blocks(found: np.ndarray, own: list[np.ndarray]) -> bool:
+    """Whether what is found (K, M, 3, d, n) is each member's own, and nothing between members."""
+    return all(
+        _near(found[k, :, :, d], one if k == d else np.zeros_like(one))
+        for k, one in enumerate(own)
+        for d in range(found.shape[3])
+    )
+
+
+def _loaded(maps: list[np.ndarray]) -> np.ndarray:
+    """(L,) whether joints bear contact forces in any of these Jacobians (M, 3, L)."""
     levers = np.max([np.abs(one).max(axis=(0, 1), initial=0.0) for one in maps], axis=0)
-    loaded = np.flatnonzero(levers > tolerances.IDLE * levers.max(initial=0.0))
+    return levers > tolerances.IDLE * levers.max(initial=0.0)
+
+
+def _shares_torques(joined: Problem, each: list[Member], first: int) -> bool:
+    """Whether the further rows say that all members have the torques of the first one."""
+    maps = [one["map"] for one in each]
+    loaded = np.flatnonzero(_loaded(maps))
     count, rows = len(maps), len(loaded)
     if joined.passive.shape[2] != first + (count - 1) * rows:
         return False
     wanted = np.zeros((count, *maps[0].shape[:2], (count - 1) * rows))
-    loads = []
     for k in range(1, count):
         own = slice((k - 1) * rows, k * rows)
         wanted[0, :, :, own] = -maps[0][:, :, loaded]
         wanted[k, :, :, own] = maps[k][:, :, loaded]
-        loads.append((carried[k] - carried[0])[loaded])
+    loads = [(one["carried"] - each[0]["carried"])[loaded] for one in each[1:]]
     further = joined.passive[:, :, first:].reshape(wanted.shape)
     return _near(further, wanted) and _near(joined.w[first:], np.concatenate([*loads, []]))
 
 
 def _further(
     members: list[Part],
+    each: list[Member],
     problem: Problem,
     stated: Part,
     nested: dict[str, Any],
@@ -206,14 +216,12 @@ def _further(
     if not problem.coulomb:
         selected, signs = read_mode(nested, read_problem(nested))
         mode = selected[: problem.count], signs[: problem.count]
-    levers = np.abs(problem.J).max(axis=(0, 1), initial=0.0)
-    loaded = levers > tolerances.IDLE * levers.max(initial=0.0)
-    worst = 0.0
-    for one in members:
-        each = _member(one, problem)
+    loaded, worst = _loaded([problem.J]), 0.0
+    for one, member in zip(members, each, strict=True):
         own = replace(
-            _elsewhere(problem, each), w=each["external_wrench"], mu=each["friction"],
-            J=_map(each), gravity=_carried(each), own=None, algorithm="margin", e0=stated["margin"],
+            _elsewhere(problem, member), w=member["external_wrench"], mu=member["friction"],
+            J=member["map"], gravity=member["carried"], own=None, algorithm="margin",
+            e0=stated["margin"],
         )  # fmt: skip
         forces = Forces(own, one["forces"])
         off = np.abs(forces.torques)
@@ -227,34 +235,33 @@ def _further(
     return [within(name, worst, tolerances.SHARE, f"(scaled), {detail}")]
 
 
-def _member(stated: Part, problem: Problem) -> dict[str, np.ndarray]:
-    """Return what is so of a member, by key; contacts that are not said to be moved stay."""
+def _member(stated: Part, problem: Problem) -> Member:
+    """Return what is so of a member; contacts that are not said to be moved stay.
+
+    Beside what is stated ``map``, the Jacobian of what is commanded, (M, 3, L), and ``carried``,
+    what is commanded without contact forces, (L,).
+    """
     found = {key: stated[key] for key in _OF_MEMBER}
-    if (found["torque_factors"] <= 0.0).any():
+    factors = found["torque_factors"]
+    if (factors <= 0.0).any():
         raise ValueError(f"torque_factors of {stated.where} must be positive")
     if stated.get("moved") is None:
-        return found | {"moved": np.zeros_like(problem.p), "jacobian": problem.J}
-    if problem.given is not None:
+        found |= {"moved": np.zeros_like(problem.p), "jacobian": problem.J}
+    elif problem.given is not None:
         raise ValueError(f"{stated.where} has contacts moved, and the document a wrench_matrix")
-    return found | {key: stated[key] for key in ("moved", "jacobian")}
+    else:
+        found |= {key: stated[key] for key in ("moved", "jacobian")}
+    found["map"] = found["jacobian"] / factors
+    found["carried"] = (found["gravity_torques"] - found["torque_offsets"]) / factors
+    return found
 
 
-def _map(member: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the Jacobian of what is commanded, (M, 3, L)."""
-    return member["jacobian"] / member["torque_factors"]
-
-
-def _carried(member: dict[str, np.ndarray]) -> np.ndarray:
-    """Return what is commanded without contact forces, (L,)."""
-    return (member["gravity_torques"] - member["torque_offsets"]) / member["torque_factors"]
-
-
-def _elsewhere(problem: Problem, member: dict[str, np.ndarray]) -> Problem:
+def _elsewhere(problem: Problem, member: Member) -> Problem:
     """Return a problem with the contacts where they are in a member; its Jacobian stays."""
     return replace(problem, p=problem.p + member["moved"])
 
 
-def _samples(stated: Part, members: list[Part], problem: Problem) -> list[Check]:
+def _samples(stated: Part, each: list[Member], problem: Problem) -> list[Check]:
     """Whether contacts are moved as is stated; those that were tried later are not stated."""
     samples = stated.get("samples")
     if samples is None:
@@ -262,7 +269,7 @@ def _samples(stated: Part, members: list[Part], problem: Problem) -> list[Check]
     off = entry(stated["stated"], "contact_position", "stated")
     named = [*off.values()] if isinstance(off, dict) else off if isinstance(off, list) else [off]
     most = max(number(one, "contact_position") for one in named)
-    moved = [_member(one, problem)["moved"] for one in members]
+    moved = [one["moved"] for one in each]
     across = max(np.abs(np.einsum("lj,lj->l", one, problem.frames[:, 0])).max() for one in moved)
     farthest = max(np.linalg.norm(one, axis=1).max() for one in moved)
     good = across <= tolerances.SAME * most and farthest <= (1.0 + tolerances.SAME) * most
@@ -280,8 +287,7 @@ def _torques(torques: np.ndarray, joints: list[Part], proof: Part, problem: Prob
     proven = stacked(proof["joints"][: len(joints)], "torque")
     off = np.abs([proven, torques] - stacked(joints, "torque")) / problem.joint_scale
     most = float(off.max(initial=0.0))
-    good = most <= tolerances.SHARE
-    return holds("the torques are those for all members", good, f"{most:.2e} (scaled)")
+    return within("the torques are those for all members", most, tolerances.SHARE, "(scaled)")
 
 
 def _figures(stated: Part, proof: Part) -> list[Check]:
@@ -337,9 +343,7 @@ class AffineForces:
         value: Of the objective, in its unit.
     """
 
-    def __init__(
-        self, stated: Part, problem: Problem, members: list[dict[str, np.ndarray]]
-    ) -> None:
+    def __init__(self, stated: Part, problem: Problem, members: list[Member]) -> None:
         """Read the arrays.
 
         Args:
@@ -363,12 +367,9 @@ class AffineForces:
             width = sum(len(items(one, "a direction", 0, MOST)) for one in first)
             self.directions = stated.sized(w=width)["directions"]
         self.problem, self.members = problem, members
-        factors = np.array([one["torque_factors"] for one in members])
-        carried = np.array([one["gravity_torques"] - one["torque_offsets"] for one in members])
-        made = np.einsum("lij,kli->kj", problem.J, self.forces)
-        self.commands = (made + carried) / factors
-        turned = np.einsum("lij,klid->kjd", problem.J, self.slopes)
-        self.added = turned / factors[..., None] - self.errors
+        maps, carried = (np.array([one[key] for one in members]) for key in ("map", "carried"))
+        self.commands = np.einsum("klij,kli->kj", maps, self.forces) + carried
+        self.added = np.einsum("klij,klid->kjd", maps, self.slopes) - self.errors
         # Constant torques are those of the first member.
         driven = slice(None) if self.directions is not None else slice(1)
         self.room = self.most(self.added[driven]) if self.directions is not None else 0.0
@@ -449,8 +450,8 @@ class AffineForces:
 
     def _same_commands(self) -> Check:
         """Whether all members have the same commands, but for what feedback adds."""
-        levers, note = np.abs(self.problem.J).max(axis=(0, 1), initial=0.0), ""
-        shared = np.eye(len(levers))[levers > tolerances.IDLE * levers.max(initial=0.0)]
+        loaded, note = _loaded([self.problem.J]), ""
+        shared = np.eye(len(loaded))[loaded]
         if self.directions is not None:
             columns, sizes, _ = np.linalg.svd(self.directions)
             shared = columns[:, int((sizes > tolerances.SAME * sizes.max(initial=0.0)).sum()) :].T
@@ -465,7 +466,7 @@ class AffineForces:
 def policy_checks(
     stated: Part,
     problem: Problem,
-    members: list[dict[str, np.ndarray]],
+    members: list[Member],
     torques: list[np.ndarray],
 ) -> list[Check]:
     """Return the checks of forces that are affine in what is unknown.
