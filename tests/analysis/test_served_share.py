@@ -70,7 +70,7 @@ def test_members_of_smaller_sets_are_made_of_those_of_larger_ones(given):
         nothing, Coverage.CORNERS, np.nan, members, problem.joint_names, (*range(len(members)),),
         uncertainty=unknown, weight=weight,
     )  # fmt: skip
-    smaller = module.smaller_conflict(problem, failed, 0.5)
+    smaller = module.smaller_conflict(failed, 0.5)
     own = {_told(one).round(9).tobytes() for one in members_of(problem, unknown.scaled(0.5))}
     assert {_told(one).round(9).tobytes() for one in smaller} >= own
     assert len(smaller) == len(members)
@@ -94,7 +94,7 @@ def test_members_in_conflict_at_the_failing_size_are_told():
         sizes.append(share)
         return solve_robust(problem, objective, unknown.scaled(share), how)
 
-    found = module.largest_share(problem, solved, solved(1.0))
+    found = module.largest_share(solved, solved(1.0))
     assert 0.0 < found.failing - found.served <= 1e-3
     assert len(found.conflict) >= 2
     assert not minimize_torque(joined(found.conflict), 0.1, **COULOMB).found

@@ -26,10 +26,10 @@ from graspless_pin.algorithms.robust_torques import Feedback, solve_robust, torq
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
     Weight,
-    known_weight,
     member_at,
     members_of,
     nominal_member,
+    scaled_member,
 )
 from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertainty, polygon
 from graspless_pin.modes.rules import Rules, StaticFriction
@@ -69,7 +69,6 @@ class ServedSize(Brief):
 
 
 def largest_served(
-    problem: QuasistaticProblem,
     solved: Callable[[float], RobustSolution],
     failed: RobustSolution,
     sizes: tuple[float, float],
@@ -81,7 +80,6 @@ def largest_served(
     """Return how large a set may be, between two sizes.
 
     Args:
-        problem: The nominal one.
         solved: Returns what is found for the set of a size. Sets are nested, and contain the
             members of larger ones with all that is off times the ratio of the sizes.
         failed: What was found for the larger size: no torques.
@@ -103,7 +101,7 @@ def largest_served(
             trial = low
             while high - trial > 0.5 * apart():
                 middle = 0.5 * (trial + high)
-                refuted = _is_refuted(problem, failed, middle / of)
+                refuted = _is_refuted(failed, middle / of)
                 trial, high = (trial, middle) if refuted else (middle, high)
             if high - low <= apart():
                 break
@@ -117,62 +115,30 @@ def largest_served(
             break
         else:
             high, of, failed = trial, trial, found
-    return ServedSize(low, high, best, tuple(smaller_conflict(problem, failed, high / of)))
+    return ServedSize(low, high, best, tuple(smaller_conflict(failed, high / of)))
 
 
-def smaller_conflict(
-    problem: QuasistaticProblem, failed: RobustSolution, share: float
-) -> list[Member]:
+def smaller_conflict(failed: RobustSolution, share: float) -> list[Member]:
     """Return members in conflict as a smaller set has them: with all that is off times a share.
 
     Args:
-        problem: The nominal one.
         failed: What was found for the larger set: no torques.
         share: Of its figures, at most 1.
     """
-    weight = known_weight(problem, Uncertainty(), failed.weight)
-    uncertainty = failed.uncertainty or Uncertainty()
-    tilt, in_kilograms = uncertainty.tilt, uncertainty.mass_offset > 0.0
-    kilograms = weight.mass if in_kilograms else nan
-    found = []
-    for one in (failed.members[number] for number in failed.conflict):
-        if one.corner is None or share == 1.0:
-            found.append(one)
-            continue
-        corner, own = one.corner, one.problem
-        down = corner.down
-        if tilt > 0.0:  # to the prism around the smaller circle of tilts
-            along = float(down @ weight.down)
-            height = 1.0 if along > cos(0.5 * tilt) else cos(share * tilt)
-            across = sin(share * tilt) / sin(tilt) * (down - along * weight.down)
-            down = height * weight.down + across
-        figures = {
-            name: share * getattr(corner, name)
-            for name in ("mass", "center_of_mass", "force", "moment", "kinetic")
-        }
-        base = problem.with_changes(
-            friction=_between(problem.friction, own.friction, share),
-            torque_limits=(
-                _between(problem.lower_torque, own.lower_torque, share),
-                _between(problem.upper_torque, own.upper_torque, share),
-            ),
-        )
-        corner = replace(corner, down=down, **figures)
-        off = share * (one.factors - 1.0), share * one.offsets
-        found.append(member_at(problem, weight, corner, *off, base=base, kilograms=kilograms))
-    return found
+    conflict = [failed.members[number] for number in failed.conflict]
+    weight, uncertainty = failed.weight, failed.uncertainty
+    if share == 1.0 or weight is None or uncertainty is None:
+        return conflict
+    return [
+        scaled_member(one, weight, uncertainty, lambda _, value: share * np.asarray(value))
+        for one in conflict
+    ]
 
 
-def _between(nominal: FloatArray, other: FloatArray, share: float) -> FloatArray:
-    # Infinite limits stay so.
-    same = nominal == other
-    return np.where(same, nominal, nominal + share * np.where(same, 0.0, other - nominal))
-
-
-def _is_refuted(problem: QuasistaticProblem, failed: RobustSolution, share: float) -> bool:
+def _is_refuted(failed: RobustSolution, share: float) -> bool:
     """Whether the members in conflict are so, too, with all that is off times a share."""
-    directions = feedback_torques(problem, failed.feedback)
-    together = joined(smaller_conflict(problem, failed, share), directions)
+    directions = feedback_torques(failed.members[0].problem, failed.feedback)
+    together = joined(smaller_conflict(failed, share), directions)
     found = solve_problem(together, failed.solution.objective, _COULOMB)
     return found.status is Status.INFEASIBLE_FORCES
 
@@ -216,11 +182,10 @@ def served_share(
         return solve_robust(problem, objective, uncertainty.scaled(share), how, feedback=feedback)
 
     whole = solved(1.0)
-    return 1.0 if whole.found else largest_share(problem, solved, whole).served
+    return 1.0 if whole.found else largest_share(solved, whole).served
 
 
 def largest_share(
-    problem: QuasistaticProblem,
     solved: Callable[[float], RobustSolution],
     whole: RobustSolution,
     limits: Limits = NO_LIMITS,
@@ -228,12 +193,11 @@ def largest_share(
     """Return the largest share of a set that is served, see `served_share`.
 
     Args:
-        problem: The nominal one.
         solved: Returns what is found for the set with its figures times a share.
         whole: What was found for the whole set: no torques.
         limits: When to stop.
     """
-    found = largest_served(problem, solved, whole, (0.0, 1.0), near=_SHARE, limits=limits)
+    found = largest_served(solved, whole, (0.0, 1.0), near=_SHARE, limits=limits)
     if found.served == 0.0 and not limits.passed and not solved(0.0).found:
         return replace(found, served=nan)
     return found
@@ -303,14 +267,14 @@ class _Sets:
         unit: What sizes are compared to.
         most: The largest size that is looked at, over that.
         wide: How far the corners are off, over the size.
-        of_tilt: Whether the size is an angle of gravity.
+        figure: That of an `Uncertainty` which the size is; empty: none.
     """
 
     members: Callable[[float], list[Member]]
     unit: float = 1.0
     most: float = _FARTHEST
     wide: float = 1.0
-    of_tilt: bool = False
+    figure: str = ""
 
     @property
     def largest(self) -> float:
@@ -362,7 +326,7 @@ class AttainableSearch:
         if self.limits.passed:
             return AttainableTolerance(quantity, found.served, inf, served, in_time=False)
         failing, conflict = sets.wide * found.failing, found.conflict
-        if sets.of_tilt and np.isfinite(failing):
+        if sets.figure == "tilt" and np.isfinite(failing):
             # The prism around the tilts is wider: of what fails, gravity is turned by so much.
             turned = self._largest(replace(sets, members=self._tilted), found.served)
             failing, conflict = turned.failing, turned.conflict
@@ -385,14 +349,14 @@ class AttainableSearch:
             number = {id(one): place for place, one in enumerate(members)}
             fought = [number[id(found.members[place])] for place in found.conflict]
             begin[:] = dict.fromkeys([0, *fought, *begin][:_KEPT])
-            stated = Uncertainty(tilt=size if sets.of_tilt else 0.0)
+            stated = Uncertainty(**({sets.figure: size} if sets.figure else {}))
             return replace(found, uncertainty=stated, weight=self.weight, feedback=self.stiffness)
 
         found = solved(sets.largest)
         if found.found:
             return ServedSize(sets.largest, inf, found, ())
         return largest_served(
-            self.problem, solved, found, (served, sets.largest),
+            solved, found, (served, sets.largest),
             near=_NEAR * sets.unit, relative=_CLOSE, limits=self.limits,
         )  # fmt: skip
 
@@ -401,9 +365,9 @@ class AttainableSearch:
         none = np.zeros(problem.joint_count)
         levers = problem.jacobian.any(axis=0)
         if quantity is Quantity.FRICTION:
-            return _Sets(self._uncertain("friction"), most=_LAST)
+            return _Sets(self._uncertain("friction"), most=_LAST, figure="friction")
         if quantity is Quantity.TILT:
-            return _Sets(self._uncertain("tilt"), most=MOST_TILT, of_tilt=True)
+            return _Sets(self._uncertain("tilt"), most=MOST_TILT, figure="tilt")
         if quantity in (Quantity.MASS_MORE, Quantity.MASS_LESS):
             sign, most = (1.0, _FARTHEST) if quantity is Quantity.MASS_MORE else (-1.0, 1.0)
             return _Sets(lambda size: self._off([{"mass": sign * size}]), most=most)

@@ -1,14 +1,11 @@
-"""The members of an uncertain set that prove something of it: the corners of its boxes.
-
-Beside them members whose contacts are not at their nominal positions, drawn at random.
-"""
+"""The members of an uncertain set that prove something of it: the vertices of its boxes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from math import cos, pi, prod, sin
@@ -20,7 +17,7 @@ from graspless_pin.algorithms.uncertainty import Uncertainty, each_of, polygon
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.members import Corner, Member, feedback_torques
+from graspless_pin.problem.members import Corner, Member
 from graspless_pin.problem.scales import coordinate_units
 from graspless_pin.records import Brief, changed
 
@@ -225,9 +222,6 @@ def member_at(
     corner: Corner,
     factor: FloatArray,
     offset: FloatArray,
-    *,
-    base: QuasistaticProblem | None = None,
-    kilograms: float = math.nan,
 ) -> Member:
     """Return a problem with what a corner says is off of it, as a member.
 
@@ -237,14 +231,73 @@ def member_at(
         corner: What is off of the load; of kinetic friction it only tells.
         factor: (L,) shares by which joints make more torque than is commanded.
         offset: (L,) what is added to it, N m (N).
-        base: The problem with the member's friction and limits; None: the nominal one's.
-        kilograms: The nominal mass, where words tell masses in kg; NaN: in shares.
     """
-    push = np.concatenate([corner.force, corner.moment])
-    load = _loads(problem, weight, corner.mass, corner.center_of_mass, corner.down, push)
-    loaded = under_load(base or problem, *load)
-    words = _words(problem, weight, corner, kilograms, factor, offset)
+    loaded = under_load(problem, *_load_at(problem, weight, corner))
+    words = _words(problem, weight, corner, math.nan, factor, offset)
     return Member(loaded, 1.0 + factor, offset, words, corner)
+
+
+def scaled_member(
+    member: Member,
+    weight: Weight,
+    uncertainty: Uncertainty,
+    scaled: Callable[[str, ArrayLike], FloatArray],
+) -> Member:
+    """Return a corner of a set as the set with other figures has it; others stay as they are.
+
+    Args:
+        member: The member.
+        weight: Which part of its load is weight.
+        uncertainty: The set; of loads that are no corners of its boxes only the tilt is asked for.
+        scaled: Returns a figure of the set, by its name, as the other set has it; signs of a
+            corner's figures stay.
+    """
+    before, problem = member.corner, member.problem
+    if before is None:
+        return member
+    friction = each_of("friction", uncertainty.friction, problem.contact_count, "contacts")
+    effort = each_of("effort", uncertainty.effort, problem.joint_count, "joints")
+    kilograms = weight.mass if uncertainty.mass_offset > 0.0 else math.nan
+    beside = 0.0 if math.isnan(kilograms) else uncertainty.mass_offset / kilograms
+    beside = np.copysign(beside, before.mass)
+    mass = scaled("mass", before.mass - beside) + scaled("mass_offset", beside)
+    down, tilt = before.down, float(scaled("tilt", uncertainty.tilt))
+    if uncertainty.tilt > 0.0:  # to the prism around the other circle of tilts
+        along = float(down @ weight.down)
+        height = 1.0 if along > cos(0.5 * uncertainty.tilt) else cos(tilt)
+        across = sin(tilt) / sin(uncertainty.tilt) * (down - along * weight.down)
+        down = height * weight.down + across
+    # Static friction counts with its lower end, kinetic friction with both.
+    off = np.where(problem.is_sliding, before.kinetic, -friction)
+    more = scaled("friction", off)
+    corner = Corner(
+        float(mass), scaled("center_of_mass", before.center_of_mass), down,
+        scaled("force", before.force), scaled("moment", before.moment),
+        np.where(problem.is_sliding, more, 0.0),
+    )  # fmt: skip
+    left = (1.0 - scaled("effort", effort)) / (1.0 - effort)
+    limits = (
+        np.where(problem.lower_torque < 0.0, left, 1.0) * problem.lower_torque,
+        np.where(problem.upper_torque > 0.0, left, 1.0) * problem.upper_torque,
+    )
+    load, known = (_load_at(problem, weight, one) for one in (corner, before))
+    changed_problem = problem.with_changes(
+        friction=problem.friction / (1.0 + off) * (1.0 + more),
+        torque_limits=limits,
+        external_wrench=problem.external_wrench + (load[0] - known[0]),
+        gravity_torques=problem.gravity_torques + (load[1] - known[1]),
+    )
+    factor, offset = scaled("torque", member.factors - 1.0), scaled("torque_offset", member.offsets)
+    words = _words(problem, weight, corner, kilograms, factor, offset)
+    return Member(changed_problem, 1.0 + factor, offset, words, corner)
+
+
+def _load_at(
+    problem: QuasistaticProblem, weight: Weight, corner: Corner
+) -> tuple[FloatArray, FloatArray]:
+    """Return wrench (P,), and what carries the links (L,), with a corner's figures off."""
+    push = np.concatenate([corner.force, corner.moment])
+    return _loads(problem, weight, corner.mass, corner.center_of_mass, corner.down, push)
 
 
 def _loads(
@@ -423,77 +476,3 @@ def _words(
     if effort is not None and effort.any():
         told.append(f"effort limits {-100.0 * effort.max():.3g} %")
     return ", ".join(told) or "nominal"
-
-
-def contact_radii(
-    problem: QuasistaticProblem, uncertainty: Uncertainty, slopes: FloatArray | None
-) -> FloatArray:
-    """Return (M,) m, how far each contact may be off within its tangent plane.
-
-    Args:
-        problem: The nominal one.
-        uncertainty: The set.
-        slopes: See `moved_members`.
-
-    Raises:
-        ArgumentError: If there are figures for another number of contacts or by name, or it is not
-            known what moved contacts do to the load or to joints.
-    """
-    radii = each_of(
-        "contact_position", uncertainty.contact_position, problem.contact_count, "contacts"
-    )
-    moved = radii > 0.0
-    if moved.any() and problem.wrench_matrix is not None:
-        raise ArgumentError(
-            "contact_position", "is of one free object, and the problem has a wrench_matrix"
-        )
-    if slopes is None and problem.jacobian.reshape(len(radii), -1)[moved].any():
-        raise ArgumentError(
-            "contact_position",
-            "moves contacts of joints, and arrays do not tell their Jacobian elsewhere; ask it of "
-            "a scene, or give 0 for these contacts",
-        )
-    return radii
-
-
-def moved_members(
-    members: Sequence[Member],
-    radii: FloatArray,
-    slopes: FloatArray | None,
-    rng: np.random.Generator,
-    count: int,
-    *,
-    stiffness: FloatArray | None = None,
-    far: bool = False,
-) -> list[Member]:
-    """Return members, drawn at random, with all contacts moved at random.
-
-    Normals stay, and so does how fast contacts slide.
-
-    Args:
-        members: Those to draw from, with contacts at their nominal positions.
-        radii: (M,) m, how far each contact may be off within its tangent plane.
-        slopes: (3, 3M, L) what the Jacobian gains where contacts are moved along each world axis,
-            per m; None: nothing.
-        rng: What draws.
-        count: How many.
-        stiffness: (L,) of joints with feedback, N m/rad (N/m); None: there is none.
-        far: Whether contacts are as far off as they may be; else evenly spread.
-    """
-    drawn = []
-    for number in rng.integers(len(members), size=count).tolist():
-        member = members[number]
-        problem = member.problem
-        angles = rng.uniform(0.0, 2.0 * np.pi, len(radii))
-        off = radii * (1.0 if far else np.sqrt(rng.uniform(size=len(radii))))
-        within = off[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-        moved = np.einsum("lij,lj->li", problem.tangents, within)
-        jacobian = problem.jacobian
-        if slopes is not None:
-            jacobian = jacobian + np.einsum("kal,ak->al", slopes, np.repeat(moved, 3, axis=0))
-        elsewhere = problem.with_changes(positions=problem.positions + moved, jacobian=jacobian)
-        told = f"contacts moved by up to {1000.0 * off.max():.3g} mm"
-        words = told if member.words == "nominal" else f"{member.words}, {told}"
-        own = feedback_torques(elsewhere, stiffness)
-        drawn.append(replace(member, problem=elsewhere, words=words, moved=moved, directions=own))
-    return drawn

@@ -7,11 +7,11 @@ multipliers, and a figure of the set moves the data of every corner.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.gradients import (
     Gradients,
@@ -20,12 +20,11 @@ from graspless_pin.algorithms.gradients import (
     optimum_gradients,
 )
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.algorithms.uncertain_members import Weight, gravities
-from graspless_pin.algorithms.uncertainty import Uncertainty, each_of
+from graspless_pin.algorithms.uncertain_members import scaled_member
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.members import Corner, Member, feedback_torques, joined
+from graspless_pin.problem.members import feedback_torques, joined
 from graspless_pin.records import Brief
 
 _STEP = 1e-4
@@ -95,13 +94,18 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     def slopes(name: str, place: int | None, figure: float) -> list[float]:
         if figure == 0.0 or name == "contact_position":
             return [np.nan] * len(points)
-        ends = [
-            joined(
-                [_moved(one, uncertainty, weight, name, place, times) for one in members],
-                directions,
-            )
-            for times in (1.0 - _STEP, 1.0 + _STEP)
-        ]
+
+        def at_end(times: float) -> QuasistaticProblem:
+            def scaled(of: str, value: ArrayLike) -> FloatArray:
+                figures = np.array(value, dtype=float)
+                if of == name:
+                    figures[... if place is None else place] *= times
+                return figures
+
+            moved = [scaled_member(one, weight, uncertainty, scaled) for one in members]
+            return joined(moved, directions)
+
+        ends = at_end(1.0 - _STEP), at_end(1.0 + _STEP)
         return [
             _slope(one, own, *ends) / (2.0 * _STEP * figure)
             for one, own in zip(points, at, strict=True)
@@ -141,82 +145,3 @@ def _slope(
 def _change(before: QuasistaticProblem, after: QuasistaticProblem, name: str) -> FloatArray:
     old, new = getattr(before, name), getattr(after, name)
     return np.where(np.isfinite(old), new, 0.0) - np.where(np.isfinite(old), old, 0.0)
-
-
-def _moved(
-    member: Member,
-    uncertainty: Uncertainty,
-    weight: Weight,
-    name: str,
-    place: int | None,
-    times: float,
-) -> Member:
-    """Return a member whose corner goes along with one figure of the set.
-
-    Args:
-        member: The member.
-        uncertainty: The set.
-        weight: Which part of its load is weight.
-        name: Of the figure.
-        place: Which of several; None: the one for all.
-        times: What the figure is multiplied by.
-    """
-    corner, problem = member.corner, member.problem
-    if corner is None:
-        return member
-    at = slice(None) if place is None else place
-
-    def scaled(value: FloatArray) -> FloatArray:
-        more = np.array(value, dtype=float)
-        more[at] *= times
-        return more
-
-    match name:
-        case "mass" | "mass_offset":
-            own = uncertainty.mass if name == "mass" else uncertainty.mass_offset / weight.mass
-            heavier = corner.mass + (times - 1.0) * np.copysign(own, corner.mass)
-            return _loaded(member, weight, corner, replace(corner, mass=float(heavier)))
-        case "center_of_mass" | "force" | "moment":
-            moved = {name: scaled(getattr(corner, name))}
-            return _loaded(member, weight, corner, replace(corner, **moved))
-        case "tilt":
-            known = gravities(weight, uncertainty.tilt)
-            number = int(np.linalg.norm(known - corner.down, axis=1).argmin())
-            down = gravities(weight, times * uncertainty.tilt)[number]
-            return _loaded(member, weight, corner, replace(corner, down=down))
-        case "friction":
-            share = each_of("friction", uncertainty.friction, problem.contact_count, "contacts")
-            # Static friction counts with its lower end, kinetic friction with both.
-            off = np.where(problem.is_sliding, corner.kinetic, -share)
-            friction = problem.friction / (1.0 + off) * (1.0 + scaled(off))
-            return replace(member, problem=problem.with_changes(friction=friction))
-        case "torque":
-            return replace(member, factors=1.0 + scaled(member.factors - 1.0))
-        case "torque_offset":
-            return replace(member, offsets=scaled(member.offsets))
-        case "effort":
-            share = each_of("effort", uncertainty.effort, problem.joint_count, "joints")
-            left = (1.0 - scaled(share)) / (1.0 - share)
-            limits = (
-                np.where(problem.lower_torque < 0.0, left, 1.0) * problem.lower_torque,
-                np.where(problem.upper_torque > 0.0, left, 1.0) * problem.upper_torque,
-            )
-            return replace(member, problem=problem.with_changes(torque_limits=limits))
-        case _:
-            raise ArgumentError("uncertainty", f"has no corners of {name}")
-
-
-def _loaded(member: Member, weight: Weight, before: Corner, corner: Corner) -> Member:
-    """Return a member with the load of another corner than before."""
-    problem = member.problem
-    wrench = weight.wrench(corner.mass, corner.center_of_mass, corner.down)
-    wrench = wrench - weight.wrench(before.mass, before.center_of_mass, before.down)
-    wrench[:3] += corner.force - before.force
-    wrench[3:] += corner.moment - before.moment
-    carried = problem.gravity_torques
-    if weight.links is not None:
-        carried = carried + weight.links @ (corner.down - before.down)
-    changed = problem.with_changes(
-        external_wrench=problem.external_wrench + wrench, gravity_torques=carried
-    )
-    return replace(member, problem=changed, corner=corner)

@@ -103,14 +103,13 @@ def robust_answer(
     if robust.status not in (Status.NOT_FOUND_IN_LIMIT, Status.STRONG_NOT_FOUND):
         # Which part is served is a question of forces; rest is asked of torques for all of it.
         of_part = partial(solved, stability=weak)
-        share, unserved = _share_of(scene, of_part, robust, share_time, options.get("time_limit"))
+        share, unserved = _share_of(of_part, robust, share_time, options.get("time_limit"))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
             with_feedback = of_part(feedback=STIFFNESS)
     return RobustAnswer(unknown, robust, nominal, None, share, unserved, with_feedback)
 
 
 def _share_of(
-    scene: Scene,
     solved: Callable[..., RobustSolution],
     robust: RobustSolution,
     seconds: float,
@@ -119,7 +118,6 @@ def _share_of(
     """Return the shares of a set that are served and not served, as near as time allows.
 
     Args:
-        scene: The scene.
         solved: Returns what is found for a share of it.
         robust: What was found for all of it: no torques.
         seconds: For all searches.
@@ -128,11 +126,9 @@ def _share_of(
     limits = Limits.from_now(None, seconds)
 
     def within(share: float) -> RobustSolution:
-        left = limits.left
-        most = [one for one in (left, each) if one is not None]
-        return solved(share, time_limit=min(most))
+        return solved(share, time_limit=min(one for one in (limits.left, each) if one is not None))
 
-    found = largest_share(scene.problem(), within, robust, limits)
+    found = largest_share(within, robust, limits)
     return found.served, found.failing
 
 
