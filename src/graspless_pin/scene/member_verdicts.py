@@ -14,7 +14,6 @@ from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.holding.controller import Controller
 from graspless_pin.holding.verdict import Holding, StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
@@ -135,7 +134,11 @@ def under_feedback(scene: _Scene, stiffness: FloatArray | None) -> _Scene:
     """Return a scene under its controller with other gains (L,), by joint; None: its own."""
     if stiffness is None:
         return scene
-    return scene.with_changes(controller=_controller(scene, stiffness))
+    names = problem_of(scene).joint_names
+    known = () if scene.hand is None else scene.hand.actuation.names
+    gains = dict(zip(names, stiffness.tolist(), strict=True))
+    own = {name: gain for name, gain in gains.items() if name in known}
+    return scene.with_changes(controller=Controller(own, scene.controller.damping))
 
 
 def verdicts_under(
@@ -188,11 +191,20 @@ def scene_of_member(scene: _Scene, member: Member) -> _Scene:
     changed, corner = scene, member.corner
     if corner is not None:
         made = scene.object
-        loads = [_at(load, made.center_of_mass) for load in scene.loads]
+        loads = [
+            load if load.at is not None else replace(load, at=made.center_of_mass)
+            for load in scene.loads
+        ]
         if corner.force.any() or corner.moment.any():
             loads.append(Load(_PUSH, corner.force, corner.moment, at=made.center_of_mass))
+        heavier = replace(
+            made,
+            mass=(1.0 + corner.mass) * made.mass,
+            center_of_mass=made.center_of_mass + corner.center_of_mass,
+            inertia=None if made.inertia is None else (1.0 + corner.mass) * made.inertia,
+        )
         changed = scene.with_changes(
-            object=_heavier(made, corner.mass, corner.center_of_mass),
+            object=heavier,
             loads=loads,
             gravity=np.linalg.norm(scene.gravity) * corner.down,
         )
@@ -239,24 +251,3 @@ def torques_at_rest(
     balanced = problem.J.T @ found.contact_forces.ravel() + problem.gravity_torques
     left = ~problem.jacobian.any(axis=0) & (stiffness == 0.0)
     return np.where(left, made, balanced)
-
-
-def _heavier(made: ManipulatedObject, share: float, off: FloatArray) -> ManipulatedObject:
-    """Return an object with more mass by a share, and its centre of mass (3,) m off."""
-    inertia = None if made.inertia is None else (1.0 + share) * made.inertia
-    center = made.center_of_mass + off
-    return replace(made, mass=(1.0 + share) * made.mass, center_of_mass=center, inertia=inertia)
-
-
-def _at(load: Load, point: FloatArray) -> Load:
-    return load if load.at is not None else replace(load, at=point)
-
-
-def _controller(scene: SceneFields, stiffness: FloatArray) -> Controller:
-    """Return the scene's controller with other gains, by joint."""
-    names = problem_of(scene).joint_names
-    known = () if scene.hand is None else scene.hand.actuation.names
-    gains = dict(zip(names, stiffness.tolist(), strict=True))
-    return Controller(
-        {name: gain for name, gain in gains.items() if name in known}, scene.controller.damping
-    )
