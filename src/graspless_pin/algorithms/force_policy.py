@@ -1,4 +1,4 @@
-"""Contact forces that are affine in what is not known, and what they prove of a whole set.
+"""Affine policies: contact forces affine in what is not known, and what they prove of a whole set.
 
 See Ben-Tal, Goryashko, Guslitzer and Nemirovski, "Adjustable robust solutions of uncertain linear
 programs", Math. Program. 99, 2004.

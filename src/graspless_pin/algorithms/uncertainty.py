@@ -19,7 +19,7 @@ from graspless_pin.records import Brief
 from graspless_pin.suggestions import names_in_words
 
 RADII = ("center_of_mass_radius", "force_radius", "moment_radius")
-"""Of balls, which have no corners."""
+"""Of balls, which have no vertices."""
 _WORDS = {
     "mass": ("mass", 100.0, "%"), "mass_offset": ("mass", 1.0, "kg"),
     "center_of_mass": ("centre of mass", 100.0, "cm"),
@@ -118,13 +118,6 @@ class Uncertainty(Brief):
         effort: ArrayLike | Mapping[str, float] = 0.0,
     ) -> None:
         """Check the figures and copy them: see the attributes; one number stands for all axes."""
-        shares = {"torque": torque, "effort": effort}
-        vectors = {"center_of_mass": center_of_mass, "force": force, "moment": moment}
-        radii = {
-            "center_of_mass_radius": center_of_mass_radius,
-            "force_radius": force_radius,
-            "moment_radius": moment_radius,
-        }
         vars(self).update(
             mass=_share("mass", real_number("mass", mass, 0.0)),
             mass_offset=real_number("mass_offset", mass_offset, 0.0),
@@ -132,9 +125,14 @@ class Uncertainty(Brief):
             friction=_amounts("friction", friction, shares=True, pairs=True),
             torque_offset=_amounts("torque_offset", torque_offset),
             contact_position=_amounts("contact_position", contact_position),
-            **{name: _amounts(name, value, shares=True) for name, value in shares.items()},
-            **{name: _vector(name, value) for name, value in vectors.items()},
-            **{name: real_number(name, value, 0.0) for name, value in radii.items()},
+            torque=_amounts("torque", torque, shares=True),
+            effort=_amounts("effort", effort, shares=True),
+            center_of_mass=_positive("center_of_mass", center_of_mass, 3),
+            force=_positive("force", force, 3),
+            moment=_positive("moment", moment, 3),
+            center_of_mass_radius=real_number("center_of_mass_radius", center_of_mass_radius, 0.0),
+            force_radius=real_number("force_radius", force_radius, 0.0),
+            moment_radius=real_number("moment_radius", moment_radius, 0.0),
         )
         if self.tilt >= pi / 4.0:
             raise ArgumentError("tilt", f"is {self.tilt:.4g} rad; it must be below 45 degrees")
@@ -166,7 +164,7 @@ class Uncertainty(Brief):
 
     @property
     def has_balls(self) -> bool:
-        """Whether some of it is a ball, which has no corners."""
+        """Whether some of it is a ball, which has no vertices."""
         return any(getattr(self, name) > 0.0 for name in RADII)
 
     def scaled(self, share: float) -> Uncertainty:
@@ -222,10 +220,6 @@ class Uncertainty(Brief):
                 _check_names("friction", [key], what, surfaces)
 
 
-def _vector(name: str, value: ArrayLike) -> FloatArray:
-    return _positive(name, np.broadcast_to(finite_array(name, *_shaped(value, 3)), (3,)))
-
-
 def _check_names(name: str, given: object, what: str, known: Sequence[str]) -> None:
     for key in given if isinstance(given, Mapping | list) else ():
         if key not in known:
@@ -260,20 +254,18 @@ def _amounts(name: str, value: Any, *, shares: bool = False, pairs: bool = False
             if shares:
                 _share(where, found[str(key)])
         return found
-    amounts = _positive(name, finite_array(name, *_shaped(value, None)))
+    amounts = _positive(name, value, None)
     if shares:
         _share(name, float(np.max(amounts, initial=0.0)))
     return amounts
 
 
-def _shaped(value: ArrayLike, length: int | None) -> tuple[ArrayLike, tuple[int | None, ...]]:
-    return value, (() if np.ndim(value) == 0 else (length,))
-
-
-def _positive(name: str, value: FloatArray) -> FloatArray:
-    if (value < 0.0).any():
-        raise ArgumentError(name, f"is {value.min():.4g}; it must not be negative")
-    return read_only(np.array(value))
+def _positive(name: str, value: ArrayLike, count: int | None) -> FloatArray:
+    """Return figures that are not negative: so many, or where one is given one for all."""
+    given = finite_array(name, value, () if np.ndim(value) == 0 else (count,))
+    if (given < 0.0).any():
+        raise ArgumentError(name, f"is {given.min():.4g}; it must not be negative")
+    return read_only(np.array(given if count is None else np.broadcast_to(given, (count,))))
 
 
 def _share(name: str, value: float) -> float:
@@ -343,6 +335,6 @@ _UNITS = {
 
 
 def polygon(count: int) -> FloatArray:
-    """Return unit vectors (K, 2) to the corners of a polygon."""
+    """Return unit vectors (K, 2) to the vertices of a regular polygon."""
     angles = 2.0 * pi * np.arange(count) / count
     return np.array([np.cos(angles), np.sin(angles)]).T

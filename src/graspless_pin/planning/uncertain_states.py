@@ -93,8 +93,15 @@ def are_served(
         enough=margin,
     )  # fmt: skip
     slack = _CANCELS * max(margin, members[0].problem.scales.force)
-    proven = (margins >= margin - slack).all()
-    return bool(proven) and (mode is None or _moves(members, mode, options))
+    served = bool((margins >= margin - slack).all())
+    if mode is None or not served:
+        return served
+    motions = common_motions(members[0].problem, len(members))
+    try:
+        verdict = motions.solve(requirements_of(mode), options.rules.sign)
+    except UndecidedMotionError:
+        return False
+    return not isinstance(verdict, Conflict)
 
 
 def _commands(members: Sequence[Member], earlier: EarlierForces) -> FloatArray | None:
@@ -119,16 +126,6 @@ def _commands(members: Sequence[Member], earlier: EarlierForces) -> FloatArray |
     commands, loaded = start + share * added, first.J.any(axis=0)
     within = (commands >= first.lower_torque) & (commands <= first.upper_torque)
     return commands if within[loaded].all() else None
-
-
-def _moves(members: Sequence[Member], mode: SlidingMode, options: SolveOptions) -> bool:
-    """Return whether all members together may slide in a mode."""
-    motions = common_motions(members[0].problem, len(members))
-    try:
-        verdict = motions.solve(requirements_of(mode), options.rules.sign)
-    except UndecidedMotionError:
-        return False
-    return not isinstance(verdict, Conflict)
 
 
 _MOST_KEPT = 256
@@ -233,8 +230,10 @@ class UncertainStateSolver(StateSolver):
         if faults or problem is None:
             return not faults
         earlier = self._earlier.get(_touching(scene))
-        if earlier is not None and self._serve(earlier, scene, margin):
-            return True
+        if earlier is not None:
+            members, directions = corners_in(scene, self._set)
+            if are_served(members, earlier, margin, self.options, directions=directions):
+                return True
         if self._is_coulomb:
             # Of convex loads the nominal one is among the means of the corners: it is no worse.
             if not super().holds(state, margin):
@@ -278,11 +277,6 @@ class UncertainStateSolver(StateSolver):
         if how is self.options and whole and robust.policy is None:
             self._earlier[_touching(scene)] = earlier_forces(robust)
         return robust
-
-    def _serve(self, earlier: EarlierForces, scene: Scene, margin: float) -> bool:
-        """Tell whether forces near those of an earlier state are proven to serve all members."""
-        members, directions = corners_in(scene, self._set)
-        return are_served(members, earlier, margin, self.options, directions=directions)
 
 
 def _margin_and_status(robust: RobustSolution, required: float) -> tuple[float, StateStatus]:

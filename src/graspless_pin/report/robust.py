@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, Samples
+from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.robust_torques import further_forces
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.holding.verdict import Holding
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.member_verdicts import MemberVerdicts
@@ -220,7 +222,9 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         "words": robust_sentences(answer),
         "found": found,
         "coverage": robust.coverage.name.lower(),
-        "samples": _samples(robust.samples),
+        "samples": None
+        if robust.samples is None
+        else {**vars(robust.samples), "where_meant": robust.samples.where_meant.name.lower()},
         **_summary(robust),
         "bound": robust.bound,
         "feedback": None
@@ -293,12 +297,6 @@ def _summary(found: TorqueSolution | RobustSolution) -> dict[str, Any]:
     return {key: getattr(found, key) for key in keys} | {"torques": dict(found.torques_by_joint)}
 
 
-def _samples(samples: Samples | None) -> dict[str, Any] | None:
-    if samples is None:
-        return None
-    return {**vars(samples), "where_meant": samples.where_meant.name.lower()}
-
-
 def _deflection(robust: RobustSolution) -> float | None:
     if robust.feedback is None or not robust.found:
         return None
@@ -341,7 +339,7 @@ def _served(robust: RobustSolution) -> list[dict[str, Any]]:
 
 
 def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
-    """Return what is so of each member, in the order of the joined problem."""
+    """Return what is so of each member, with how far contacts are moved, and the Jacobian there."""
     return [
         {
             "words": one.words,
@@ -350,16 +348,12 @@ def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
             "gravity_torques": one.problem.gravity_torques,
             "torque_factors": one.factors,
             "torque_offsets": one.offsets,
-            **_elsewhere(one),
+            **({} if one.moved is None else {"moved": one.moved, "jacobian": _blocks(one.problem)}),
         }
         for one in members
     ]
 
 
-def _elsewhere(member: Member) -> dict[str, Any]:
-    """Return how far contacts are moved, and the Jacobian there; empty where they stay."""
-    if member.moved is None:
-        return {}
-    problem = member.problem
-    jacobian = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
-    return {"moved": member.moved, "jacobian": jacobian}
+def _blocks(problem: QuasistaticProblem) -> FloatArray:
+    """Return the Jacobian by contact, (M, 3, L)."""
+    return problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
