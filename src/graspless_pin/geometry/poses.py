@@ -6,11 +6,11 @@ import math
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import read_only
+from graspless_pin.problem.checks import FloatArray, read_only
 
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
@@ -20,7 +20,7 @@ _STRAIGHT = 1e-12
 _IDENTITY, _NO_TURN = np.eye(4), np.eye(3)
 
 
-def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArray[np.float64]:
+def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> FloatArray:
     """Build a (4, 4) transform from a position and a rotation in any of the usual forms.
 
     Args:
@@ -46,26 +46,24 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArr
     )
 
 
-def rigid(position: ArrayLike, R: NDArray[np.float64] = _NO_TURN) -> NDArray[np.float64]:
+def rigid(position: ArrayLike, R: FloatArray = _NO_TURN) -> FloatArray:
     """Return a (4, 4) transform of a position (3,), m, and a rotation (3, 3), neither checked."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, position
     return T
 
 
-def shifted(T: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
+def shifted(T: FloatArray, way: FloatArray) -> FloatArray:
     """Return a (4, 4) transform moved by (3,), m, in the destination's axes."""
     return rigid(T[:3, 3] + way, T[:3, :3])
 
 
-def turned_about(
-    center: NDArray[np.float64], R: NDArray[np.float64], shift: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def turned_about(center: FloatArray, R: FloatArray, shift: FloatArray) -> FloatArray:
     """Return the (4, 4) transform that turns about a point (3,) and then moves by (3,), m."""
     return rigid(center - R @ center + shift, R)
 
 
-def roll_pitch_yaw(R: NDArray[np.float64]) -> tuple[float, float, float]:
+def roll_pitch_yaw(R: FloatArray) -> tuple[float, float, float]:
     """Return roll, pitch and yaw, rad, of a rotation ``R = Rz(yaw) Ry(pitch) Rx(roll)``, (3, 3).
 
     Looking straight up or down roll and yaw are one turn: it is the yaw then.
@@ -77,7 +75,7 @@ def roll_pitch_yaw(R: NDArray[np.float64]) -> tuple[float, float, float]:
     return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
 
 
-def invert(T: NDArray[np.float64]) -> NDArray[np.float64]:
+def invert(T: FloatArray) -> FloatArray:
     """Return the (4, 4) inverse of a rigid transform, exact up to rounding."""
     RT = T[:3, :3].T
     inverse = _IDENTITY.copy()
@@ -86,14 +84,12 @@ def invert(T: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
-def transformed(T: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+def transformed(T: FloatArray, point: FloatArray) -> FloatArray:
     """Return a point (3,) under a (4, 4) transform."""
     return T[:3, :3].dot(point) + T[:3, 3]
 
 
-def turning_velocities(
-    omega: NDArray[np.float64], arms: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def turning_velocities(omega: FloatArray, arms: FloatArray) -> FloatArray:
     """Return omega x r for each of some arms; for a handful, numpy's own product takes far longer.
 
     Args:
@@ -107,7 +103,7 @@ def turning_velocities(
     return arms @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
 
 
-def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
+def as_pose(name: str, T: ArrayLike) -> FloatArray:
     """Check that ``T`` is a rigid transform and return it as a read-only copy.
 
     Args:
@@ -130,7 +126,7 @@ def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
     return read_only(pose)
 
 
-def _is_rigid(T: NDArray[np.float64]) -> bool:
+def _is_rigid(T: FloatArray) -> bool:
     """Return whether a (4, 4) array passes for a rigid transform."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
     # Not a number is within no bounds.
@@ -149,7 +145,7 @@ def _is_rigid(T: NDArray[np.float64]) -> bool:
     )
 
 
-def _refuse_pose(name: str, pose: NDArray[np.float64]) -> NoReturn:
+def _refuse_pose(name: str, pose: FloatArray) -> NoReturn:
     """Say why a pose is none."""
     if pose.shape != (4, 4):
         raise ArgumentError(name, f"a pose is a (4, 4) matrix, got an array of shape {pose.shape}")
@@ -168,13 +164,13 @@ def _refuse_pose(name: str, pose: NDArray[np.float64]) -> NoReturn:
     raise ArgumentError(name, "the rotation part mirrors (determinant -1); flip one axis")
 
 
-def unit_vector(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64]:
+def unit_vector(vector: FloatArray, least: float = 0.0) -> FloatArray:
     """Return a vector (n,) at length one; z, (3,), if it is no longer than ``least``."""
     length = float(np.linalg.norm(vector))
     return vector / length if length > least else np.array([0.0, 0.0, 1.0])
 
 
-def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def finite_numbers(name: str, values: ArrayLike) -> FloatArray:
     """Return a float copy of ``values``, which must be finite numbers.
 
     Raises:
@@ -189,7 +185,7 @@ def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return array
 
 
-def _rotation_matrix(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rotation_matrix(rotation: FloatArray) -> FloatArray:
     """Return the (3, 3) matrix of roll-pitch-yaw angles, a quaternion or a matrix."""
     if rotation.shape == (3, 3):
         return rotation

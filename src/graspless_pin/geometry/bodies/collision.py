@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, MeshError
-from graspless_pin.problem.checks import read_only
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.records import unchecked
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class CollisionBody:
 
     name: str
     geometry: Any
-    T_world_geometry: NDArray[np.float64]
+    T_world_geometry: FloatArray
 
     def __post_init__(self) -> None:
         """Copy the pose.
@@ -75,14 +75,14 @@ class PlacedBodies(Sequence[CollisionBody]):
 
     __slots__ = ("_made", "poses", "shapes")
 
-    def __init__(self, shapes: BodyShapes, poses: NDArray[np.float64]) -> None:
+    def __init__(self, shapes: BodyShapes, poses: FloatArray) -> None:
         """Place the shapes; ``poses`` is kept, not copied."""
         self.shapes = shapes
         self.poses = read_only(poses)
         self._made: dict[int, CollisionBody] = {}
 
     @classmethod
-    def at_one_pose(cls, shapes: BodyShapes, T: NDArray[np.float64]) -> PlacedBodies:
+    def at_one_pose(cls, shapes: BodyShapes, T: FloatArray) -> PlacedBodies:
         """Place all shapes, at least one, at the same pose (4, 4), which is kept."""
         count = len(shapes.names)
         return cls(shapes, T[None] if count == 1 else np.repeat(T[None], count, axis=0))
@@ -135,8 +135,6 @@ class PlacedBodies(Sequence[CollisionBody]):
         return body
 
 
-Array = NDArray[np.float64]
-
 PARALLEL_ANGLE = 5e-3
 """Faces and edges tilted by less than this angle (rad) against the contact plane lie in it."""
 
@@ -162,25 +160,25 @@ class Polytope:
         half_extents: (3,) half the edge lengths of that box, m.
     """
 
-    vertices: Array
-    face_normals: Array
-    face_offsets: Array
+    vertices: FloatArray
+    face_normals: FloatArray
+    face_offsets: FloatArray
     faces: NDArray[np.int64]
     edges: tuple[tuple[tuple[int, float], ...], ...]
-    center: Array
+    center: FloatArray
     radius: float
-    half_extents: Array
+    half_extents: FloatArray
 
     @cached_property
-    def constant_normals(self) -> Array | None:
+    def constant_normals(self) -> FloatArray | None:
         """All face normals (F, 3) if they are few; None if those near a point must be picked."""
         return self.face_normals if len(self.face_normals) <= _FEW_FACES else None
 
-    def support_values(self, directions: Array) -> Array:
+    def support_values(self, directions: FloatArray) -> FloatArray:
         """Largest d . x over the set for each row d of ``directions`` (K, 3): (K,)."""
         return (directions @ self.vertices.T).max(axis=1)
 
-    def feature(self, direction: Array) -> Array:
+    def feature(self, direction: FloatArray) -> FloatArray:
         """Corner points of the face, edge or corner that lies farthest along a unit direction.
 
         Args:
@@ -191,7 +189,7 @@ class Polytope:
         """
         return self.vertices.take(self.farthest(direction), axis=0)
 
-    def farthest(self, direction: Array) -> tuple[int, ...]:
+    def farthest(self, direction: FloatArray) -> tuple[int, ...]:
         """Return the vertices of the face, edge or corner farthest along a unit direction (3,).
 
         That is, the faces tilted by less than `PARALLEL_ANGLE`, and what can be reached from the
@@ -214,7 +212,7 @@ class Polytope:
                     waiting.append(there)
         return tuple(sorted(reached))
 
-    def face_normal(self, corners: tuple[int, ...]) -> Array | None:
+    def face_normal(self, corners: tuple[int, ...]) -> FloatArray | None:
         """Outward unit normal (3,) of the flat face with these vertices; None for other features.
 
         That is, the mean of the normals of all faces that lie between them. Where each of these
@@ -227,17 +225,17 @@ class Polytope:
         mean = total / np.linalg.norm(total)
         return mean if float((between @ mean).max()) > _COS_PARALLEL else None
 
-    def normals_near(self, point: Array, direction: Array) -> Array:  # noqa: ARG002
+    def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:  # noqa: ARG002
         """Outward normals (K, 3) of the faces within a millimetre of a point (3,); of few, all."""
         if self.constant_normals is not None:
             return self.constant_normals
         return self.face_normals[self.face_offsets - self.face_normals @ point <= _NEAR_FACE]
 
-    def faces_at(self, point: Array) -> tuple[Array, Array]:
+    def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m."""
         return self.face_normals, self.face_normals @ point - self.face_offsets
 
-    def heights_from(self, points: Array, direction: Array) -> Array:
+    def heights_from(self, points: FloatArray, direction: FloatArray) -> FloatArray:
         """Return how far (K,) the surface is from points (K, 3) along a unit direction (3,), m.
 
         Negative where a point is beyond it. Past a border the surface goes on: where a face lies
@@ -254,7 +252,7 @@ class Polytope:
         ridge = self.feature(direction)
         return np.maximum(away, _heights_of_line(ridge, points, direction) - points @ direction)
 
-    def highest_face(self, point: Array) -> tuple[int, float, bool]:
+    def highest_face(self, point: FloatArray) -> tuple[int, float, bool]:
         """Tell over which face a point (3,) is highest, how high, m, and if its foot is on it.
 
         If the foot is, or if the point is inside, no other direction leaves a larger gap to it.
@@ -266,7 +264,7 @@ class Polytope:
         return face, height, height <= 0.0 or bool(of_foot.max() <= _ON_FACE)
 
 
-def _heights_of_line(ridge: Array, points: Array, direction: Array) -> Array:
+def _heights_of_line(ridge: FloatArray, points: FloatArray, direction: FloatArray) -> FloatArray:
     """Heights (K,) along a unit direction of the line under the corners (N, 3) of an edge, m.
 
     Seen along the direction, a point (K, 3) beside the line has that of its foot.
@@ -289,7 +287,7 @@ def _heights_of_line(ridge: Array, points: Array, direction: Array) -> Array:
 class Cuboid(Polytope):
     """A box about the origin; the vertex of index 4x + 2y + z lies at the signs of x, y and z."""
 
-    def farthest(self, direction: Array) -> tuple[int, ...]:
+    def farthest(self, direction: FloatArray) -> tuple[int, ...]:
         """See `Polytope.farthest`; along each axis the edges fall off by the direction's part."""
         x, y, z = direction.tolist()
         signs = (
@@ -312,7 +310,7 @@ def _box_corners(signs: tuple[int, int, int]) -> tuple[int, ...]:
     return tuple(sorted(indices))
 
 
-def box_of(half: Array) -> Cuboid:
+def box_of(half: FloatArray) -> Cuboid:
     """Return the box about the origin with (3,) half edge lengths."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     edges = tuple(
@@ -326,7 +324,7 @@ def box_of(half: Array) -> Cuboid:
     return Cuboid(signs * half, normals, offsets, faces, edges, np.zeros(3), radius, half)
 
 
-def qhull(points: Array, what: str, options: str | None = None) -> ConvexHull:
+def qhull(points: FloatArray, what: str, options: str | None = None) -> ConvexHull:
     """Return the convex hull of (N, 3) points as Qhull has it.
 
     Args:
@@ -347,7 +345,7 @@ def qhull(points: Array, what: str, options: str | None = None) -> ConvexHull:
         ) from error
 
 
-def hull_of(points: Array, what: str = "its convex hull") -> Polytope:
+def hull_of(points: FloatArray, what: str = "its convex hull") -> Polytope:
     """Return the convex hull of (N, 3) points; arguments and errors as of `qhull`."""
     hull = qhull(points, what)
     index = np.full(len(points), -1)

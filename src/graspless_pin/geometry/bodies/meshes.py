@@ -12,25 +12,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, emit
+from graspless_pin.geometry.bodies.collision import hull_of, qhull
 from graspless_pin.problem.checks import FloatArray, read_only
 
 if TYPE_CHECKING:
     import trimesh
-
-
-from typing import TYPE_CHECKING
-
-import coal  # pyright: ignore[reportMissingImports]
-
-from graspless_pin.geometry.bodies.collision import hull_of, qhull
-
-if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
 
 
@@ -377,7 +370,7 @@ class Triangles:
         faces: (F, 3) read-only indices of vertices.
     """
 
-    vertices: NDArray[np.float64]
+    vertices: FloatArray
     faces: NDArray[np.int64]
 
     def __post_init__(self) -> None:

@@ -12,14 +12,14 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
-from graspless_pin.problem.checks import checked_inertia, finite_array, read_only
+from graspless_pin.problem.checks import FloatArray, checked_inertia, finite_array, read_only
 from graspless_pin.records import Brief, PickledByFields, changed
 from graspless_pin.suggestions import names_in_words
 
@@ -31,7 +31,7 @@ class _PlacedShape(PickledByFields, ABC):
     shape: Shape
 
     @abstractmethod
-    def _pose(self) -> NDArray[np.float64]:
+    def _pose(self) -> FloatArray:
         """(4, 4) T_world_shape."""
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
@@ -61,7 +61,7 @@ class _PlacedShape(PickledByFields, ABC):
         """
         return self._placed(self._pose())
 
-    def _placed(self, T: NDArray[np.float64]) -> PlacedBodies:
+    def _placed(self, T: FloatArray) -> PlacedBodies:
         """Return the pieces where they are when the shape is at a (4, 4) pose."""
         own = self.shape.placements()
         if own is None:
@@ -87,10 +87,10 @@ class ManipulatedObject(Brief, _PlacedShape):
     name: str
     shape: Shape
     mass: float
-    center_of_mass: NDArray[np.float64]
-    T_world_object: NDArray[np.float64]
+    center_of_mass: FloatArray
+    T_world_object: FloatArray
     material: str | None = None
-    inertia: NDArray[np.float64] | None = None
+    inertia: FloatArray | None = None
 
     @classmethod
     def from_shape(
@@ -189,12 +189,12 @@ class ManipulatedObject(Brief, _PlacedShape):
         return changed(self, "own_inertia", mass=float(mass))
 
     @cached_property
-    def center_of_mass_world(self) -> NDArray[np.float64]:
+    def center_of_mass_world(self) -> FloatArray:
         """(3,) read-only centre of mass in the world frame, m."""
         return read_only(transformed(self.T_world_object, self.center_of_mass))
 
     @cached_property
-    def own_inertia(self) -> NDArray[np.float64]:
+    def own_inertia(self) -> FloatArray:
         """(3, 3) read-only inertia about the centre of mass, the object's axes, kg m^2.
 
         Raises:
@@ -207,7 +207,7 @@ class ManipulatedObject(Brief, _PlacedShape):
             return self.inertia
         return read_only(self.mass * self.shape.filling().gyration)
 
-    def spatial_inertia(self) -> NDArray[np.float64]:
+    def spatial_inertia(self) -> FloatArray:
         """Return the (6, 6) inertia about the centre of mass for [linear; angular], world axes.
 
         Its blocks are the mass, kg, and the inertia, kg m^2.
@@ -221,7 +221,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         spatial[3:, 3:] = 0.5 * (turned + turned.T)
         return spatial
 
-    def _pose(self) -> NDArray[np.float64]:
+    def _pose(self) -> FloatArray:
         return self.T_world_object
 
 
@@ -248,9 +248,9 @@ class Support(Brief, _PlacedShape):
 
     name: str
     shape: Shape
-    T_world_support: NDArray[np.float64]
+    T_world_support: FloatArray
     friction: float | None = None
-    velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
+    velocity: FloatArray = field(default_factory=lambda: np.zeros(6))
     material: str | None = None
 
     def __post_init__(self) -> None:
@@ -276,7 +276,7 @@ class Support(Brief, _PlacedShape):
         """Whether its surface moves."""
         return bool(self.velocity.any())
 
-    def _pose(self) -> NDArray[np.float64]:
+    def _pose(self) -> FloatArray:
         return self.T_world_support
 
 
@@ -302,7 +302,7 @@ def _mass_or_density(mass: float | None, density: float | None) -> float:
     return value
 
 
-def _checked_inertia(inertia: ArrayLike) -> NDArray[np.float64]:
+def _checked_inertia(inertia: ArrayLike) -> FloatArray:
     """Return the (3, 3) inertia of a rigid body about its centre of mass, kg m^2, read-only.
 
     Args:

@@ -21,7 +21,7 @@ from typing import (
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, GetPydanticSchema, create_model
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
@@ -268,7 +268,7 @@ class Hull(Polyhedron):
         return self.points
 
 
-def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any:
+def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
     """Make the coal geometry of the convex hull of points that are not all in one plane.
 
     Args:
@@ -293,7 +293,7 @@ def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any
     raise MeshError(f"{label} has no usable convex hull; simplify it ({error})") from error
 
 
-def _check_thickness(points: NDArray[np.float64], label: str) -> None:
+def _check_thickness(points: FloatArray, label: str) -> None:
     """Refuse what is so thin that coal ends the process over it.
 
     Raises:

@@ -26,7 +26,7 @@ from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import JointUnit, read_only, unknown_name
+from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, unknown_name
 from graspless_pin.records import Brief, Record
 
 
@@ -48,8 +48,8 @@ class Actuation(Brief, Record):
     tendons: tuple[str, ...]
     passive: tuple[str, ...]
     units: tuple[JointUnit, ...]
-    from_independent: NDArray[np.float64]
-    from_joints: NDArray[np.float64]
+    from_independent: FloatArray
+    from_joints: FloatArray
 
     @cached_property
     def every_joint_alone(self) -> bool:
@@ -77,10 +77,10 @@ def plan_actuation(
     arms = {name: _moment_arms(tree, name, joints) for name, joints in tendons.items()}
     modes = list(control.joints.values())
     driven: set[int] = set()
-    columns: list[NDArray[np.float64]] = []
+    columns: list[FloatArray] = []
     tendon_names: list[str] = []
     passive: list[str] = []
-    zeros: list[NDArray[np.float64]] = []
+    zeros: list[FloatArray] = []
     pulled = {name: set(np.flatnonzero(row).tolist()) for name, row in arms.items()}
     for group in groups_that_share(pulled):
         R = np.array([arms[name] for name in group])
@@ -122,7 +122,7 @@ def _units(
     tree: KinematicTree,
     names: Sequence[str],
     tendons: Sequence[str],
-    from_independent: NDArray[np.float64],
+    from_independent: FloatArray,
 ) -> tuple[JointUnit, ...]:
     """Return the units of the L actuators with some names, see `Actuation`."""
     linear = np.array([kind == "prismatic" for kind in tree.joint_kinds], dtype=bool)
@@ -134,9 +134,7 @@ def _units(
     )
 
 
-def _moment_arms(
-    tree: KinematicTree, name: str, joints: Mapping[str, float]
-) -> NDArray[np.float64]:
+def _moment_arms(tree: KinematicTree, name: str, joints: Mapping[str, float]) -> FloatArray:
     """Return a tendon's (a,) moment arms at the independent joints, couplings included."""
     argument = f"tendons[{name!r}]"
     if name in tree.joint_index:
@@ -163,9 +161,7 @@ def _is_force_controlled(group: list[str], modes: set[ControlMode]) -> bool:
     return modes == {ControlMode.FORCE}
 
 
-def _embed(
-    columns: NDArray[np.float64], rows: NDArray[np.intp], count: int
-) -> list[NDArray[np.float64]]:
+def _embed(columns: FloatArray, rows: NDArray[np.intp], count: int) -> list[FloatArray]:
     """Return (g, k) columns over some joints as k vectors over all ``count`` joints."""
     vectors = np.zeros((columns.shape[1], count))
     vectors[:, rows] = columns.T
@@ -287,7 +283,7 @@ def resolve_effort_limits(
     unknown: Mapping[str, str] | None = None,
     arm_joints: Collection[str] = (),
     tensions: Mapping[str, tuple[float, float]] = MappingProxyType({}),
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     """Return the (lower, upper) effort limits of the actuators.
 
     Args:
@@ -350,7 +346,7 @@ def resolve_effort_limits(
     return read_only(lower), read_only(upper)
 
 
-def urdf_efforts(tree: KinematicTree) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def urdf_efforts(tree: KinematicTree) -> tuple[FloatArray, FloatArray]:
     """Return the URDF's (lower, upper) efforts of the n movable joints, infinite if unbounded."""
     model = tree.pinocchio_model
     return np.array(model.lowerEffortLimit), np.array(model.upperEffortLimit)

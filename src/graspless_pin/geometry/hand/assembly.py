@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.findings import Finding, capture, emit
@@ -109,7 +109,7 @@ class JoinedMounts:
     """
 
     tree: KinematicTree
-    base_poses: dict[str, NDArray[np.float64]]
+    base_poses: dict[str, FloatArray]
     palms: tuple[str, ...]
     fingers: dict[str, FingerSpec]
     arms: dict[str, tuple[str, ...]]
@@ -325,7 +325,7 @@ class AssembledMounts:
 
     def effort_limits(
         self, given: Mapping[str, EffortLimit]
-    ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], tuple[Finding, ...]]:
+    ) -> tuple[tuple[FloatArray, FloatArray], tuple[Finding, ...]]:
         """Return the (lower, upper) limits of the L actuators, and what of them looks wrong.
 
         Args:
@@ -410,8 +410,8 @@ def hand_fields(
 
 def fields_of(
     parts: AssembledMounts,
-    limits: tuple[NDArray[np.float64], NDArray[np.float64]],
-    positions: NDArray[np.float64],
+    limits: tuple[FloatArray, FloatArray],
+    positions: FloatArray,
     found: tuple[Finding, ...],
 ) -> dict[str, Any]:
     """Return the fields of a hand with its (L,) limits and (n,) positions, and what they told."""

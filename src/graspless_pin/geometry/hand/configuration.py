@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError, JointLimitError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
@@ -18,12 +18,12 @@ from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import finite_numbers
-from graspless_pin.problem.checks import all_finite, all_true, unknown_name
+from graspless_pin.problem.checks import FloatArray, all_finite, all_true, unknown_name
 
 
 def joint_positions(
-    tree: KinematicTree, q: Mapping[str, float], start: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+    tree: KinematicTree, q: Mapping[str, float], start: FloatArray | None = None
+) -> FloatArray:
     """Return the positions of all joints of a tree.
 
     Args:
@@ -62,7 +62,7 @@ def joint_positions(
     return _within_limits(tree, positions, q)
 
 
-def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.float64]:
+def independent_positions(tree: KinematicTree, values: ArrayLike) -> FloatArray:
     """Return the positions of all joints of a tree for those of its independent joints.
 
     Args:
@@ -94,7 +94,7 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
 
 def independent_rates(
     tree: KinematicTree, rates: Mapping[str, float], argument: str = "joint_velocities"
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the (a,) rates of a tree's independent joints; those not named stand still.
 
     Args:
@@ -117,7 +117,7 @@ def independent_rates(
 
 
 def _check_followers(
-    tree: KinematicTree, given: Mapping[int, float], positions: NDArray[np.float64]
+    tree: KinematicTree, given: Mapping[int, float], positions: FloatArray
 ) -> None:
     """Refuse positions of coupled joints that disagree with what they follow."""
     for index, value in given.items():
@@ -131,8 +131,8 @@ def _check_followers(
 
 
 def _within_limits(
-    tree: KinematicTree, positions: NDArray[np.float64], q: Mapping[str, float] | None = None
-) -> NDArray[np.float64]:
+    tree: KinematicTree, positions: FloatArray, q: Mapping[str, float] | None = None
+) -> FloatArray:
     """Return (n,) read-only positions; refuse a joint outside its limits if ``q`` moved it there.
 
     None stands for all independent joints.
@@ -158,7 +158,7 @@ def _within_limits(
     return positions
 
 
-def _in_degrees(tree: KinematicTree, index: int, positions: NDArray[np.float64]) -> str:
+def _in_degrees(tree: KinematicTree, index: int, positions: FloatArray) -> str:
     """Return what to say of an angle that is one of the joint's in degrees."""
     angle, radians = positions[index], math.radians(positions[index])
     turns = tree.joint_kinds[index] != "prismatic" and abs(angle) > 2.0 * math.pi
@@ -197,7 +197,7 @@ class PosedLinks(NamedTuple):
     kinematics: Kinematics
     bodies: PlacedBodies
 
-    def pose(self, link: str) -> NDArray[np.float64]:
+    def pose(self, link: str) -> FloatArray:
         """Return the (4, 4) pose ``T_world_link`` of a link's frame.
 
         Raises:
@@ -209,9 +209,7 @@ class PosedLinks(NamedTuple):
         frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
         return self.kinematics.T_world_joint[joint] @ frame.placement.homogeneous
 
-    def point_jacobians(
-        self, links: Sequence[str | None], points: ArrayLike
-    ) -> NDArray[np.float64]:
+    def point_jacobians(self, links: Sequence[str | None], points: ArrayLike) -> FloatArray:
         """Return (K, 3, n) velocities of points fixed to links per rate of each movable joint.
 
         Args:
@@ -225,7 +223,7 @@ class PosedLinks(NamedTuple):
         return self.tree.point_jacobians(self.kinematics.J, joints_of(self.tree, links), positions)
 
 
-def posed_links(tree: KinematicTree, positions: NDArray[np.float64]) -> PosedLinks:
+def posed_links(tree: KinematicTree, positions: FloatArray) -> PosedLinks:
     """Return the links of a tree at (n,) joint positions."""
     kinematics = tree.kinematics(positions)
     joints, placements = tree.shape_placements
@@ -247,7 +245,7 @@ def joints_of(tree: KinematicTree, links: Sequence[str | None]) -> list[int]:
         raise unknown_name("links", "link", str(error.args[0]), known) from error
 
 
-def checked_points(links: Sequence[str | None], points: ArrayLike) -> NDArray[np.float64]:
+def checked_points(links: Sequence[str | None], points: ArrayLike) -> FloatArray:
     """Return points as (K, 3), one row per link.
 
     Raises:

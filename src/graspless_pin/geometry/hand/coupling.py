@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
@@ -39,8 +38,8 @@ class Coupling(Record):
     """
 
     leaders: tuple[int, ...]
-    S: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    S: FloatArray
+    offset: FloatArray
 
     def independent(self, positions: FloatArray) -> FloatArray:
         """Return a copy (a,) of the independent joints' positions among all (n,), rad or m."""
@@ -85,12 +84,12 @@ def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupl
         for joint, _ in dangling:
             follows.pop(joint, None)
     leaders = tuple(index for index, name in enumerate(joint_names) if name not in follows)
-    rows: dict[str, tuple[NDArray[np.float64], float]] = {
+    rows: dict[str, tuple[FloatArray, float]] = {
         joint_names[index]: (np.eye(len(leaders))[column], 0.0)
         for column, index in enumerate(leaders)
     }
 
-    def resolve(name: str, chain: tuple[str, ...]) -> tuple[NDArray[np.float64], float]:
+    def resolve(name: str, chain: tuple[str, ...]) -> tuple[FloatArray, float]:
         if name in chain:
             circle = " -> ".join([*chain[chain.index(name) :], name])
             raise RobotError(

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
-from numpy.typing import NDArray
 
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import emit
@@ -26,6 +25,7 @@ from graspless_pin.geometry.bodies.meshes import (
 )
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Record
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class LinkGeometry(Record):
     link: str
     joint: int
     shape: Any
-    T_joint_geometry: NDArray[np.float64]
+    T_joint_geometry: FloatArray
 
 
 def link_geometries(
@@ -141,7 +141,7 @@ def looked_for(places: Sequence[Path]) -> str:
     return named if more <= 0 else f"{named} and {more} more places"
 
 
-def is_flat(vertices: NDArray[np.float64]) -> bool:
+def is_flat(vertices: FloatArray) -> bool:
     """Return whether (V, 3) vertices lie in one plane; coal would crash on their hull."""
     extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     return len(extents) < 3 or bool(extents[2] <= FLATNESS * extents[0])

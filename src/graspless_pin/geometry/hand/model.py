@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.caching import Derived
 from graspless_pin.findings import Finding
@@ -72,14 +72,14 @@ class Hand(Record):
 
     tree: KinematicTree
     mounts: tuple[Mount, ...]
-    base_poses: Mapping[str, NDArray[np.float64]]
+    base_poses: Mapping[str, FloatArray]
     palms: tuple[str, ...]
     fingers: Mapping[str, FingerSpec]
     arms: Mapping[str, tuple[str, ...]]
     control: ControlPlan
     actuation: Actuation
-    effort_limits: tuple[NDArray[np.float64], NDArray[np.float64]]
-    positions: NDArray[np.float64]
+    effort_limits: tuple[FloatArray, FloatArray]
+    positions: FloatArray
     findings: tuple[Finding, ...] = ()
 
     @classmethod
@@ -209,7 +209,7 @@ class Hand(Record):
         return displaced_hand(self, np.array([*ways.values()]))
 
     @property
-    def T_world_base(self) -> NDArray[np.float64]:
+    def T_world_base(self) -> FloatArray:
         """(4, 4) pose of the root link; of the first mount, if there are several."""
         return next(iter(self.base_poses.values()))
 
@@ -276,9 +276,7 @@ class Hand(Record):
         """
         return self.finger_of(link) in self.control.hybrid_fingers
 
-    def pose_of(
-        self, link: str, q: Mapping[str, float] | ArrayLike | None = None
-    ) -> NDArray[np.float64]:
+    def pose_of(self, link: str, q: Mapping[str, float] | ArrayLike | None = None) -> FloatArray:
         """Return the pose of a link: forward kinematics.
 
         Args:
@@ -334,7 +332,7 @@ class Hand(Record):
             jacobians = jacobians @ columns
         return jacobians.reshape(3 * len(links), columns.shape[1])
 
-    def gravity_torques(self, gravity: ArrayLike) -> NDArray[np.float64]:
+    def gravity_torques(self, gravity: ArrayLike) -> FloatArray:
         """Return the torques that carry the links' own weight.
 
         Args:
@@ -350,7 +348,7 @@ class Hand(Record):
         torques = self.tree.gravity_torques(self.positions, acceleration)
         return torques if self.actuation.every_joint_alone else torques @ self.actuation.from_joints
 
-    def joint_inertia(self) -> NDArray[np.float64]:
+    def joint_inertia(self) -> FloatArray:
         """Return the inertia that the actuators feel, all other joints standing still.
 
         Returns:
@@ -368,7 +366,7 @@ class Hand(Record):
         points: ArrayLike,
         joint_velocities: Mapping[str, float] | None = None,
         base_twist: ArrayLike | None = None,
-    ) -> NDArray[np.float64]:
+    ) -> FloatArray:
         """Return the velocities of points that are fixed to links.
 
         Args:
@@ -399,7 +397,7 @@ class Hand(Record):
         """The links at the configuration."""
         return _links_of(self)
 
-    def _at(self, positions: NDArray[np.float64]) -> Hand:
+    def _at(self, positions: FloatArray) -> Hand:
         """Return this hand at (n,) read-only positions; nothing else is checked again."""
         return changed(self, positions=positions)
 
