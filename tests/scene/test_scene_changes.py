@@ -309,3 +309,12 @@ def test_a_key_that_leads_nowhere_is_named(key: str, value: object, message: str
 def test_a_part_of_a_body_is_no_field_but_a_key(scene: Scene) -> None:
     with pytest.raises(ArgumentError, match=r"mass: .*with_changes\(\{'object\.mass': \.\.\.\}\)"):
         scene.with_changes(mass=2.0)
+
+
+@pytest.mark.parametrize(
+    ("twist", "message"), [(np.zeros(3), "has shape"), (np.full(6, np.nan), "is NaN")]
+)
+def test_a_bad_twist_is_named(twist, message):
+    moving = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=Motion(twist))
+    with pytest.raises(ArgumentError, match=f"object_twist: {message}"):
+        _ = moving.contacts

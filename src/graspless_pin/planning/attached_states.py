@@ -182,7 +182,7 @@ class AttachedConfigurations(Configurations):
             return scene
         move, own = self._move(scene.hand), self.touching
         R, t = move[:3, :3], move[:3, 3]
-        moved = ContactArrays.of_own(
+        moved = ContactArrays(
             own.bodies, own.kinds, own.positions @ R.T + t, own.normals @ R.T, own.distances
         )
         return with_touching(scene, moved)

@@ -13,11 +13,10 @@ from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.contact_points import (
     BodyKind,
     ContactArrays,
-    checked_twist,
-    classified,
     contacts_that_stay,
 )
 from graspless_pin.geometry.contact.finding import contact_arrays
+from graspless_pin.problem.checks import finite_array
 from graspless_pin.records import changed
 from graspless_pin.scene.fields import SceneFields, label_of, place_of
 from graspless_pin.scene.motion_and_contacts import (
@@ -128,23 +127,22 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
         motion = Motion(np.zeros(6))
     center = scene.object.center_of_mass_world
     try:
-        twist = checked_twist("object_twist", motion.object_twist)
+        twist = finite_array("object_twist", motion.object_twist, (6,))
         others = body_velocities(
             touching, scene.object, scene.hand, supports if moving else (), motion, twist
         )
-        states = classified(touching, twist, center, others)
-        kept = contacts_that_stay(touching, states, scene.object.name)
+        kept, sliding = contacts_that_stay(touching, twist, center, others, scene.object.name)
     except SceneError as error:
         raise error.at(f"{label_of(scene)}: motion") from error
     if len(kept) == len(touching):
-        return SceneContacts(touching, states.sliding)
+        return SceneContacts(touching, sliding)
     if not kept:
         raise StateError(
             StateFault.PARTED,
             f"{label_of(scene)}: the declared motion parts object {scene.object.name!r} from "
             "everything that touches it; no contact is left",
         )
-    return SceneContacts(touching.chosen(kept), states.sliding[kept])
+    return SceneContacts(touching.chosen(kept), sliding[kept])
 
 
 def _nothing_touches(scene: SceneFields) -> str:

@@ -98,7 +98,7 @@ def body_velocities(
     count = touching.hand_count
     velocities = np.zeros((len(touching), 3))
     if supports:
-        velocities, _ = support_velocities(touching, supports)
+        velocities = support_velocities(touching, supports)
     if motion.hand is None:
         velocities[:count] = velocities_at(
             twist, moved.center_of_mass_world, touching.positions[:count]

@@ -236,7 +236,7 @@ def contact_arrays(
         found += _rows_of(touches, pieces, bodies, kind, limits)
     found.sort(key=lambda patch: patch.place)
     names, places = bodies.shapes.names, [patch.place for patch in found for _ in patch.gaps]
-    return ContactArrays.of_own(
+    return ContactArrays(
         tuple([names[pairs[place][1]] for place in places]),
         (kind,) * len(places),
         np.concatenate([np.empty((0, 3)), *(patch.positions for patch in found)]),
