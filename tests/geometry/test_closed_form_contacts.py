@@ -20,7 +20,7 @@ from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact import finding
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.convex_sets import convex_set
-from graspless_pin.geometry.contact.distances import near_solids, separation, solids_of
+from graspless_pin.geometry.contact.distances import near_pairs, separation
 from graspless_pin.geometry.contact.finding import (
     ContactLimits,
     contact_arrays,
@@ -60,8 +60,8 @@ def set_of(shape: str) -> Polytope:
 def found_in_general(*args, **kwargs) -> ContactArrays:
     """The same contacts with none in closed form."""
 
-    def none_closed_form(pieces, solids, bodies, others, limits):
-        pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
+    def none_closed_form(pieces, bodies, limits):
+        pairs = near_pairs(pieces, bodies, limits.tolerance)
         return pairs, [], list(range(len(pairs)))
 
     with pytest.MonkeyPatch.context() as patch:
@@ -202,8 +202,7 @@ def test_a_face_that_is_near_in_part_is_left_to_the_general_search(tilt, gap, po
     assert len(ours) == points
     assert_same(ours, found_in_general([body], [floor], BodyKind.SUPPORT))
     pieces, bodies = PlacedBodies.of([body]), PlacedBodies.of([floor])
-    sets = solids_of(pieces.shapes), solids_of(bodies.shapes)
-    _, found, left = near_and_closed_form(pieces, sets[0], bodies, sets[1], LIMITS)
+    _, found, left = near_and_closed_form(pieces, bodies, LIMITS)
     assert sum(len(rows.gaps) for rows in found) == (4 if points == 4 else 0)
     assert left == ([] if points == 4 else [0])
 

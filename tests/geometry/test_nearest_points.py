@@ -9,7 +9,7 @@ from hand_tools import random_pose
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.nearest_points import (
+from graspless_pin.geometry.contact.curvature import (
     Velocities,
     face_along,
     half_space,

@@ -3,7 +3,7 @@
 import pytest
 from tests.oracles.pinned_states import WORST, compared
 
-from graspless_pin.geometry.contact.nearest_points import Rates
+from graspless_pin.geometry.contact.curvature import Rates
 from graspless_pin.planning import pinned_contacts
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.algorithms.batch_optimum import WarmOptimum
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
-from graspless_pin.geometry.contact.distances import near_solids, separation, solids_of
+from graspless_pin.geometry.contact.distances import near_pairs, separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import invert, transformed
@@ -319,8 +319,7 @@ class AttachedConfigurations(Configurations):
             (one.placed_bodies, np.ones(len(one.placed_bodies), bool)) for one in scene.supports
         ]
         for bodies, counts in [*around, (hand.placed_bodies, self.beside)]:
-            others = solids_of(bodies.shapes)
-            for p, k in near_solids(placed, solids_of(placed.shapes), bodies, others, -depth):
+            for p, k in near_pairs(placed, bodies, -depth):
                 deep = -separation(placed[p], bodies[k]).distance if counts[k] else 0.0
                 if deep > depth:
                     return (

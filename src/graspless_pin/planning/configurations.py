@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.nearest_points import (
+from graspless_pin.geometry.contact.curvature import (
     Rates,
     Velocities,
     face_along,

@@ -18,7 +18,7 @@ from graspless_pin.algorithms.gradients import (
     optimum_gradients,
 )
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.contact.nearest_points import Rates
+from graspless_pin.geometry.contact.curvature import Rates
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.planning.configuration_gradient import (
     ContactRates,

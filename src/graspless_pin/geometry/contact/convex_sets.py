@@ -217,6 +217,22 @@ def convex_set(name: str, geometry: Any) -> ConvexSet:
         raise type(error)(f"body '{name}': {error}") from error
 
 
+def placed_set(body: CollisionBody) -> tuple[ConvexSet, FloatArray, FloatArray]:
+    """Return the set that a body fills, and the rotation (3, 3) and origin (3,) of its frame, m.
+
+    Raises:
+        SceneError: See `convex_set`.
+        MeshError: See `convex_set`.
+    """
+    T = body.T_world_geometry
+    return convex_set(body.name, body.geometry), T[:3, :3], T[:3, 3]
+
+
+def is_hull(solid: ConvexSet) -> bool:
+    """Return whether a set is the hull of points, whose faces may be those of a rough mesh."""
+    return isinstance(solid, Polytope) and not isinstance(solid, Cuboid)
+
+
 def _convert(geometry: Any) -> ConvexSet:
     if isinstance(geometry, coal.ShapeBase) and geometry.getSweptSphereRadius() == 0.0:
         match geometry:
@@ -267,20 +283,13 @@ class Patch(NamedTuple):
 
 
 def find_patch(
-    first: CollisionBody,
-    one: ConvexSet,
-    second: CollisionBody,
-    two: ConvexSet,
-    tolerance: float,
-    max_penetration: float,
+    first: CollisionBody, second: CollisionBody, tolerance: float, max_penetration: float
 ) -> Patch | None:
     """Find where two bodies touch.
 
     Args:
         first: Half-space, polytope or curved body.
-        one: The set that it fills.
         second: The other body; not a half-space.
-        two: The set that it fills.
         tolerance: Gaps up to this count as touching, m.
         max_penetration: Overlaps up to this pass for contact, m.
 
@@ -290,16 +299,14 @@ def find_patch(
     Raises:
         SceneError: The second body is a half-space.
     """
+    (one, R, origin), (two, R_second, origin_second) = placed_set(first), placed_set(second)
     if isinstance(two, Plane):
         raise SceneError(f"half-space '{second.name}' must come before '{first.name}' in a pair")
-    T, T_second = first.T_world_geometry, second.T_world_geometry
-    R, origin = T[:3, :3], T[:3, 3]
-    R_second = T_second[:3, :3]
     if isinstance(one, Plane):
         normal = R @ one.normal
-        subject = two.feature(-(normal @ R_second)) @ R_second.T + T_second[:3, 3]
+        subject = two.feature(-(normal @ R_second)) @ R_second.T + origin_second
         return _on_plane(normal, float(normal @ origin) + one.offset, subject, tolerance)
-    t = (T_second[:3, 3] - origin) @ R
+    t = (origin_second - origin) @ R
     if isinstance(one, Polytope) and isinstance(two, Revolved) and two.is_sphere:
         face, height, on_face = one.highest_face(t)
         gap = height - two.radius
@@ -307,7 +314,7 @@ def find_patch(
             return None
         if on_face:
             normal = R @ one.face_normals[face]
-            middle = T_second[:3, 3] - 0.5 * (height + two.radius) * normal
+            middle = origin_second - 0.5 * (height + two.radius) * normal
             return Patch(normal, middle[None], [gap])
     relative = R.T @ R_second
     nearest = _Nearest(first, one, second, two, relative, t).find(tolerance, max_penetration)
@@ -362,7 +369,7 @@ def _heights(
     Of a hull it is the surface itself. All others touch along a plane or a line, that of the
     feature (N, 3), which goes on beyond them; ``basis`` (2, 3) spans what is across the direction.
     """
-    if isinstance(solid, Polytope) and not isinstance(solid, Cuboid):
+    if isinstance(solid, Polytope) and is_hull(solid):
         return solid.heights_from(points, direction)
     flat = feature @ np.vstack([basis, direction]).T
     over = plane_fit([(u, v, h) for u, v, h in flat.tolist()])

@@ -47,7 +47,6 @@ class Solids:
         centers: (K, 3) centres of boxes around them, m.
         half_extents: (K, 3) half the edge lengths of these boxes, m.
         reaches: (K,) radii of spheres around them about these centres, m.
-        has_plane: Whether one of them is a half-space.
     """
 
     names: tuple[str, ...]
@@ -56,7 +55,6 @@ class Solids:
     centers: FloatArray
     half_extents: FloatArray
     reaches: FloatArray
-    has_plane: bool
 
     @cached_property
     def for_loops(self) -> Any:
@@ -101,19 +99,18 @@ def solids_of(shapes: BodyShapes) -> Solids:
         convex_set(name, geometry)
         for name, geometry in zip(shapes.names, shapes.geometries, strict=True)
     )
-    bounded = [None if isinstance(one, Plane) else one for one in sets]
     centers, halves = np.zeros((len(sets), 3)), np.full((len(sets), 3), _ENDLESS)
-    for index, one in enumerate(bounded):
-        if one is not None:
-            centers[index], halves[index] = one.center, one.half_extents
+    reaches = np.full(len(sets), _ENDLESS)
+    for index, one in enumerate(sets):
+        if not isinstance(one, Plane):
+            centers[index], halves[index], reaches[index] = one.center, one.half_extents, one.radius
     return Solids(
         shapes.names,
         sets,
         tuple(map(_rank, shapes.names, shapes.geometries, sets)),
         centers,
         halves,
-        np.array([_ENDLESS if one is None else one.radius for one in bounded]),
-        any(one is None for one in bounded),
+        reaches,
     )
 
 
@@ -144,15 +141,8 @@ def near_pairs(
     Raises:
         SceneError: A geometry is of a kind that contacts cannot be found for.
     """
-    one, two = PlacedBodies.of(first), PlacedBodies.of(second)
-    return near_solids(one, solids_of(one.shapes), two, solids_of(two.shapes), tolerance)
-
-
-def near_solids(
-    one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids, tolerance: float
-) -> list[tuple[int, int]]:
-    """Return what `near_pairs` does for bodies whose sets are known."""
-    k, p = np.nonzero(least_gaps(one, solids, two, others) <= tolerance)
+    gaps = least_gaps(PlacedBodies.of(first), PlacedBodies.of(second))
+    k, p = np.nonzero(gaps <= tolerance)
     return list(zip(p.tolist(), k.tolist(), strict=True))
 
 
@@ -172,8 +162,8 @@ def deep_pairs(
     """
     solids, others = solids_of(one.shapes), solids_of(two.shapes)
     first, second = pairs.T
-    centers = box_centers(one, solids)[first]
-    offsets = centers - box_centers(two, others)[second]
+    centers = box_centers(one)[first]
+    offsets = centers - box_centers(two)[second]
     local = (offsets[:, None] @ two.poses[second, :3, :3])[:, 0]
     beyond = np.linalg.norm(np.maximum(np.abs(local) - others.half_extents[second], 0.0), axis=1)
     gaps = np.linalg.norm(offsets, axis=1) - others.reaches[second]
@@ -187,12 +177,12 @@ def deep_pairs(
     return pairs[gaps - solids.reaches[first] < -depth]
 
 
-def least_gaps(one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids) -> FloatArray:
+def least_gaps(one: PlacedBodies, two: PlacedBodies) -> FloatArray:
     """Return (K, P) lower bounds on the signed distances of K other bodies and P bodies, m."""
-    R = one.poses[:, :3, :3]
+    solids, others, R = solids_of(one.shapes), solids_of(two.shapes), one.poses[:, :3, :3]
     # For each of the second's bodies and each of the first's, in the frame of the latter.
     axes = R.transpose(0, 2, 1) @ two.poses[:, None, :3, :3]
-    offsets = box_centers(two, others)[:, None] - box_centers(one, solids)
+    offsets = box_centers(two)[:, None] - box_centers(one)
     local = (offsets[..., None, :] @ R)[..., 0, :]
     size = np.abs(axes)
     reach = np.minimum(
@@ -204,9 +194,9 @@ def least_gaps(one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Sol
     return np.maximum(along, across).max(axis=2)
 
 
-def box_centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
+def box_centers(bodies: PlacedBodies) -> FloatArray:
     """(K, 3) centres of the boxes around bodies, world frame, m."""
-    rotated = bodies.poses[:, :3, :3] @ solids.centers[..., None]
+    rotated = bodies.poses[:, :3, :3] @ solids_of(bodies.shapes).centers[..., None]
     return rotated[..., 0] + bodies.poses[:, :3, 3]
 
 
@@ -283,7 +273,6 @@ class LinkDistances:
 
     Attributes:
         links: (K) link of each shape, in model order; a link with several shapes comes up again.
-        joints: (K) Pinocchio joint that carries each shape.
         shapes: (K) geometries with their poses, `LinkGeometry`.
     """
 
@@ -291,12 +280,10 @@ class LinkDistances:
         """Take the shapes of ``links`` in ``hand``, to be measured against a body's pieces."""
         self.shapes = tuple(item for item in hand.tree.geometries if item.link in links)
         self.links = tuple(item.link for item in self.shapes)
-        self.joints = [item.joint for item in self.shapes]
         self._tree = hand.tree
         self._pieces = [(piece.geometry, _transform(piece.T_world_geometry)) for piece in pieces]
         placed = PlacedBodies.of(pieces)
-        solids = solids_of(placed.shapes)
-        self._centers, self._radii = box_centers(placed, solids), solids.reaches
+        self._centers, self._radii = box_centers(placed), solids_of(placed.shapes).reaches
 
     def at(self, positions: FloatArray) -> FloatArray:
         """Return the (K,) signed distances with all joints at (n,) ``positions``, m."""

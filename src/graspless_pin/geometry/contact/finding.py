@@ -13,7 +13,7 @@ from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFau
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies, Polytope
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.convex_sets import Plane, find_patch
-from graspless_pin.geometry.contact.distances import Solids, near_solids, solids_of
+from graspless_pin.geometry.contact.distances import near_pairs, solids_of
 from graspless_pin.geometry.contact.merging import Touch, is_on_both, merge_touches, on_surfaces
 from graspless_pin.geometry.contact.polygons import corner_groups, group_means, hull_order
 from graspless_pin.problem.checks import FloatArray
@@ -53,28 +53,20 @@ class _Face(NamedTuple):
     Attributes:
         corners: (V, 4) [x, y, z, 1] of all its corners, geometry frame, m.
         points: (G, 4) of the contact points, counterclockwise seen from inside the polytope.
-        all_count: Whether the points are the corners, in whatever order.
     """
 
     corners: FloatArray
     points: FloatArray
-    all_count: bool
 
 
 def near_and_closed_form(
-    pieces: PlacedBodies,
-    solids: Solids,
-    bodies: PlacedBodies,
-    others: Solids,
-    limits: ContactLimits,
+    pieces: PlacedBodies, bodies: PlacedBodies, limits: ContactLimits
 ) -> tuple[Sequence[tuple[int, int]], list[PatchContacts], list[int]]:
     """Find the pairs that may touch, and the contacts of faces on half-spaces.
 
     Args:
         pieces: The object's pieces.
-        solids: Their sets.
         bodies: Hand links or supports.
-        others: Their sets.
         limits: What counts as contact.
 
     Returns:
@@ -83,11 +75,12 @@ def near_and_closed_form(
     """
     if not bodies.shapes.names:
         return [], [], []
-    pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
+    pairs = near_pairs(pieces, bodies, limits.tolerance)
+    solids, others = solids_of(pieces.shapes).sets, solids_of(bodies.shapes).sets
     names = [bodies.shapes.names[k] for _, k in pairs]
     found, left = [], []
     for place, (p, k) in enumerate(pairs):
-        solid, plane, rows = solids.sets[p], others.sets[k], None
+        solid, plane, rows = solids[p], others[k], None
         if (
             isinstance(plane, Plane)
             and isinstance(solid, Polytope)
@@ -138,7 +131,7 @@ def _face(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _
     points = group_means(around[order], groups)
     if len(groups) < len(corners):
         points += solid.heights_from(points, outward)[:, None] * outward
-    return _Face(_homogeneous(around), _homogeneous(points), len(groups) == len(corners))
+    return _Face(_homogeneous(around), _homogeneous(points))
 
 
 def _homogeneous(points: FloatArray) -> FloatArray:
@@ -224,15 +217,14 @@ def contact_arrays(
     pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
     if not pieces.shapes.names:
         raise ArgumentError("object_body", "needs at least one piece")
-    solids, others_solids = solids_of(pieces.shapes), solids_of(bodies.shapes)
-    if solids.has_plane:
+    if any(isinstance(one, Plane) for one in solids_of(pieces.shapes).sets):
         raise SceneError(
             f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "
             "give the object a box, sphere, cylinder, capsule, cone or mesh"
         )
-    pairs, found, left = near_and_closed_form(pieces, solids, bodies, others_solids, limits)
+    pairs, found, left = near_and_closed_form(pieces, bodies, limits)
     if left:
-        touches = _touches(pieces, solids, bodies, others_solids, pairs, left, limits)
+        touches = _touches(pieces, bodies, pairs, left, limits)
         found += _rows_of(touches, pieces, bodies, kind, limits)
     found.sort(key=lambda patch: patch.place)
     names, places = bodies.shapes.names, [patch.place for patch in found for _ in patch.gaps]
@@ -261,23 +253,21 @@ def _limits(
 
 def _touches(
     pieces: PlacedBodies,
-    solids: Solids,
     bodies: PlacedBodies,
-    others: Solids,
     pairs: Sequence[tuple[int, int]],
     places: Sequence[int],
     limits: ContactLimits,
 ) -> dict[str, list[tuple[int, Touch]]]:
     """Where the pairs at some places touch, by the body's name, with their places."""
     touches: dict[str, list[tuple[int, Touch]]] = {}
+    ranks, others = solids_of(pieces.shapes).ranks, solids_of(bodies.shapes).ranks
     for place in places:
         p, k = pairs[place]
         piece, body = pieces[p], bodies[k]
-        mine, other = (piece, solids.sets[p]), (body, others.sets[k])
         # Whichever of the two is the object, the pair is computed in the same order, so that
         # swapping them changes nothing but the normal's sign.
-        object_first = solids.ranks[p] < others.ranks[k]
-        pair = (*mine, *other) if object_first else (*other, *mine)
+        object_first = ranks[p] < others[k]
+        pair = (piece, body) if object_first else (body, piece)
         patch = find_patch(*pair, limits.tolerance, limits.max_penetration)
         if patch is not None:
             touch = Touch(piece, body, object_first, patch.normal, patch.points, patch.gaps)

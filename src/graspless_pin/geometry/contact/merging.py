@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody, Cuboid
+from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,
     Plane,
     Polytope,
     Revolved,
-    convex_set,
+    is_hull,
+    placed_set,
 )
 from graspless_pin.geometry.contact.polygons import hull_order
 from graspless_pin.problem.checks import FloatArray
@@ -120,9 +121,9 @@ def on_surfaces(
     inward, half = touch.into_object, 0.5 * np.array(gaps)
     sides = []
     for piece, way in ((touch.other_piece, inward), (touch.object_piece, -inward)):
-        solid, T = convex_set(piece.name, piece.geometry), piece.T_world_geometry
-        if isinstance(solid, Polytope) and not isinstance(solid, Cuboid):
-            sides.append(solid.heights_from((points - T[:3, 3]) @ T[:3, :3], way @ T[:3, :3]))
+        solid, R, t = placed_set(piece)
+        if isinstance(solid, Polytope) and is_hull(solid):
+            sides.append(solid.heights_from((points - t) @ R, way @ R))
         else:
             sides.append(-half)
     low, high = sides[0], -sides[1]
@@ -171,9 +172,8 @@ def _covers(
         point: (3,) world frame, m.
         outward: (3,) unit vector out of the body, world axes.
     """
-    R, t = piece.T_world_geometry[:3, :3], piece.T_world_geometry[:3, 3]
+    solid, R, t = placed_set(piece)
     local, direction = (point - t) @ R, outward @ R
-    solid = convex_set(piece.name, piece.geometry)
     normals, heights = solid.faces_at(local)
     highest = float(heights.max())
     if highest > _SAME_SURFACE:
@@ -206,8 +206,7 @@ def _rises(solid: ConvexSet, point: FloatArray, direction: FloatArray) -> bool:
 
 def _passes(piece: CollisionBody, point: FloatArray, normal: FloatArray) -> bool:
     """Whether a piece passes through a plane, and so makes a step with what lies behind that."""
-    R, t = piece.T_world_geometry[:3, :3], piece.T_world_geometry[:3, 3]
-    solid = convex_set(piece.name, piece.geometry)
+    solid, R, t = placed_set(piece)
     if isinstance(solid, Plane):
         return True
     reach = float(solid.support_values((normal @ R)[None])[0] - normal @ (point - t))
@@ -294,6 +293,5 @@ def _leads_to(touch: Touch, nearer: Touch, pieces: Sequence[CollisionBody], side
 
 def _height(piece: CollisionBody, point: FloatArray) -> float:
     """Height (at most the distance) of a point over a piece, negative inside, m."""
-    T = piece.T_world_geometry
-    local = (point - T[:3, 3]) @ T[:3, :3]
-    return float(convex_set(piece.name, piece.geometry).faces_at(local)[1].max())
+    solid, R, t = placed_set(piece)
+    return float(solid.faces_at((point - t) @ R)[1].max())

@@ -13,7 +13,7 @@ from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
-from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, separation, solids_of
+from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, separation
 from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.configuration import posed_links
 from graspless_pin.geometry.hand.model import Hand
@@ -175,9 +175,8 @@ def least_clearance(
     for support in supports:
         least = _least(links, support.placed_bodies, least, np.where(moves, np.inf, -depth))
     least = _least(links, moved, least, np.full(len(links), -depth))
-    solids, pairs = solids_of(links.shapes), pairs_of(hand.tree)
-    first, second = pairs.T
-    bounds = least_gaps(links, solids, links, solids)[second, first]
+    pairs = pairs_of(hand.tree)
+    bounds = least_gaps(links, links)[pairs[:, 1], pairs[:, 0]]
     for place in np.argsort(bounds, kind="stable").tolist():
         if bounds[place] >= least.distance:
             break
@@ -198,7 +197,7 @@ def _least(
     """
     if not len(one) or not len(two):
         return least
-    bounds = least_gaps(one, solids_of(one.shapes), two, solids_of(two.shapes))
+    bounds = least_gaps(one, two)
     bounds = np.where(bounds < below, bounds, np.inf)
     for place in np.argsort(bounds, axis=None, kind="stable").tolist():
         if bounds.flat[place] >= least.distance:

@@ -171,9 +171,8 @@ def _reach(bodies: PlacedBodies, point: FloatArray) -> float:
     """Return a radius of a sphere about a (3,) point that holds all bodies, m."""
     if not len(bodies):
         return 0.0
-    solids = solids_of(bodies.shapes)
-    away = np.linalg.norm(box_centers(bodies, solids) - point, axis=1)
-    return float((away + solids.reaches).max())
+    away = np.linalg.norm(box_centers(bodies) - point, axis=1)
+    return float((away + solids_of(bodies.shapes).reaches).max())
 
 
 def _resting_rotation(target: ManipulatedObject) -> FloatArray:
