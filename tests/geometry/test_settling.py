@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from planar_fingers import ball, body
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.object_and_supports import Support
+from graspless_pin.geometry.bodies.compound import Compound
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Box, Cylinder, HalfSpace
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.poses import pose_matrix
@@ -95,6 +96,16 @@ def test_nothing_else_of_the_object_changes():
     settled = settle_object(target, [FLOOR])
     assert (settled.name, settled.shape, settled.mass) == (target.name, target.shape, target.mass)
     assert target.T_world_object[2, 3] == 1.0
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_compound_settles_as_one_body_whatever_part_comes_first(order):
+    parts, poses = (Box((0.08, 0.03, 0.03)), Cylinder(0.01, 0.2)), np.repeat(np.eye(4)[None], 2, 0)
+    poses[0, 2, 3] = 0.115
+    hammer = Compound(tuple(parts[k] for k in order), poses[list(order)])
+    target = ManipulatedObject.from_shape("hammer", hammer, pose_matrix((0.1, 0, 1)), mass=1.0)
+    settled = settle_object(target, [Support("floor", HalfSpace(), np.eye(4))])
+    np.testing.assert_allclose(settled.T_world_object, pose_matrix((0.1, 0, 0.1)), atol=1e-6)
 
 
 def test_no_support_in_the_way_is_an_error():

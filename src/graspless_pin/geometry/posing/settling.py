@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies, hull_of
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Capsule, MeshShape
@@ -73,8 +72,7 @@ def settle_object(
             "direction", f"needs three finite numbers, not all zero, got {direction!r}"
         )
     way /= np.linalg.norm(way)
-    pieces = target.collision_bodies()
-    others = [support.collision_bodies() for support in supports]
+    pieces, others = target.placed_bodies, [support.placed_bodies for support in supports]
     paths = [_path_to(piece, body, way) for other in others for body in other for piece in pieces]
     ahead = [path for path in paths if path is not None]
     if not ahead:
@@ -83,17 +81,16 @@ def settle_object(
             f"object '{target.name}' meets no support in the direction {way.round(6).tolist()} "
             f"({known}); turn the direction or move the object"
         )
-    travel = min(ahead)
-    resting = [_moved(piece, travel * way) for piece in pieces]
+    settled = target.with_pose(shifted(target.T_world_object, min(ahead) * way))
     for support, other in zip(supports, others, strict=True):
-        overlap = -nearest_separation(other, resting).distance
+        overlap = -nearest_separation(other, settled.placed_bodies).distance
         if overlap > SETTLING_TOLERANCE:
             raise SceneError(
                 f"object '{target.name}' overlaps support '{support.name}' by "
                 f"{overlap * 1e3:.2f} mm where it settles in the direction "
                 f"{way.round(6).tolist()}; move it aside or settle it off that support first"
             )
-    return replace(target, T_world_object=resting[0].T_world_geometry)
+    return settled
 
 
 def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> float | None:
@@ -108,7 +105,8 @@ def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> floa
     """
     travel = 0.0
     for _ in range(_STEPS):
-        here = separation(other, _moved(body, travel * way))
+        T = shifted(body.T_world_geometry, travel * way)
+        here = separation(other, CollisionBody(body.name, body.geometry, T))
         approach = -float(here.normal @ way)
         if approach <= _ALONG:
             return None
@@ -116,10 +114,6 @@ def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> floa
             break
         travel += here.distance / approach
     return travel
-
-
-def _moved(body: CollisionBody, shift: FloatArray) -> CollisionBody:
-    return CollisionBody(body.name, body.geometry, shifted(body.T_world_geometry, shift))
 
 
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -196,18 +190,16 @@ def _underside(points: FloatArray, center: FloatArray) -> FloatArray:
     A face is steady if the foot of the centre of mass on it stays inside of its edges; one on which
     it does so by a margin comes first.
     """
-    from scipy.spatial import ConvexHull
-
-    hull = ConvexHull(points)
-    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+    hull = hull_of(points)
+    normals, offsets = hull.face_normals, hull.face_offsets
     steady = _STEADY * float(np.ptp(points, axis=0).max())
     steadiest = -np.inf, _DOWN
     for face in np.argsort(-(normals @ _DOWN), kind="stable"):
-        foot = center - (normals[face] @ center + offsets[face]) * normals[face]
+        foot = center - (normals[face] @ center - offsets[face]) * normals[face]
         cosines = normals @ normals[face]
         others = cosines < np.cos(_COPLANAR)
         sines = np.sqrt(np.maximum(1.0 - cosines[others] ** 2, 1e-12))
-        inside = float((-(normals @ foot + offsets)[others] / sines).min())
+        inside = float(((offsets - normals @ foot)[others] / sines).min())
         if inside >= steady:
             return normals[face]
         steadiest = max(steadiest, (inside, normals[face]), key=lambda found: found[0])
