@@ -30,6 +30,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     flexion_rates,
     groups_of_fingers,
     hand_at,
+    searched_ranges,
 )
 from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.records import Brief
@@ -60,9 +61,7 @@ class March:
         tree = hand.tree
         self._coupling = tree.coupling
         start = tree.coupling.independent(hand.positions)
-        lower, upper = tree.ranges
-        self._lower = np.where(np.isinf(lower), start - _UNLIMITED, lower)
-        self._upper = np.where(np.isinf(upper), start + _UNLIMITED, upper)
+        self._lower, self._upper = searched_ranges(tree, start, _UNLIMITED)
         links = {link for finger in fingers for link in hand.fingers[finger].links}
         self._distances = LinkDistances(hand, links, target.collision_bodies())
         self._reach = _reaches(self._distances, hand)

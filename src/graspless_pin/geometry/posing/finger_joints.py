@@ -7,7 +7,7 @@ bases stay.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +48,40 @@ def driving_columns(hand: Hand, finger: str) -> list[int]:
     """Return which independent joints (columns of the coupling) drive a finger's joints."""
     index = hand.tree.joint_index
     return hand.tree.coupling.drivers(index[joint] for joint in hand.fingers[finger].joints)
+
+
+def searched_ranges(tree: KinematicTree, start: FloatArray, most: float) -> tuple[FloatArray, ...]:
+    """Return the (a,) lowest and highest positions of independent joints that are searched.
+
+    Args:
+        tree: The kinematic tree.
+        start: (a,) where the joints stand.
+        most: How far from there a joint goes that has no limit, rad or m.
+    """
+    ends = zip(tree.ranges, (-most, most), strict=True)
+    return tuple(np.where(np.isfinite(end), end, start + beyond) for end, beyond in ends)
+
+
+def least_misses(
+    misses: Callable[[FloatArray], FloatArray],
+    jacobian: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    bounds: Sequence[FloatArray],
+    evaluations: int,
+) -> FloatArray:
+    """Return the positions within bounds with the least squares of misses, found from a start."""
+    lower, upper = bounds
+    inside = _INSIDE * (upper - lower)
+    return least_squares(
+        misses,
+        np.clip(start, lower + inside, upper - inside),
+        jac=jacobian,  # pyright: ignore[reportArgumentType] - a function will do
+        bounds=(lower, upper),
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+        max_nfev=evaluations,
+    ).x
 
 
 def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[list[str]]:
@@ -195,9 +229,7 @@ def brought_palm(
     """
     tree, columns = hand.tree, list(arm.columns)
     positions = tree.coupling.independent(hand.positions)
-    lower, upper = (ends[columns] for ends in tree.ranges)
-    lower = np.where(np.isfinite(lower), lower, positions[columns] - np.pi)
-    upper = np.where(np.isfinite(upper), upper, positions[columns] + np.pi)
+    lower, upper = (ends[columns] for ends in searched_ranges(tree, positions, np.pi))
     feet = np.vstack([np.zeros(3), _LEVER * np.eye(3)])  # points of the palm
     wanted = feet @ T_world_palm[:3, :3].T + T_world_palm[:3, 3]
     S = tree.coupling.S[:, columns]
@@ -218,19 +250,16 @@ def brought_palm(
             -1, len(values)
         )
 
+    def misses(values: FloatArray) -> FloatArray:
+        return (points(values) - wanted).ravel()
+
     best, least = positions[columns].copy(), np.inf
-    margin = _INSIDE * (upper - lower)
     for attempt in range(_STARTS):
         start = best if attempt == 0 else rng.uniform(lower, upper)
-        found = least_squares(
-            lambda values: (points(values) - wanted).ravel(),
-            np.clip(start, lower + margin, upper - margin),
-            jac=jacobian,  # pyright: ignore[reportArgumentType] - a function will do
-            bounds=(lower, upper), xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60,
-        )  # fmt: skip
-        miss = float(np.linalg.norm(found.fun))
+        found = least_misses(misses, jacobian, start, (lower, upper), 60)
+        miss = float(np.linalg.norm(misses(found)))
         if miss < least:
-            best, least = found.x, miss
+            best, least = found, miss
         if least <= _REACHED:
             break
     T_there = at(best)[0]

@@ -5,13 +5,12 @@ Postures of fingers whose tips reach given points, away from the joints' limits 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
@@ -28,6 +27,8 @@ from graspless_pin.geometry.posing.finger_joints import (
     groups_of_fingers,
     hand_at,
     joints_at_limit,
+    least_misses,
+    searched_ranges,
     tip_shapes,
 )
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -115,7 +116,7 @@ def _farthest(
 
 
 _UNLIMITED = np.pi  # rad or m to each side of where it stands that a joint without limits is tried
-_INSIDE = 1e-6  # share of a joint's range that the solver keeps off its ends at the start
+_MOST_EVALUATIONS = 100
 _EASY = 0.8  # middle share of a joint's range in which nothing pulls it
 _PULL = 1e-3  # m of miss that weigh as much as half a joint's range outside of that share
 
@@ -167,16 +168,14 @@ class _Search:
     """The joints of one group of fingers as a least-squares problem; vectors are theirs only."""
 
     def __init__(self, hand: Hand, tips: Sequence[Tip], independent: FloatArray) -> None:
-        lower, upper = hand.tree.ranges
+        lower, upper = searched_ranges(hand.tree, independent, _UNLIMITED)
         driving = {column for tip in tips for column in driving_columns(hand, tip.finger)}
         self._columns = [column for column in sorted(driving) if lower[column] < upper[column]]
         self._tips = tips
         self._coupling = hand.tree.coupling
         self._independent = independent
-        self.now = now = independent[self._columns]
-        lower, upper = lower[self._columns], upper[self._columns]
-        self.lower = np.where(np.isinf(lower), now - _UNLIMITED, lower)
-        self.upper = np.where(np.isinf(upper), now + _UNLIMITED, upper)
+        self.now = independent[self._columns]
+        self.lower, self.upper = lower[self._columns], upper[self._columns]
         self._middle = 0.5 * (self.lower + self.upper)
         self._half = 0.5 * (self.upper - self.lower)
 
@@ -188,7 +187,8 @@ class _Search:
 
     def nearest(self, start: FloatArray) -> FloatArray:
         """Return the posture with the least misses that is found from a start."""
-        return self._least(start, self._misses, self._jacobian)
+        bounds = self.lower, self.upper
+        return least_misses(self._misses, self._jacobian, start, bounds, _MOST_EVALUATIONS)
 
     def eased(self, values: FloatArray) -> FloatArray:
         """Return a posture with about the same misses and joints farther from their limits."""
@@ -203,7 +203,8 @@ class _Search:
             return np.vstack([self._jacobian(values), np.diag(_PULL * outside / self._half)])
 
         inward = self._middle + np.clip(self._share(values), -_EASY, _EASY) * self._half
-        return self.nearest(self._least(inward, residuals, jacobian))
+        bounds = self.lower, self.upper
+        return self.nearest(least_misses(residuals, jacobian, inward, bounds, _MOST_EVALUATIONS))
 
     def crowding(self, values: FloatArray) -> float:
         """Return how near to its limits any joint is: 0 half way between them, 1 at one of them."""
@@ -221,24 +222,6 @@ class _Search:
             overlap if overlap > tolerance else 0.0,
             crowding if crowding > 1.0 - 2.0 * AT_LIMIT else 0.0,
         )
-
-    def _least(
-        self,
-        start: FloatArray,
-        residuals: Callable[[FloatArray], FloatArray],
-        jacobian: Callable[[FloatArray], FloatArray],
-    ) -> FloatArray:
-        inside = _INSIDE * (self.upper - self.lower)
-        return least_squares(
-            residuals,
-            np.clip(start, self.lower + inside, self.upper - inside),
-            jac=jacobian,  # pyright: ignore[reportArgumentType] - a function will do
-            bounds=(self.lower, self.upper),
-            xtol=1e-12,
-            ftol=1e-12,
-            gtol=1e-12,
-            max_nfev=100,
-        ).x
 
     def _share(self, values: FloatArray) -> FloatArray:
         """Positions as shares of the way from the middle of the range to its ends, -1 to 1."""

@@ -20,6 +20,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     driving_columns,
     flexion_rates,
     groups_of_fingers,
+    searched_ranges,
     tip_shapes,
 )
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
@@ -130,10 +131,8 @@ def opposing_postures(
         The postures in which the fingers are clear of each other and oppose each other, those first
         that do so most; the best one if none does.
     """
-    ends = hand.tree.ranges
     start = hand.tree.coupling.independent(hand.positions)
-    lower = np.where(np.isfinite(ends[0]), ends[0], start - np.pi)
-    upper = np.where(np.isfinite(ends[1]), ends[1], start + np.pi)
+    lower, upper = searched_ranges(hand.tree, start, np.pi)
     first, *more = fingers
     fixed = () if more or not is_fixed_jaw(hand, first) else carrier_links(hand, first)
     if fixed:
