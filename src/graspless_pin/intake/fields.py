@@ -36,8 +36,13 @@ Finite = Annotated[
     float, Field(ge=-LARGEST_LENGTH, le=LARGEST_LENGTH, allow_inf_nan=False), _NUMBER
 ]
 """A length, angle, velocity or factor."""
+METRES = "m"
+"""Marks a type, among what is annotated, as that of lengths."""
 Length = Annotated[
-    float, Field(gt=0.0, ge=SMALLEST_LENGTH, le=LARGEST_LENGTH, allow_inf_nan=False), _NUMBER
+    float,
+    Field(gt=0.0, ge=SMALLEST_LENGTH, le=LARGEST_LENGTH, allow_inf_nan=False),
+    _NUMBER,
+    METRES,
 ]
 """A size that is not zero."""
 Positive = Annotated[float, Field(gt=0.0, ge=SMALLEST, le=LARGEST, allow_inf_nan=False), _NUMBER]

@@ -142,7 +142,7 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
     hull, simplified = hull_corners(vertices, label)
     if _is_convex(mesh):
         emit(*simplified)
-        return _read_only([hull])
+        return (read_only(hull),)
     vertices, faces, simplified = simplified_for_cutting(vertices, faces, label)
     if simplified:
         emit(*simplified)
@@ -178,12 +178,12 @@ def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
     pieces: list[FloatArray] = []
     for corners in _corners(mesh, label, cut):
         with suppress(MeshError):  # a sliver without volume touches nothing that others do not
-            pieces.append(hull_of(corners).vertices)
+            pieces.append(read_only(hull_of(corners).vertices))
     if not pieces:
         raise MeshError(
             f"{label} cannot be cut into convex pieces; repair it, or use its convex hull"
         )
-    return _read_only(pieces)
+    return tuple(pieces)
 
 
 def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray]:
@@ -277,7 +277,7 @@ def _read(file: Path) -> tuple[FloatArray, ...] | None:
         and int(counts.sum()) == len(points)
         and bool(np.isfinite(points).all())
     )
-    return _read_only(np.split(points, np.cumsum(counts)[:-1])) if sound else None
+    return tuple(map(read_only, np.split(points, np.cumsum(counts)[:-1]))) if sound else None
 
 
 def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
@@ -296,7 +296,3 @@ def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
                 "set XDG_CACHE_HOME to a folder that can be written",
             )
         )
-
-
-def _read_only(pieces: list[FloatArray]) -> tuple[FloatArray, ...]:
-    return tuple(map(read_only, pieces))

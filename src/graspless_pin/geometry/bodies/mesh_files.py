@@ -34,14 +34,6 @@ UP_AXIS = "up_axis"
 MESH = FileKind("mesh file", 64, MeshError)
 
 
-def unknown_format(path: Path) -> MeshError:
-    """Return the error for a file whose ending is not one of `MESH_FORMATS`."""
-    return MeshError(
-        f"mesh file '{path}' has the unknown ending '{path.suffix}'; "
-        f"use one of {', '.join(MESH_FORMATS)}"
-    )
-
-
 def parse_mesh(path: Path, *, upright: bool) -> Any:
     """Return what trimesh makes of a mesh file; it gets bytes and opens nothing itself.
 

@@ -24,7 +24,6 @@ from graspless_pin.problem.checks import FloatArray, read_only
 
 if TYPE_CHECKING:
     import trimesh
-    from scipy.spatial import ConvexHull
 
 
 DENSE_MESH = 20_000
@@ -63,7 +62,13 @@ def hull_corners(vertices: FloatArray, what: str) -> tuple[FloatArray, tuple[Fin
     # Qhull takes no point for a corner that is less than this above a face.
     hull = qhull(vertices, what, f"Qt W{HULL_TOLERANCE * size:.17g}")
     corners = vertices[hull.vertices]
-    left_out = _standing_out(vertices, hull, HULL_TOLERANCE * size)
+    # Each vertex is measured to the triangles near it, which is never too little, and where that is
+    # not within the tolerance, to the hull.
+    points = coal.StdVec_Vec3s()
+    points.extend(corners)
+    solid = coal.Convex.convexHull(points, False, "Qt")  # noqa: FBT003 - no triangles
+    triangles, planes = hull.points[hull.simplices], hull.equations
+    left_out = _farthest(vertices, triangles, solid, HULL_TOLERANCE * size, planes)
     found = Finding(
         FindingCode.SIMPLIFIED_HULL,
         what,
@@ -72,19 +77,6 @@ def hull_corners(vertices: FloatArray, what: str) -> tuple[FloatArray, tuple[Fin
         "give a mesh of fewer vertices where contacts have to be nearer than that",
     )
     return corners, (found,)
-
-
-def _standing_out(vertices: FloatArray, hull: ConvexHull, enough: float) -> float:
-    """Return how far vertices (V, 3) stand out of the hull of some of them, m, or a little more.
-
-    Each is measured to the triangles near it, which is never too little, and where that is not
-    within what is enough, to the hull.
-    """
-    normals, offsets = np.split(hull.equations, [3], 1)
-    corners = coal.StdVec_Vec3s()
-    corners.extend(hull.points[hull.vertices])
-    solid = coal.Convex.convexHull(corners, False, "Qt")  # noqa: FBT003 - no triangles
-    return _farthest(vertices, hull.points[hull.simplices], solid, enough, normals, offsets[:, 0])
 
 
 def with_fewer_triangles(
@@ -145,8 +137,7 @@ def _farthest(
     triangles: FloatArray,
     surface: Any,
     enough: float,
-    normals: FloatArray | None = None,
-    offsets: FloatArray | None = None,
+    planes: FloatArray | None = None,
 ) -> float:
     """Return how far vertices (V, 3) are from a surface, m, or a little more.
 
@@ -155,8 +146,8 @@ def _farthest(
         triangles: (F, 3, 3) corners of the surface's triangles, m.
         surface: Its coal geometry, asked for what is not within enough of the triangles near it.
         enough: m.
-        normals: (F, 3) outward, of a hull: vertices inside do not count; None: all do.
-        offsets: (F,) of the hull's planes.
+        planes: (F, 4) outward normals and offsets of a hull's faces: vertices inside do not count;
+            None: all do.
     """
     from scipy.spatial import KDTree
     from trimesh.triangles import closest_point
@@ -165,8 +156,8 @@ def _farthest(
     farthest = 0.0
     for points in np.array_split(vertices, 1 + len(vertices) // _AT_ONCE):
         near = np.asarray(centers.query(points, k=_NEAR)[1])
-        if normals is not None and offsets is not None:
-            over = np.einsum("vnx,vx->vn", normals[near], points) + offsets[near]
+        if planes is not None:
+            over = np.einsum("vnx,vx->vn", planes[near, :3], points) + planes[near, 3]
             near, points = near[over.max(axis=1) > 0.0], points[over.max(axis=1) > 0.0]
         feet = closest_point(triangles[near.ravel()], np.repeat(points, _NEAR, axis=0))
         gaps = np.linalg.norm(feet.reshape(-1, _NEAR, 3) - points[:, None], axis=2).min(axis=1)
@@ -218,11 +209,14 @@ def load_mesh(path: Path, *, upright: bool = True) -> trimesh.Trimesh:
     """
     import trimesh
 
-    from graspless_pin.geometry.bodies.mesh_files import MESH_FORMATS, parse_mesh, unknown_format
+    from graspless_pin.geometry.bodies.mesh_files import MESH_FORMATS, parse_mesh
 
     file_state(path)
     if path.suffix.lower() not in MESH_FORMATS:
-        raise unknown_format(path)
+        raise MeshError(
+            f"mesh file '{path}' has the unknown ending '{path.suffix}'; "
+            f"use one of {', '.join(MESH_FORMATS)}"
+        )
     try:
         mesh = parse_mesh(path, upright=upright)
     except MeshError:

@@ -27,10 +27,10 @@ from pydantic import Field, GetPydanticSchema, create_model
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.meshes import MOST_FACES, Triangles
-from graspless_pin.intake.fields import Entry, FilePath, Finite, Length
+from graspless_pin.intake.fields import METRES, Entry, FilePath, Finite, Length
 from graspless_pin.problem.checks import FloatArray, read_only
 
-Lengths = tuple[Length, Length, Length]
+Lengths = Annotated[tuple[Length, Length, Length], METRES]
 """Three along x, y, z that are not zero."""
 
 ShapeFile = Annotated[Path, GetPydanticSchema(lambda _, handler: handler(FilePath))]
@@ -40,7 +40,6 @@ _LISTED = Annotated[list[tuple[Finite, Finite, Finite]], Field(min_length=4, max
 Points = Annotated[FloatArray, GetPydanticSchema(lambda _, handler: handler(_LISTED))]
 """(V, 3) that are not all in one plane: a list of lists in the scene file."""
 
-_OF_A_LENGTH = get_args(Length)[1]  # its bounds: the types of other numbers have others
 _RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
 _THINNEST = 1e-6
 """Thickness of a hull over its width; coal crashes from about 1e-7 on."""
@@ -180,11 +179,10 @@ class Shape(ABC):
     def lengths(cls) -> dict[str, int]:
         """Return which keys are of the types `Length` and `Lengths`, with 1 and 3 for these."""
         hints = get_type_hints(cls, include_extras=True)
-        kinds = {one.name: get_args(hints[one.name]) for one in fields(cls)}
         return {
-            name: 3 if kind[0] == Lengths else 1
-            for name, kind in kinds.items()
-            if kind and (kind[0] == Lengths or kind[1] is _OF_A_LENGTH)
+            one.name: 1 if get_args(hints[one.name])[0] is float else 3
+            for one in fields(cls)
+            if METRES in get_args(hints[one.name])
         }
 
     @classmethod
@@ -280,8 +278,7 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
     """
     _check_thickness(points, label)
     corners: Any = coal.StdVec_Vec3s()
-    for point in points:
-        corners.append(point)
+    corners.extend(points)
     error: Exception | None = None
     # A flat face of hundreds of corners is one fan of triangles with "Qt", of which coal refuses
     # the hub; joggling ("QJ") splits the face otherwise and leaves the corners where they are.

@@ -145,7 +145,7 @@ def _moment_arms(tree: KinematicTree, name: str, joints: Mapping[str, float]) ->
             raise unknown_name(argument, "joint", joint, tree.joint_names)
         row[tree.joint_index[joint]] = arm
     independent = row @ tree.coupling.S
-    independent[[tree.joint_names[index] in tree.locked for index in tree.coupling.leaders]] = 0.0
+    independent[[name in tree.locked for name in tree.leader_names]] = 0.0
     if not np.isfinite(independent).all() or not independent.any():
         raise ArgumentError(argument, f"needs a moment arm where a joint moves, got {dict(joints)}")
     return independent
@@ -246,7 +246,7 @@ def spread_names(
         ArgumentError: If a name is unknown or that of a joint without a motor.
     """
     tendons = tendons or {}
-    leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
+    leaders = tree.leader_names
     pulled = {
         joint: tendon
         for tendon, arms in tendons.items()

@@ -433,6 +433,7 @@ def fields_of(
 
 _ANYWHERE = (
     "joint_index",
+    "leader_names",
     "joint_kinds",
     "tolerated",
     "ranges",

@@ -18,7 +18,7 @@ from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import finite_numbers
-from graspless_pin.problem.checks import FloatArray, all_finite, all_true, unknown_name
+from graspless_pin.problem.checks import FloatArray, all_true, unknown_name
 
 
 def joint_positions(
@@ -105,7 +105,7 @@ def independent_rates(
     Raises:
         ArgumentError: If a name is unknown or a coupled joint's, or a rate is not finite.
     """
-    leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
+    leaders = tree.leader_names
     values = np.zeros(len(leaders))
     for name, rate in rates.items():
         if name not in leaders:
@@ -169,8 +169,7 @@ def _in_degrees(tree: KinematicTree, index: int, positions: FloatArray) -> str:
 
 def _followed(tree: KinematicTree, index: int) -> str:
     """Name the independent joints that a coupled joint follows."""
-    columns = tree.coupling.drivers([index])
-    return ", ".join(repr(tree.joint_names[tree.coupling.leaders[column]]) for column in columns)
+    return ", ".join(repr(tree.leader_names[column]) for column in tree.coupling.drivers([index]))
 
 
 def _finite(name: str, value: float) -> float:
@@ -251,10 +250,7 @@ def checked_points(links: Sequence[str | None], points: ArrayLike) -> FloatArray
     Raises:
         ArgumentError: If the shape is another or a number is not finite.
     """
-    if isinstance(points, np.ndarray) and points.dtype == np.float64 and all_finite((points,)):
-        positions = points
-    else:
-        positions = finite_numbers("points", points)
+    positions = finite_numbers("points", points)
     if positions.shape != (len(links), 3):
         raise ArgumentError(
             "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"

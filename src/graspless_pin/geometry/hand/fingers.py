@@ -65,7 +65,7 @@ def check_fingers(tree: KinematicTree, fingers: Mapping[str, FingerSpec]) -> dic
 def driving_joints(tree: KinematicTree, spec: FingerSpec) -> list[str]:
     """Return the independent joints that move a finger's joints, be they its own or not."""
     columns = tree.coupling.drivers(tree.joint_index[joint] for joint in spec.joints)
-    return [tree.joint_names[tree.coupling.leaders[column]] for column in columns]
+    return [tree.leader_names[column] for column in columns]
 
 
 def plan_control(
@@ -96,7 +96,7 @@ def plan_control(
             joint of a hybrid finger has a mode of its own or moves another finger, a mimic joint
             has a mode, or fingers that one joint moves have different ones.
     """
-    leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
+    leaders = tree.leader_names
     still = dict.fromkeys(sorted(tree.locked), ControlMode.POSITION)
     if isinstance(control, str):
         mode = _mode("control", control)

@@ -8,7 +8,6 @@ it. Motors, tendons and equations become limits and couplings.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from graspless_pin.geometry.hand.mjcf_source import (
     geom_shape,
     is_known,
     pose,
-    read_mjcf,
 )
 from graspless_pin.geometry.hand.robot_model import (
     DrawnTendon,
@@ -31,7 +29,6 @@ from graspless_pin.geometry.hand.robot_model import (
     RobotJoint,
     RobotLink,
     RobotModel,
-    check_link_count,
     limit_of,
     root_of_tree,
 )
@@ -287,10 +284,10 @@ def _both_ways(bounds: Sequence[float] | FloatArray) -> float:
     return min(-low, high) if low < 0.0 < high else np.inf
 
 
-def robot_of_mjcf(
-    path: Path, *, visuals_collide: bool = False, with_shapes: bool = True
+def robot_of_source(
+    source: MjcfSource, *, visuals_collide: bool = False, with_shapes: bool = True
 ) -> RobotModel:
-    """Read an MJCF.
+    """Return the robot of an MJCF that MuJoCo has read.
 
     The robot is the tree of bodies that has motors; with a free joint to the world, or none, it is
     where the hand is mounted, else it hangs on a link called ``world``, as several trees do, and
@@ -299,28 +296,18 @@ def robot_of_mjcf(
     that pull one way only are left open.
 
     Args:
-        path: The file; files that it includes and meshes are found as MuJoCo does.
+        source: What MuJoCo has read.
         visuals_collide: Whether links without collision shapes collide with their visual ones.
         with_shapes: Whether the shapes of the links are read.
 
     Raises:
-        RobotError: If MuJoCo is not installed or refuses the file, or it has ball joints, closed
-            loops, couplings that are not linear or collision shapes that no link can have.
+        RobotError: If it has ball joints, closed loops, couplings that are not linear or collision
+            shapes that no link can have.
 
     Warns:
         GrasplessPinWarning: Springs are left out, or motors that cannot be told apart.
     """
-    return robot_of_source(
-        read_mjcf(path), visuals_collide=visuals_collide, with_shapes=with_shapes
-    )
-
-
-def robot_of_source(
-    source: MjcfSource, *, visuals_collide: bool = False, with_shapes: bool = True
-) -> RobotModel:
-    """Return the robot of what MuJoCo has read: see `robot_of_mjcf`."""
-    reader = _Reader(source, visuals_collide=visuals_collide, with_shapes=with_shapes)
-    robot = reader.robot()
+    robot = _Reader(source, visuals_collide=visuals_collide, with_shapes=with_shapes).robot()
     robot.check()
     return robot
 
@@ -365,7 +352,6 @@ class _Reader:
         """Return the robot."""
         model = self._model
         top, inside = robot_bodies(self._source)
-        check_link_count(str(self._source.path), int(inside.sum()))
         if np.any(model.jnt_stiffness[inside[model.jnt_bodyid]] > 0.0):
             emit(
                 Finding(

@@ -19,11 +19,7 @@ from types import MappingProxyType
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import ArgumentError, CrashError, OverrunError, RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.hand.robot_model import (
-    RobotModel,
-    check_link_count,
-    check_name_lengths,
-)
+from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.urdf import robot_of_urdf
 from graspless_pin.geometry.hand.xacro_call import run_xacro
 from graspless_pin.intake.files import (
@@ -82,9 +78,11 @@ def read_robot(
     element = _element(path, package_dirs, xacro_args)
     named = {one.get("name", "") for one in element.iter()}
     if element.tag == "mujoco":
-        from graspless_pin.geometry.hand.mjcf import robot_of_mjcf
+        from graspless_pin.geometry.hand.mjcf import robot_of_source
+        from graspless_pin.geometry.hand.mjcf_source import read_mjcf
 
-        robot = robot_of_mjcf(path, visuals_collide=visuals_collide, with_shapes=with_shapes)
+        source = read_mjcf(path)
+        robot = robot_of_source(source, visuals_collide=visuals_collide, with_shapes=with_shapes)
         named |= {one.name for part in (robot.links, robot.joints) for one in part}
         robot = robot if root_link is None else robot.below(root_link)
     else:
@@ -103,8 +101,8 @@ def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, 
     """Return the ``<robot>`` of a URDF or an expanded xacro file, or the ``<mujoco>`` of an MJCF.
 
     Raises:
-        RobotError: If the file is missing, is none of them, declares a DOCTYPE or entities, or has
-            too many links or too long a name, or if xacro cannot expand it.
+        RobotError: If the file is missing, is none of them, or declares a DOCTYPE or entities, or
+            if xacro cannot expand it.
     """
     content = read_bytes(path, URDF)
     found = kind_of_file(path, content)
@@ -123,9 +121,6 @@ def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, 
             f"{path}: a URDF starts with <robot> and an MJCF with <mujoco>, this file with "
             f"<{root.tag}>"
         )
-    check_link_count(str(path), len(root.findall("link")))
-    for kind in ("link", "joint"):
-        check_name_lengths(str(path), kind, (one.get("name", "") for one in root.findall(kind)))
     return root
 
 

@@ -271,12 +271,11 @@ class RobotModel(Record):
         return named
 
     def check(self) -> None:
-        """Refuse too many links, names that are too long, and figures that are none.
+        """Refuse names that are too long, and figures that are none.
 
         Raises:
             RobotError: There are.
         """
-        check_link_count(self.label, len(self.links))
         check_name_lengths(self.label, "link", (link.name for link in self.links))
         check_name_lengths(self.label, "joint", (joint.name for joint in self.joints))
         check_name_lengths(self.label, "tendon", self.tendons)
@@ -301,22 +300,6 @@ def _check_figures(where: str, figures: Iterable[FloatArray | float]) -> None:
 def limit_of(value: float) -> float:
     """Return a limit of a file, infinite where it is too far to be one."""
     return float(np.copysign(np.inf, value)) if abs(value) > _UNLIMITED else value
-
-
-def check_link_count(label: str, count: int) -> None:
-    """Refuse more links than any robot has.
-
-    Args:
-        label: The file, for messages.
-        count: How many there are.
-
-    Raises:
-        RobotError: There are more.
-    """
-    if count > MOST_LINKS:
-        raise RobotError(
-            f"{label}: has more than {MOST_LINKS} links, the most that a robot may have"
-        )
 
 
 def check_name_lengths(label: str, kind: str, names: Iterable[str]) -> None:
@@ -347,9 +330,15 @@ def root_of_tree(
         ends: The links at each joint's ends, parent and child.
 
     Raises:
-        RobotError: If a name is missing or twice there, a joint hangs on no link, or the links form
-            no tree, or one that is too deep.
+        RobotError: If there are more links than any robot has, a name is too long, missing or twice
+            there, a joint hangs on no link, or the links form no tree, or one that is too deep.
     """
+    if len(links) > MOST_LINKS:
+        raise RobotError(
+            f"{label}: has more than {MOST_LINKS} links, the most that a robot may have"
+        )
+    check_name_lengths(label, "link", links)
+    check_name_lengths(label, "joint", joints)
     for kind, names in (("link", links), ("joint", joints)):
         for name, count in Counter(names).items():
             if not name:

@@ -75,6 +75,11 @@ class KinematicTree(Brief, Record):
         return {name: index for index, name in enumerate(self.joint_names)}
 
     @cached_property
+    def leader_names(self) -> tuple[str, ...]:
+        """(a) names of the independent joints."""
+        return tuple(self.joint_names[index] for index in self.coupling.leaders)
+
+    @cached_property
     def joint_kinds(self) -> tuple[str, ...]:
         """``revolute``, ``continuous`` or ``prismatic`` for each of the n movable joints."""
         kinds = []
@@ -115,7 +120,7 @@ class KinematicTree(Brief, Record):
         """The independent joints whose limits leave no room: they hold whatever they feel."""
         lower, upper = self.ranges
         still = np.flatnonzero(np.abs(upper - lower) <= LIMIT_TOLERANCE)
-        return frozenset(self.joint_names[self.coupling.leaders[column]] for column in still)
+        return frozenset(self.leader_names[column] for column in still)
 
     @property
     def armature(self) -> FloatArray:
@@ -144,8 +149,7 @@ class KinematicTree(Brief, Record):
         """(n + 1, n) whether joint j moves what is attached to Pinocchio joint i."""
         mask = np.zeros((self.pinocchio_model.njoints, self.pinocchio_model.nv), dtype=bool)
         for joint in range(1, self.pinocchio_model.njoints):
-            mask[joint] = mask[self.pinocchio_model.parents[joint]]
-            mask[joint, joint - 1] = True
+            mask[joint, np.array(self.pinocchio_model.supports[joint])[1:] - 1] = True
         return mask
 
     @cached_property

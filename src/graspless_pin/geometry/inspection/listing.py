@@ -181,7 +181,7 @@ def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]
     if leads:
         lower, upper = (ends[coupling.leaders.index(index)] for ends in tree.ranges)
     follows = {
-        tree.joint_names[coupling.leaders[column]]: float(coupling.S[index, column])
+        tree.leader_names[column]: float(coupling.S[index, column])
         for column in coupling.drivers([index])
     }
     return JointRecord(

@@ -330,7 +330,7 @@ def _given_rates(
     hand: Hand, fingers: Sequence[str], rates: Mapping[str, float]
 ) -> dict[int, float]:
     """Return the given rates by column, checked."""
-    leaders = [hand.joint_names[index] for index in hand.tree.coupling.leaders]
+    leaders = hand.tree.leader_names
     columns = sorted({column for finger in fingers for column in driving_columns(hand, finger)})
     known = [leaders[column] for column in columns]
     given: dict[int, float] = {}
@@ -349,7 +349,6 @@ def _report(
     """Measure where a finger ended."""
     probe = LinkDistances(hand, hand.fingers[finger].links, target.collision_bodies())
     distances = probe.at(hand.positions)
-    leaders = hand.tree.coupling.leaders
     return FingerClosing(
         finger=finger,
         touching=tuple(
@@ -360,7 +359,7 @@ def _report(
             )
         ),
         at_limit=tuple(
-            hand.joint_names[leaders[column]]
+            hand.tree.leader_names[column]
             for column in driving_columns(hand, finger)
             if column in at_limit
         ),

@@ -113,14 +113,14 @@ def hand_at(hand: Hand, independent: FloatArray) -> Hand:
 def joints_at_limit(hand: Hand, finger: str) -> tuple[str, ...]:
     """Return the independent joints that move a finger and stand at an end of their range."""
     lower, upper = hand.tree.ranges
-    leaders = hand.tree.coupling.leaders
+    independent = hand.tree.coupling.independent(hand.positions)
     named = []
     for column in driving_columns(hand, finger):
-        position = hand.positions[leaders[column]]
+        position = independent[column]
         span = upper[column] - lower[column]
         slack = AT_LIMIT * span if np.isfinite(span) else AT_LIMIT
         if span > 0.0 and min(position - lower[column], upper[column] - position) <= slack:
-            named.append(hand.joint_names[leaders[column]])
+            named.append(hand.tree.leader_names[column])
     return tuple(named)
 
 

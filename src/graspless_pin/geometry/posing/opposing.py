@@ -96,10 +96,7 @@ def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, 
             "fingers", f"none of {', '.join(names)} has both a joint and a collision shape"
         )
     tree = hand.tree
-    drivers = {
-        name: [tree.joint_names[tree.coupling.leaders[k]] for k in driving_columns(hand, name)]
-        for name in able
-    }
+    drivers = {name: [tree.leader_names[k] for k in driving_columns(hand, name)] for name in able}
     moved = tuple(name for name in able if not tree.locked.issuperset(drivers[name]))
     if not moved:
         still = ", ".join(dict.fromkeys(joint for name in able for joint in drivers[name]))
