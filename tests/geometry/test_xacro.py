@@ -103,7 +103,7 @@ def test_what_cannot_be_expanded_is_said(
 def test_one_that_takes_for_ever_ends(
     claw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reading, "_SECONDS", 1.0)
+    monkeypatch.setattr(reading, "_XACRO_SECONDS", 1.0)
     endless = '<xacro:macro name="again"><xacro:again/><xacro:again/></xacro:macro><xacro:again/>'
     claw.write_text(HAND.replace('<link name="palm"/>', endless + '<link name="palm"/>'))
     with pytest.raises(RobotError, match=r"xacro (did not|cannot) expand this file"):

@@ -15,7 +15,7 @@ from graspless_pin.problem.checks import FloatArray, read_only
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
 
-_STRAIGHT = 1e-12
+_STEEPEST_COSINE = 1e-12
 """Cosine of the pitch below which it is 90 degrees."""
 _IDENTITY, _NO_TURN = np.eye(4), np.eye(3)
 
@@ -70,7 +70,7 @@ def roll_pitch_yaw(R: FloatArray) -> tuple[float, float, float]:
     """
     flat = math.hypot(R[0, 0], R[1, 0])
     pitch = math.atan2(-R[2, 0], flat)
-    if flat < _STRAIGHT:
+    if flat < _STEEPEST_COSINE:
         return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
     return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
 

@@ -35,9 +35,9 @@ DENSE_CUT = 10_000
 """Triangles up to which a mesh is cut into convex pieces as it is."""
 
 _SIMPLIFIED_SIZE = 100.0  # fast_simplification's thresholds are absolute, and made for such lengths
-_AT_ONCE = 20_000  # vertices
-_NEAR = 4  # triangles
-_DOT = 1e-9  # m
+_VERTICES_AT_ONCE = 20_000  # vertices
+_NEAREST_TRIANGLES = 4  # triangles
+_DOT_RADIUS = 1e-9  # m
 
 
 def hull_corners(vertices: FloatArray, what: str) -> tuple[FloatArray, tuple[Finding, ...]]:
@@ -154,13 +154,15 @@ def _farthest(
 
     centers = KDTree(triangles.mean(axis=1))
     farthest = 0.0
-    for points in np.array_split(vertices, 1 + len(vertices) // _AT_ONCE):
-        near = np.asarray(centers.query(points, k=_NEAR)[1])
+    for points in np.array_split(vertices, 1 + len(vertices) // _VERTICES_AT_ONCE):
+        near = np.asarray(centers.query(points, k=_NEAREST_TRIANGLES)[1])
         if planes is not None:
             over = np.einsum("vnx,vx->vn", planes[near, :3], points) + planes[near, 3]
             near, points = near[over.max(axis=1) > 0.0], points[over.max(axis=1) > 0.0]
-        feet = closest_point(triangles[near.ravel()], np.repeat(points, _NEAR, axis=0))
-        gaps = np.linalg.norm(feet.reshape(-1, _NEAR, 3) - points[:, None], axis=2).min(axis=1)
+        feet = closest_point(triangles[near.ravel()], np.repeat(points, _NEAREST_TRIANGLES, axis=0))
+        gaps = np.linalg.norm(
+            feet.reshape(-1, _NEAREST_TRIANGLES, 3) - points[:, None], axis=2
+        ).min(axis=1)
         for index in np.flatnonzero(gaps > enough):
             gaps[index] = _gap(surface, points[index])
         farthest = max(farthest, float(gaps.max(initial=0.0)))
@@ -174,12 +176,12 @@ def _gap(surface: Any, point: FloatArray) -> float:
         coal.distance(
             surface,
             coal.Transform3s(),
-            coal.Sphere(_DOT),
+            coal.Sphere(_DOT_RADIUS),
             at,
             coal.DistanceRequest(),
             coal.DistanceResult(),
         )
-        + _DOT
+        + _DOT_RADIUS
     )
 
 

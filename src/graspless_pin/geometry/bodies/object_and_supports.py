@@ -30,10 +30,6 @@ class _PlacedShape(PickledByFields, ABC):
     name: str
     shape: Shape
 
-    @abstractmethod
-    def _pose(self) -> FloatArray:
-        """(4, 4) T_world_shape."""
-
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the body as contact detection takes it: its convex pieces, all of its name.
 
@@ -53,13 +49,13 @@ class _PlacedShape(PickledByFields, ABC):
         return BodyShapes((self.name,) * len(pieces), pieces)
 
     @cached_property
+    @abstractmethod
     def placed_bodies(self) -> PlacedBodies:
         """What `collision_bodies` returns, each made only when it is asked for.
 
         Raises:
             MeshError: See `Shape.pieces`.
         """
-        return self._placed(self._pose())
 
     def _placed(self, T: FloatArray) -> PlacedBodies:
         """Return the pieces where they are when the shape is at a (4, 4) pose."""
@@ -221,8 +217,10 @@ class ManipulatedObject(Brief, _PlacedShape):
         spatial[3:, 3:] = 0.5 * (turned + turned.T)
         return spatial
 
-    def _pose(self) -> FloatArray:
-        return self.T_world_object
+    @cached_property
+    def placed_bodies(self) -> PlacedBodies:
+        """What `collision_bodies` returns, each made only when it is asked for."""
+        return self._placed(self.T_world_object)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -276,8 +274,10 @@ class Support(Brief, _PlacedShape):
         """Whether its surface moves."""
         return bool(self.velocity.any())
 
-    def _pose(self) -> FloatArray:
-        return self.T_world_support
+    @cached_property
+    def placed_bodies(self) -> PlacedBodies:
+        """What `collision_bodies` returns, each made only when it is asked for."""
+        return self._placed(self.T_world_support)
 
 
 def _check_name(name: str) -> None:
@@ -327,7 +327,7 @@ def _checked_inertia(inertia: ArrayLike) -> FloatArray:
 
 
 Pair = frozenset[str]
-_NEAR = 0.8
+_SIMILAR_NAMES = 0.8
 """Names at least this similar are taken for one name and a slip of the keyboard."""
 
 
@@ -404,7 +404,7 @@ class Materials(PickledByFields):
             if name in bodies:
                 continue
             plain = {body.casefold(): body for body in bodies if _digits(body) == _digits(name)}
-            near = difflib.get_close_matches(name.casefold(), plain, n=1, cutoff=_NEAR)
+            near = difflib.get_close_matches(name.casefold(), plain, n=1, cutoff=_SIMILAR_NAMES)
             if near:
                 meant[name] = plain[near[0]]
         return meant

@@ -262,8 +262,8 @@ _set_of: Derived[Any, ConvexSet] = Derived(_convert, most=math.inf)
 _IDENTITY: Any = coal.Transform3s()
 _DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
 _PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
-_ATTEMPTS = 5
-_AGREED = 1.0 - 1e-5  # cosine between a face normal and coal's direction
+_MOST_ATTEMPTS = 5
+_AGREED_COSINE = 1.0 - 1e-5  # cosine between a face normal and coal's direction
 _SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
 
 
@@ -405,7 +405,7 @@ class _Nearest:
         middles = unit_vector(self.t + self.R @ self.two.center - self.one.center)
         best_gap, best, witness = -np.inf, middles, self.t
         apart = np.zeros(3)
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(_MOST_ATTEMPTS):
             distance, on_first, on_second, guess = self._ask_coal(apart)
             if attempt == 0 and distance > tolerance + _DISTANCE_ERROR:
                 return None
@@ -418,7 +418,7 @@ class _Nearest:
             if gain > 0.0:
                 best_gap, best = float(gaps[k]), direction
                 witness = 0.5 * (on_first + on_second)
-            on_a_face = k < len(gaps) - 1 and direction @ guess > _AGREED
+            on_a_face = k < len(gaps) - 1 and direction @ guess > _AGREED_COSINE
             settled = on_a_face or (attempt >= 2 and gain <= _SAME_GAP)
             if best_gap >= 0.0 or (settled and best_gap >= -max_penetration):
                 break

@@ -27,12 +27,12 @@ from graspless_pin.problem.checks import FloatArray
 
 _SAME_SURFACE = 1e-4  # m: how far pieces of one body may be off where they meet
 _COS_FLAT = math.cos(math.radians(45.0))  # what is steeper is a step or groove, not a seam
-_INTO = -0.1  # cosine below which a direction goes into a surface
-_STEP = 0.1  # part of a piece's size by which it passes another's face where they make a step
+_INTO_COSINE = -0.1  # cosine below which a direction goes into a surface
+_STEP_SHARE = 0.1  # part of a piece's size by which it passes another's face where they make a step
 _ON_SURFACE = 5e-6  # m: how far means of corners may be off a surface
-_STRAIGHT = 2e-5  # m: corners that stick out by less come from pieces' slightly different normals
+_STRAIGHT_OFFSET = 2e-5  # m: corners that stick out by less are of pieces that are turned a little
 _SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a line, where it is looked at
-_LEVEL = 1e-6  # m: gaps that differ by less are the same
+_SAME_GAP = 1e-6  # m: gaps that differ by less are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ def _covers(
     here = normals[heights >= -_SAME_SURFACE]
     leanings = here @ direction
     k = int(leanings.argmax())
-    if leanings[k] < _INTO:
+    if leanings[k] < _INTO_COSINE:
         return True
     if not _rises(solid, local, direction):
         return False
@@ -210,7 +210,7 @@ def _passes(piece: CollisionBody, point: FloatArray, normal: FloatArray) -> bool
     if isinstance(solid, Plane):
         return True
     reach = float(solid.support_values((normal @ R)[None])[0] - normal @ (point - t))
-    return reach > _STEP * solid.radius
+    return reach > _STEP_SHARE * solid.radius
 
 
 def _coplanar(touches: Sequence[Touch]) -> list[list[Touch]]:
@@ -250,9 +250,9 @@ def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
         distances = np.linalg.norm(points[near] - points[k], axis=1)
         rises = gaps[k] - gaps[near] - PARALLEL_ANGLE * distances
         apart = merge_distance if single[k] else 0.0
-        near[k] = not near.any() or (rises.min() <= _LEVEL and distances.min() >= apart)
+        near[k] = not near.any() or (rises.min() <= _SAME_GAP and distances.min() >= apart)
     points, gaps = points[near], gaps[near]
-    order = hull_order(points, seed.normal, _STRAIGHT)
+    order = hull_order(points, seed.normal, _STRAIGHT_OFFSET)
     return replace(seed, points=points[order], gaps=gaps[order].tolist(), parts=tuple(group))
 
 

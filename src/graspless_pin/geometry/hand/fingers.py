@@ -184,10 +184,11 @@ def _moved_links(tree: KinematicTree, finger: str, joints: Sequence[str]) -> tup
     )
 
 
-_FAR = 0.9  # share of a jaw's reach from its joint that is its far end
-_SHUT, _OPEN = 0.25, 0.5  # share of its reach that the far end is away from what it closes on
-_POINT = 1e-6  # m, radius of a point as coal knows it
-_TAIL = re.compile(r"([^a-z0-9]+|joint|link)$", re.IGNORECASE)
+_FAR_END = 0.9  # share of a jaw's reach from its joint that is its far end
+_SHUT_GAP = 0.25  # share of its reach that the far end is at most away from what it closes on,
+_OPEN_GAP = 0.5  # and at least where it is open
+_POINT_RADIUS = 1e-6  # m, radius of a point as coal knows it
+_NAME_TAIL = re.compile(r"([^a-z0-9]+|joint|link)$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -349,7 +350,7 @@ class _Walker:
         axis = tree.kinematics(middle).J[3:, own - 1] @ poses[1][0][:3, :3]
         reaches = np.linalg.norm(corners - np.outer(corners @ axis, axis), axis=1)
         reach = float(reaches.max())
-        far = corners[reaches >= _FAR * reach]
+        far = corners[reaches >= _FAR_END * reach]
         nearest = []
         for T_jaw, T_fixed in poses:
             T = np.linalg.inv(T_fixed) @ T_jaw
@@ -358,8 +359,8 @@ class _Walker:
         (shut, met), (ajar, _) = sorted(nearest, key=lambda one: one[0])
         joint = (np.linalg.inv(poses[0][1]) @ poses[0][0])[:3, 3]
         beyond = np.linalg.norm(met) > np.linalg.norm(joint)
-        alongside = np.linalg.norm(met - joint) >= _OPEN * reach
-        closes = shut <= _SHUT * reach and ajar >= _OPEN * reach
+        alongside = np.linalg.norm(met - joint) >= _OPEN_GAP * reach
+        closes = shut <= _SHUT_GAP * reach and ajar >= _OPEN_GAP * reach
         return (palm,) if closes and beyond and alongside else ()
 
     def _moves(self, link: str) -> bool:
@@ -394,7 +395,7 @@ def _finger_names(tree: KinematicTree, joints: Sequence[Sequence[str]], prefix: 
     for own in joints:
         alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*own, strict=False))
         name = "".join(letters[0] for letters in alike)
-        while (shorter := _TAIL.sub("", name)) != name:
+        while (shorter := _NAME_TAIL.sub("", name)) != name:
             name = shorter
         names.append(name)
     taken = {*tree.joint_names, ""}  # modes and limits go by finger or joint name
@@ -413,7 +414,7 @@ def _corners(item: LinkGeometry) -> FloatArray:
 
 def _nearest(shapes: Sequence[LinkGeometry], point: FloatArray) -> tuple[float, FloatArray]:
     """Return how far a point is from the nearest of some shapes, and where on it, joint's frame."""
-    dot, found = coal.Sphere(_POINT), []
+    dot, found = coal.Sphere(_POINT_RADIUS), []
     for item in shapes:
         T, answer = item.T_joint_geometry, coal.DistanceResult()
         coal.distance(

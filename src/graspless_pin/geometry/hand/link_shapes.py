@@ -31,7 +31,7 @@ from graspless_pin.records import Record
 if TYPE_CHECKING:
     import trimesh
 
-_PLACES = 3
+_MOST_PLACES = 3
 """That a message names, of those where a mesh was looked for."""
 FLATNESS = 1e-7
 """Thickness over length below which a mesh (single-precision vertices) has no volume."""
@@ -136,8 +136,8 @@ def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
 
 def looked_for(places: Sequence[Path]) -> str:
     """Return where a mesh was looked for, in words: the likeliest places."""
-    more = len(places) - _PLACES
-    named = ", ".join(str(file) for file in places[:_PLACES]) or "nowhere"
+    more = len(places) - _MOST_PLACES
+    named = ", ".join(str(file) for file in places[:_MOST_PLACES]) or "nowhere"
     return named if more <= 0 else f"{named} and {more} more places"
 
 

@@ -38,7 +38,7 @@ from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, unknown_name
 from graspless_pin.records import Record, changed
 
-_LONGEST = 80  # characters of a list of fingers
+_LONGEST_LIST = 80  # characters of a list of fingers
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -217,7 +217,7 @@ class Hand(Record):
         """Return one line: the robots, and how many joints, actuators and fingers."""
         robots = ", ".join(getattr(one.source, "name", str(one.source)) for one in self.mounts)
         fingers = ", ".join(self.fingers)
-        fingers = fingers if len(fingers) <= _LONGEST else str(len(self.fingers))
+        fingers = fingers if len(fingers) <= _LONGEST_LIST else str(len(self.fingers))
         return (
             f"<Hand {robots}: {len(self.joint_names)} joints, {len(self.actuated_joint_names)} "
             f"actuators; fingers: {fingers or 'none'}>"

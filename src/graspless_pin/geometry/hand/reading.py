@@ -36,7 +36,7 @@ from graspless_pin.suggestions import names_in_words, nearest_name
 URDF = FileKind("URDF", 16, RobotError)
 
 _OTHER_XML = ("XML file", "SDF file", "MuJoCo model", "xacro file")
-_SECONDS = 60.0
+_XACRO_SECONDS = 60.0
 
 
 def read_robot(
@@ -147,14 +147,16 @@ def _expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, 
                 str(path.resolve()),
                 _packages(path, package_dirs),
                 dict(arguments),
-                limit=_SECONDS,
+                limit=_XACRO_SECONDS,
             )
     except ValueError as error:
         message = " ".join(str(error).split())
         hint = "; values of its <xacro:arg> go under xacro_args in a robot file"
         raise RobotError(f"{path}: xacro cannot expand this file ({message}){hint}") from None
     except OverrunError:
-        raise RobotError(f"{path}: xacro did not expand this file in {_SECONDS:g} s") from None
+        raise RobotError(
+            f"{path}: xacro did not expand this file in {_XACRO_SECONDS:g} s"
+        ) from None
     except CrashError as error:
         raise RobotError(f"{path}: xacro ended over this file ({error})") from None
     return text.encode()

@@ -27,7 +27,8 @@ from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import check_file, read_bytes
 
-_HOLLOW = 2.0  # hull over mesh in volume: below, cutting a link rarely changes what it touches
+_HOLLOW_RATIO = 2.0
+"""Hull over mesh in volume: below, cutting a link rarely changes what it touches."""
 
 
 def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Finding]:
@@ -119,7 +120,7 @@ def _audit_hollows(where: str, link: str, name: str, mesh: trimesh.Trimesh) -> I
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0):
         return
     ratio = float(mesh.convex_hull.volume / abs(mesh.volume))
-    if ratio > _HOLLOW:
+    if ratio > _HOLLOW_RATIO:
         yield Finding(
             FindingCode.HOLLOW_MESH,
             where,

@@ -39,7 +39,7 @@ DEEPEST_START = 1e-3
 """Overlap up to which a finger counts as touching before it closes, m."""
 
 _SHORTEST_MARCH = 1e-4  # m that a link moves at least per step: what a step may jump over
-_SAMPLES = 12  # postures tried in each sense to find out which one closes
+_SAMPLED_POSTURES = 12  # postures tried in each sense to find out which one closes
 _UNLIMITED = 2.0 * math.pi  # rad or m that a joint without limits may go: once around
 _SMALLEST_STEP = 1e-12
 
@@ -173,7 +173,9 @@ class March:
 
     def _miss(self, independent: FloatArray, rates: FloatArray, path: float) -> float:
         """Sum of how close each link comes to the object on its way, m."""
-        postures = [self._gone(independent, rates, s) for s in np.linspace(0.0, path, _SAMPLES)]
+        postures = [
+            self._gone(independent, rates, s) for s in np.linspace(0.0, path, _SAMPLED_POSTURES)
+        ]
         nearest = np.min([self._at(posture) for posture in postures], axis=0)
         return float(np.maximum(nearest, 0.0).sum())
 
@@ -368,7 +370,7 @@ def _report(
 
 
 _LEAST_STEP = 5e-4  # m
-_OPPOSITE = -0.3  # cosine between the ways of two fingers to the object
+_OPPOSITE_COSINE = -0.3  # cosine between the ways of two fingers to the object
 
 
 def shortfall(bodies: PlacedBodies, others: PlacedBodies, clearance: float) -> float:
@@ -436,7 +438,7 @@ def centering_shift(
     own = [[one for one in bodies if one.name in links] for links in jaws]
     reached = [nearest_separation(pieces, target) for pieces in own if pieces]
     first = min(reached, key=lambda one: one.distance)
-    opposite = [one for one in reached if float(one.normal @ first.normal) < _OPPOSITE]
+    opposite = [one for one in reached if float(one.normal @ first.normal) < _OPPOSITE_COSINE]
     if not opposite:
         return None
     second = min(opposite, key=lambda one: one.distance)

@@ -27,17 +27,18 @@ from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Record
 
-_PATIENCE, _FEW = 3, 4  # times the count that are tried, while fewer than its fourth are good
+_MOST_ROUNDS = 3  # times the count of postures, while fewer than a fourth of it are good
+_GOOD_FRACTION = 4
 _NEAR_START = 0.01  # m a half-range: how far off a tip may stay for a posture near the start
-_APART = 3.0  # how much more tips that overlap count than tips that are apart
+_OVERLAP_WEIGHT = 3.0  # how much more tips that overlap count than tips that are apart
 _MOST_EVALUATIONS = 40
 _INSIDE = 1e-6  # of a joint's range
 _SLOWEST = 0.05  # of the quickest joint's rate
 _SAME_PLACE = 1e-9  # m
-_POINT = 1e-6  # m, radius of a point as coal knows it
+_POINT_RADIUS = 1e-6  # m, radius of a point as coal knows it
 _AJAR = 0.4  # of the way to the open ends, where fingers should not be in each other
 _OVERLAP = 1e-3  # m that collision shapes may be too wide
-_BESIDE = 0.5  # cosine between ways of closing, above which fingers stand beside each other
+_BESIDE_COSINE = 0.5  # cosine between ways of closing, above which fingers stand beside each other
 _NEARLY_CLOSED = 0.05  # of the way to the open ends
 
 
@@ -135,15 +136,15 @@ def opposing_postures(
     if fixed:
         return (_on_fixed_jaw(hand, first, fixed, (lower, upper)),)
     found, good = [], []
-    for tried in range(_PATIENCE * count):
-        if tried >= count and len(good) >= count // _FEW:
+    for tried in range(_MOST_ROUNDS * count):
+        if tried >= count and len(good) >= count // _GOOD_FRACTION:
             break
         size = int(rng.integers(min(2, len(fingers)), len(fingers) + 1))
         chosen = rng.permutation(len(fingers))[:size].tolist()
         members = tuple([fingers[index] for index in sorted(chosen)])
         one = _posture(hand, fingers, members, (lower, upper), rng)
         found.append(one)
-        good += [one] if one.overlap <= _OVERLAP and one.opposition < _BESIDE else []
+        good += [one] if one.overlap <= _OVERLAP and one.opposition < _BESIDE_COSINE else []
     found, good = (
         sorted(some, key=lambda one: (max(one.overlap - _OVERLAP, 0.0), one.opposition))
         for some in (found, good)
@@ -207,7 +208,7 @@ class _Tips:
         """Return how far the tips are from their middle, and what they overlap by, m."""
         points = self.at(independent)
         gaps = np.linalg.norm(points[self._pairs[0]] - points[self._pairs[1]], axis=1)
-        overlaps = _APART * np.maximum(self._least - gaps, 0.0)
+        overlaps = _OVERLAP_WEIGHT * np.maximum(self._least - gaps, 0.0)
         return np.concatenate([(points - points.mean(axis=0)).ravel(), overlaps])
 
     def _joint_poses(self, independent: FloatArray) -> FloatArray:
@@ -262,7 +263,7 @@ def _on_fixed_jaw(
         ]
         corners = np.vstack([one.vertices for one in surfaces])
         tip = corners[np.argmax(np.linalg.norm(corners - palm_of(there), axis=1))]
-        dot = CollisionBody("tip", coal.Sphere(_POINT), pose_matrix(tip))
+        dot = CollisionBody("tip", coal.Sphere(_POINT_RADIUS), pose_matrix(tip))
         return tip, nearest_separation([dot], [one for one in bodies if one.name in fixed])
 
     closed, opened = sorted(ends_of_joints, key=lambda there: far_end(there)[1].distance)

@@ -26,9 +26,10 @@ from graspless_pin.problem.checks import FloatArray
 SETTLING_TOLERANCE = 1e-4
 """Overlap with a support across the direction of settling that is left as it is, m."""
 
-_TOUCH = 1e-7  # m
-_ALONG = 1e-3  # approach per travel, about 0.06 degrees, up to which bodies pass along each other
-_STEPS = 100
+_TOUCHING_GAP = 1e-7  # m
+_PASSING_APPROACH = 1e-3
+"""Approach per travel, about 0.06 degrees, up to which bodies pass along each other."""
+_MOST_STEPS = 100
 
 
 def settle_object(
@@ -104,13 +105,13 @@ def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> floa
         The travel, m; None if the pieces never meet or only pass along each other.
     """
     travel = 0.0
-    for _ in range(_STEPS):
+    for _ in range(_MOST_STEPS):
         T = shifted(body.T_world_geometry, travel * way)
         here = separation(other, CollisionBody(body.name, body.geometry, T))
         approach = -float(here.normal @ way)
-        if approach <= _ALONG:
+        if approach <= _PASSING_APPROACH:
             return None
-        if abs(here.distance) <= _TOUCH:
+        if abs(here.distance) <= _TOUCHING_GAP:
             break
         travel += here.distance / approach
     return travel
@@ -118,9 +119,9 @@ def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> floa
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 _COPLANAR = 1e-3  # rad
-_STEADY = 0.02
+_STEADY_MARGIN = 0.02
 """How far the centre of mass stands inside of a face's edges, as a share of the hull's width."""
-_CLEARANCE = 0.05  # m
+_BASE_CLEARANCE = 0.05  # m
 
 
 def lying_object(target: ManipulatedObject, support: Support) -> ManipulatedObject:
@@ -158,7 +159,7 @@ def clear_base(hand: Hand, target: ManipulatedObject, normal: FloatArray) -> Flo
     frames = [hand.pose_of(link)[:3, 3] for link in hand.link_names]
     links = max(float(np.linalg.norm(origin - base)) for origin in frames)
     reach = max(links, _reach(hand.placed_bodies, base)) + _reach(target.placed_bodies, center)
-    return center + (reach + _CLEARANCE) * normal
+    return center + (reach + _BASE_CLEARANCE) * normal
 
 
 def _reach(bodies: PlacedBodies, point: FloatArray) -> float:
@@ -192,7 +193,7 @@ def _underside(points: FloatArray, center: FloatArray) -> FloatArray:
     """
     hull = hull_of(points)
     normals, offsets = hull.face_normals, hull.face_offsets
-    steady = _STEADY * float(np.ptp(points, axis=0).max())
+    steady = _STEADY_MARGIN * float(np.ptp(points, axis=0).max())
     steadiest = -np.inf, _DOWN
     for face in np.argsort(-(normals @ _DOWN), kind="stable"):
         foot = center - (normals[face] @ center - offsets[face]) * normals[face]
