@@ -85,6 +85,17 @@ class Latest:
             return None
         return kept[1] if all(map(_is_same, kept[0], sources)) else None
 
+    def made(self, name: Any, sources: tuple[Any, ...], make: Callable[[], _Value]) -> _Value:
+        """Return the value that a name was given last; made now if it was made from others.
+
+        Args:
+            name: What the value is called.
+            sources: All that it depends on: the same objects, or equal numbers and texts.
+            make: Makes the value; it is not None.
+        """
+        value = self.get(name, sources)
+        return self.put(name, sources, make()) if value is None else value
+
     def put(self, name: Any, sources: tuple[Any, ...], value: _Value) -> _Value:
         """Keep the value of a name instead of the last one, and return it; see `get`."""
         self._kept[name] = sources, value

@@ -109,13 +109,9 @@ def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArr
     """Return a body with the convex pieces that it had, and where they were, if it still does."""
     name, kept = key_text(where), parts.latest
     sources = made.shape, made.name
-    pieces = kept.get(f"{name}: pieces", sources)
-    if pieces is None:
-        pieces = kept.put(f"{name}: pieces", sources, made.shapes)
+    pieces = kept.made(f"{name}: pieces", sources, lambda: made.shapes)
     body = changed(made, shapes=pieces)
-    placed = kept.get(f"{name}: placed pieces", (pieces, pose))
-    if placed is None:
-        placed = kept.put(f"{name}: placed pieces", (pieces, pose), body.placed_bodies)
+    placed = kept.made(f"{name}: placed pieces", (pieces, pose), lambda: body.placed_bodies)
     return changed(body, placed_bodies=placed)
 
 
@@ -127,13 +123,11 @@ def build_pose(
     Raises:
         SceneError: Naming the part of the file.
     """
-    name = key_text(where)
-    pose = parts.latest.get(name, (entry,))
-    if pose is not None:
-        return pose
     form, rotation = stated_turn(vars(entry))
     try:
-        return parts.latest.put(name, (entry,), pose_matrix(entry.position, rotation))
+        return parts.latest.made(
+            key_text(where), (entry,), lambda: pose_matrix(entry.position, rotation)
+        )
     except ArgumentError as error:
         message = str(error).removeprefix(f"{error.argument}: ")
         raise file.error((*where, form), message) from error

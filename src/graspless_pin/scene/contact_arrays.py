@@ -38,26 +38,23 @@ def touching_of(scene: SceneFields) -> ContactArrays:
     given, hand, kept = scene.given_contacts, scene.hand, scene._kept
     if given is not None:
         links = () if hand is None else hand.link_names
-        touching = kept.get("given", (given, *links))
-        if touching is None:
-            touching = kept.put("given", (given, *links), given_arrays(given, links))
-        return touching
+        return kept.made("given", (given, *links), lambda: given_arrays(given, links))
     of_supports, of_all = _sources(scene)
-    on_supports = kept.get("on supports", of_supports)
-    if on_supports is None:
-        each = [support.placed_bodies for support in scene.supports]
-        bodies = kept.get("support bodies", (*each,))
-        if bodies is None:
-            bodies = kept.put("support bodies", (*each,), PlacedBodies.joined(each))
-        on_supports = _found(scene, bodies, BodyKind.SUPPORT)
-        kept.put("on supports", of_supports, on_supports)
-    sources = *of_all, on_supports
-    touching = kept.get("touching", sources)
-    if touching is None:
-        bodies = () if hand is None else hand.placed_bodies
-        touching = _found(scene, bodies, BodyKind.HAND).followed_by(on_supports)
-        kept.put("touching", sources, touching)
-    return touching
+    on_supports = kept.made(
+        "on supports", of_supports, lambda: _found(scene, _support_bodies(scene), BodyKind.SUPPORT)
+    )
+    own = () if hand is None else hand.placed_bodies
+    return kept.made(
+        "touching",
+        (*of_all, on_supports),
+        lambda: _found(scene, own, BodyKind.HAND).followed_by(on_supports),
+    )
+
+
+def _support_bodies(scene: SceneFields) -> PlacedBodies:
+    """Return the convex pieces of all supports."""
+    each = [support.placed_bodies for support in scene.supports]
+    return scene._kept.made("support bodies", (*each,), lambda: PlacedBodies.joined(each))
 
 
 def _found(scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
@@ -110,10 +107,7 @@ def contacts_of(scene: SceneFields) -> SceneContacts:
     touching = touching_of(scene)
     sources = touching, scene.motion, scene.supports, scene.object, scene.hand
     # Kept beside `Scene.contacts`: checks and problems of one state ask here, and as records.
-    contacts = scene._kept.get("contacts", sources)
-    if contacts is None:
-        contacts = scene._kept.put("contacts", sources, _after_motion(scene, touching))
-    return contacts
+    return scene._kept.made("contacts", sources, lambda: _after_motion(scene, touching))
 
 
 def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:

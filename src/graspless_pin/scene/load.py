@@ -9,6 +9,7 @@ import math
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -39,10 +40,12 @@ from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import (
     PLAIN_FIGURES,
     AccelerationEntry,
+    ContactEntry,
     ControllerEntry,
     LoadEntry,
     MotionEntry,
     SceneEntry,
+    UncertaintyEntry,
 )
 from graspless_pin.scene.uncertain_figures import check_names
 from graspless_pin.scene.units import merged_angles
@@ -129,29 +132,42 @@ def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
             build_support(file, parts, ("supports", index), item)
             for index, item in enumerate(entry.supports)
         )
-        supports = parts.latest.get("supports", supports) or parts.latest.put(
-            "supports", supports, supports
-        )
+        supports = parts.latest.made("supports", supports, lambda made=supports: made)
         links = () if hand is None else hand.link_names
         names = tuple([support.name for support in supports])
         _check_names(file, entry, links)
         moved = build_object(file, parts, entry.object)
         materials = _materials(file, parts, entry)
+        bodies, own_controller = (*names, *links), "controller" in entry.model_fields_set
+
+        def stated(key: str, make: Callable[[Any], Any], *others: Any) -> Any:
+            """Return what is made of a key, the same while it, the hand's tree and others are."""
+            value, sources = getattr(entry, key), (None if hand is None else hand.tree, *others)
+            if value is None:
+                return None
+            return parts.latest.made(f"stated {key}", (value, *sources), lambda: make(value))
+
         fields_by_name = {
             "hand": hand,
             "supports": supports,
             "materials": materials,
             "hand_material": None if entry.hand is None else entry.hand.material,
-            "given_contacts": _contacts(file, parts, entry, names, links),
-            "motion": _motion(file, parts, entry.motion, hand),
-            "acceleration": _acceleration(file, parts, entry.acceleration, hand),
-            "controller": _controller(file, parts, entry, hand),
-            "uncertainty": _uncertainty(file, parts, entry, hand, names, materials),
+            "given_contacts": stated("contacts", partial(_contacts, file, bodies), *bodies),
+            "motion": stated("motion", partial(_motion, file, hand)),
+            "acceleration": stated("acceleration", partial(_acceleration, file, hand)),
+            "controller": stated("controller", partial(_controller, file, hand, own_controller)),
+            "uncertainty": stated(
+                "uncertainty",
+                partial(_uncertainty, file, hand, names, materials, moved.name),
+                materials,
+                moved.name,
+                *names,
+            ),
             "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
             "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
         }
         emit(*entry_findings(entry, materials))
-        stage.made = Bodies((*names, *links), moved, fields_by_name)
+        stage.made = Bodies(bodies, moved, fields_by_name)
     return stage.made
 
 
@@ -183,10 +199,11 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
                 raise file.error(("hand", "q_deg", name), "is a linear joint; give metres under q")
         with file.at(("hand",)):
             limits, found = mounts.effort_limits(entry.effort_limits)
-        hand = parts.latest.get("hand of the mounts", (mounts, posed.made))
-        if hand is None:
-            hand = Hand(**fields_of(mounts, limits, posed.made, ()))
-            parts.latest.put("hand of the mounts", (mounts, posed.made), hand)
+        hand = parts.latest.made(
+            "hand of the mounts",
+            (mounts, posed.made),
+            lambda: Hand(**fields_of(mounts, limits, posed.made, ())),
+        )
         stage.made = changed(hand, effort_limits=limits, findings=(*hand.findings, *found))
     return stage.made
 
@@ -281,13 +298,9 @@ def _gains_of_robots(hand: Hand) -> Controller:
 
 
 def _controller(
-    file: YamlSource, parts: SceneParts, entry: SceneEntry, hand: Hand | None
+    file: YamlSource, hand: Hand | None, is_stated: bool, stated: ControllerEntry | str | float
 ) -> Controller:
-    stated, tree = entry.controller, None if hand is None else hand.tree
-    controller = parts.latest.get("controller", (stated, tree))
-    if controller is not None:
-        return controller
-    if "controller" in entry.model_fields_set and not isinstance(stated, ControllerEntry):
+    if is_stated and not isinstance(stated, ControllerEntry):
         controller = Controller(stated)
     else:
         controller = Controller()
@@ -300,27 +313,20 @@ def _controller(
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
     with file.at(("controller",)):
         controller.check(joints, fingers)
-    return parts.latest.put("controller", (stated, tree), controller)
+    return controller
 
 
 def _uncertainty(
     file: YamlSource,
-    parts: SceneParts,
-    entry: SceneEntry,
     hand: Hand | None,
     supports: Sequence[str],
     materials: Materials,
-) -> Uncertainty | None:
-    stated, made = entry.uncertainty, entry.object.name
-    if stated is None:
-        return None
-    sources = stated, None if hand is None else hand.tree, materials, made, *supports
-    uncertainty = parts.latest.get("uncertainty", sources)
-    if uncertainty is None:
-        with file.at(("uncertainty",)):
-            uncertainty = Uncertainty(**dict(stated))
-            check_names(uncertainty, hand, supports, materials.names, made)
-        parts.latest.put("uncertainty", sources, uncertainty)
+    of_object: str,
+    stated: UncertaintyEntry,
+) -> Uncertainty:
+    with file.at(("uncertainty",)):
+        uncertainty = Uncertainty(**dict(stated))
+        check_names(uncertainty, hand, supports, materials.names, of_object)
     return uncertainty
 
 
@@ -390,12 +396,12 @@ def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) 
 
 
 def _materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materials:
-    sources = (repr(entry.materials),)
-    table = parts.latest.get("table of materials", sources)
-    if table is None:
-        with file.at(()):
-            table = Materials.from_table(entry.materials)
-        parts.latest.put("table of materials", sources, table)
+    with file.at(()):
+        table = parts.latest.made(
+            "table of materials",
+            (repr(entry.materials),),
+            lambda: Materials.from_table(entry.materials),
+        )
     named: list[tuple[Location, str | None]] = [(("object", "material"), entry.object.material)]
     if entry.hand is not None:
         named.append((("hand", "material"), entry.hand.material))
@@ -419,20 +425,10 @@ def _check_names(file: YamlSource, entry: SceneEntry, links: Sequence[str]) -> N
 
 
 def _contacts(
-    file: YamlSource,
-    parts: SceneParts,
-    entry: SceneEntry,
-    supports: Sequence[str],
-    links: Sequence[str],
-) -> tuple[GivenContact, ...] | None:
-    if entry.contacts is None:
-        return None
-    bodies = [*supports, *links]
-    contacts = parts.latest.get("given contacts", (entry.contacts, *bodies))
-    if contacts is not None:
-        return contacts
+    file: YamlSource, bodies: Sequence[str], entries: Sequence[ContactEntry]
+) -> tuple[GivenContact, ...]:
     made: list[GivenContact] = []
-    for index, item in enumerate(entry.contacts):
+    for index, item in enumerate(entries):
         if item.body not in bodies:
             raise file.error(
                 ("contacts", index, "body"),
@@ -440,18 +436,10 @@ def _contacts(
             )
         normal = np.array(item.normal) / np.linalg.norm(item.normal)
         made.append(GivenContact(item.body, np.array(item.position), normal))
-    return parts.latest.put("given contacts", (entry.contacts, *bodies), (*made,))
+    return tuple(made)
 
 
-def _motion(
-    file: YamlSource, parts: SceneParts, entry: MotionEntry | None, hand: Hand | None
-) -> Motion | None:
-    if entry is None:
-        return None
-    sources = entry, None if hand is None else hand.tree
-    motion = parts.latest.get("motion", sources)
-    if motion is not None:
-        return motion
+def _motion(file: YamlSource, hand: Hand | None, entry: MotionEntry) -> Motion:
     own = None
     if entry.hand is not None:
         if hand is None:
@@ -459,7 +447,7 @@ def _motion(
         own = HandMotion(twist_of(entry.hand.base_twist), dict(entry.hand.joint_velocities))
         with file.at(("motion", "hand")):
             hand.point_velocities((), np.zeros((0, 3)), own.joint_velocities, own.base_twist)
-    return parts.latest.put("motion", sources, Motion(twist_of(entry.object_twist), own))
+    return Motion(twist_of(entry.object_twist), own)
 
 
 def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
@@ -472,15 +460,7 @@ def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
     return tuple(Load(**dict(entry)) for entry in entries)
 
 
-def _acceleration(
-    file: YamlSource, parts: SceneParts, entry: AccelerationEntry | None, hand: Hand | None
-) -> Acceleration | None:
-    if entry is None:
-        return None
-    sources = entry, None if hand is None else hand.tree
-    acceleration = parts.latest.get("acceleration", sources)
-    if acceleration is not None:
-        return acceleration
+def _acceleration(file: YamlSource, hand: Hand | None, entry: AccelerationEntry) -> Acceleration:
     for argument in ("joint_velocities", "joint_accelerations"):
         named = getattr(entry, argument)
         if named and hand is None:
@@ -489,4 +469,4 @@ def _acceleration(
             with file.at(("acceleration",)):
                 independent_rates(hand.tree, named, argument)
     with file.at(("acceleration",)):
-        return parts.latest.put("acceleration", sources, Acceleration(**dict(entry)))
+        return Acceleration(**dict(entry))

@@ -120,10 +120,9 @@ def object_wrench(
     """
     mass, gravity = scene.object.mass, scene.gravity
     motion = object_motion(scene) if motion is None else motion
-    weight = scene._kept.get("weight", (mass, gravity))
-    if weight is None:
-        made = np.concatenate([mass * gravity, np.zeros(3)])
-        weight = scene._kept.put("weight", (mass, gravity), made)
+    weight = scene._kept.made(
+        "weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)])
+    )
     if motion is STILL and not scene.loads:
         return weight
     return weight + sum(one.wrench for one in acting_forces(scene, motion, T_world_object))
@@ -190,10 +189,7 @@ def hand_motion(scene: SceneFields) -> HandMotions | None:
         return None
     center = scene.object.center_of_mass_world
     sources = told, hand.positions, hand.tree, center.tobytes() if told.at is None else b""
-    motion = scene._kept.get("hand motion", sources)
-    if motion is None:
-        motion = scene._kept.put("hand motion", sources, _hand_motion(scene, hand, center))
-    return motion
+    return scene._kept.made("hand motion", sources, lambda: _hand_motion(scene, hand, center))
 
 
 def _hand_motion(

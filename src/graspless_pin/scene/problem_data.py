@@ -138,18 +138,19 @@ def jointed_contacts(scene: SceneFields) -> JointedContacts:
     of_hand = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
     of_contacts = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
     sources = *of_contacts, *of_hand
-    known = scene._kept.get("jointed contacts", sources)
-    if known is not None:
-        return known
+    return scene._kept.made("jointed contacts", sources, lambda: _jointed_contacts(scene))
+
+
+def _jointed_contacts(scene: SceneFields) -> JointedContacts:
     contacts = contacts_of(scene)
     touching = contacts.arrays
     tangents = projected_tangents(touching.normals, scene.tangent_axes)
     try:
-        joints = joint_columns(hand, touching)
+        joints = joint_columns(scene.hand, touching)
     except SceneError as error:
         raise error.at(label_of(scene)) from error
-    made = JointedContacts(contacts, touching.positions - center, tangents, joints)
-    return scene._kept.put("jointed contacts", sources, made)
+    levers = touching.positions - scene.object.center_of_mass_world
+    return JointedContacts(contacts, levers, tangents, joints)
 
 
 def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
@@ -271,13 +272,15 @@ def _carried(scene: SceneFields, state: JointedContacts) -> FloatArray:
     """Return (L,) torques that carry the links' weight, and accelerate them."""
     hand, hybrid = scene.hand, state.joints.hybrid_count
     gravity = scene.gravity if scene.count_own_weight else None
-    carried = scene._kept.get("carried", (state, gravity))
-    if carried is None:
-        carried = np.zeros(len(state.joints.names))
-        motors = len(carried) - hybrid
+
+    def of_links() -> FloatArray:
+        torques = np.zeros(len(state.joints.names))
+        motors = len(torques) - hybrid
         if hand is not None and gravity is not None and motors:
-            carried[:motors] = hand.gravity_torques(gravity)
-        scene._kept.put("carried", (state, gravity), carried)
+            torques[:motors] = hand.gravity_torques(gravity)
+        return torques
+
+    carried = scene._kept.made("carried", (state, gravity), of_links)
     if gravity is None or scene.acceleration is None:
         return carried
     return carried + np.concatenate([inertial_torques(scene), np.zeros(hybrid)])

@@ -95,11 +95,9 @@ def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
         return ()
     supports = [support.placed_bodies for support in scene.supports]
     sources = hand.positions, hand.tree, *supports, deepest
-    overlaps = scene._kept.get("overlaps", sources)
-    if overlaps is None:
-        overlaps = unwanted_overlaps(hand, scene.supports, tolerance=deepest)
-        scene._kept.put("overlaps", sources, overlaps)
-    return overlaps
+    return scene._kept.made(
+        "overlaps", sources, lambda: unwanted_overlaps(hand, scene.supports, tolerance=deepest)
+    )
 
 
 def _hand_touches(scene: SceneFields) -> bool:

@@ -176,10 +176,9 @@ def _placed(scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts) -> 
 def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> PosedScene:
     # What did not change keeps its hand, and with it the contacts.
     sources = scene.hand, scene.object, repr(entry)
-    result = parts.latest.get("closed fingers", sources)
-    if result is None:
-        result = close_fingers(scene, **entry.model_dump()).closing
-        parts.latest.put("closed fingers", sources, result)
+    result = parts.latest.made(
+        "closed fingers", sources, lambda: close_fingers(scene, **entry.model_dump()).closing
+    )
     untouching = [one.finger for one in result.fingers if not one.touching]
     row: Row = {"open_fingers": "; ".join(untouching) or None}
     return PosedScene(scene.with_changes(hand=result.hand), row)
