@@ -13,7 +13,7 @@ from tabulate import tabulate
 
 from benchmarks.timing import Timer, medians, timed, timer
 from graspless_pin import Hand, Scene, load_scene
-from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.stated import Motion
 
 _EXAMPLES = Path(__file__).parents[1] / "examples"
 _MARGIN = 1e-3

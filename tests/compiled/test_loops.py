@@ -13,7 +13,7 @@ import pytest
 
 from graspless_pin import Scene, compiled, load_scene
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.stated import Motion
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.yaml"))
 ARRAYS = (

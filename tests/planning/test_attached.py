@@ -23,7 +23,7 @@ from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import Acceleration, Load
-from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
+from graspless_pin.scene.stated import GivenContact, Motion
 
 ARM = tuple(f"panda_joint{k}" for k in range(1, 8))
 GRIP = "panda_finger_joint1"

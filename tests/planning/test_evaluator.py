@@ -13,7 +13,7 @@ from graspless_pin import load_scene
 from graspless_pin.errors import ArgumentError, NoSolutionError, SceneError, SolverUnavailableError
 from graspless_pin.findings import Severity
 from graspless_pin.planning import Evaluator, StateStatus
-from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
+from graspless_pin.scene.stated import GivenContact, HandMotion, Motion
 
 SCENES = (
     "allegro_box_on_slope",

@@ -15,7 +15,7 @@ from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.scene import batch_states
 from graspless_pin.scene.contact_arrays import touching_of
-from graspless_pin.scene.motion_and_contacts import HandMotion, Motion
+from graspless_pin.scene.stated import HandMotion, Motion
 
 
 def varied(count: int, seed: int = 0) -> tuple[Evaluator, dict[str, Any]]:

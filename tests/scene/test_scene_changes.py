@@ -15,7 +15,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace
 from graspless_pin.problem.cones import default_tangents, projected_tangents
-from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
+from graspless_pin.scene.stated import GivenContact, Motion
 
 FILES = (
     "allegro_box_on_slope.yaml",

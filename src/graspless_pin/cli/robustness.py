@@ -13,9 +13,8 @@ from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.torque import AIMS
 from graspless_pin.algorithms.what_would_hold import what_would_hold
-from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import ExitCode, plain_errors
-from graspless_pin.cli.solve import solved_scene
+from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for

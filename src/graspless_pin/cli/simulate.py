@@ -10,14 +10,13 @@ import typer
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.algorithms.torque import AIMS
-from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
     ControllerOption,
     ExitCode,
     plain_errors,
     three_numbers,
 )
-from graspless_pin.cli.solve import solved_scene
+from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import StabilityVerdict

@@ -11,9 +11,8 @@ import typer
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.algorithms.torque import AIMS
 from graspless_pin.algorithms.uncertainty import Quantity
-from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import ExitCode, plain_errors
-from graspless_pin.cli.solve import solved_scene
+from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene

@@ -19,7 +19,7 @@ from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.stated import Motion
 
 __all__ = ["Optimum"]
 

@@ -18,7 +18,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.stated import Motion
 
 try:
     # By name, as what their stubs say of arrays is not what numpy's say.

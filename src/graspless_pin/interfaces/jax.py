@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.interfaces.differentiable import Operator, Optimum
 from graspless_pin.planning.evaluator import Evaluator
-from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.stated import Motion
 
 try:
     jax: Any = import_module("jax")  # by name: type checkers take this file for it

@@ -27,7 +27,7 @@ from graspless_pin.holding.controller import Controller
 from graspless_pin.interfaces.mujoco_state import ModelState, PairFriction, source_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
-from graspless_pin.scene.loads import Load
+from graspless_pin.scene.stated import Load
 from graspless_pin.simulation.scene_document import NO_WORD_FOR, scene_to_mjcf
 
 _PRESSED = 1e-2

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.interfaces.differentiable import Operator, Optimum
 from graspless_pin.planning.evaluator import Evaluator
-from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.stated import Motion
 
 try:
     torch: Any = import_module("torch")  # by name: type checkers take this file for it

@@ -27,8 +27,8 @@ from graspless_pin.problem.checks import FloatArray, read_only, unknown_name
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.scene import Scene
 from graspless_pin.scene.contact_arrays import touching_of, with_touching
-from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 from graspless_pin.scene.problem_data import jointed_contacts
+from graspless_pin.scene.stated import GivenContact, Motion
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.certificate import DualVariables
 

@@ -35,7 +35,7 @@ from graspless_pin.problem.checks import FloatArray, choice, read_only
 from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.scene import Scene
 from graspless_pin.scene.load_wrenches import load_rates
-from graspless_pin.scene.loads import Accelerated
+from graspless_pin.scene.stated import Accelerated
 
 
 class ContactRates(NamedTuple):

@@ -33,7 +33,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, unknown_name
 from graspless_pin.records import changed
 from graspless_pin.scene import Scene
-from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
+from graspless_pin.scene.stated import GivenContact, Motion
 
 PinEntry = tuple[str, str] | tuple[str, str, ArrayLike]
 """Two bodies, and perhaps the way that the face of the second looks which counts, its own axes."""

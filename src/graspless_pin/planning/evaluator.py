@@ -38,8 +38,8 @@ from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import checked_scene
-from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.scene_findings import StateChecks
+from graspless_pin.scene.stated import Motion
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.uncertainty import Uncertainty

@@ -32,8 +32,8 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.programs.objectives import Margin
-from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.problem_data import possible_columns
+from graspless_pin.scene.stated import Motion
 from graspless_pin.solution.tables import brief_figure
 
 Progress = Callable[[int, int], object]

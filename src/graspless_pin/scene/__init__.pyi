@@ -1,12 +1,5 @@
-from .loads import Accelerated as Accelerated
-from .loads import Acceleration as Acceleration
-from .loads import Load as Load
-from .loads import LoadAxes as LoadAxes
+from .contact_arrays import SceneContacts as SceneContacts
 from .member_verdicts import MemberVerdicts as MemberVerdicts
-from .motion_and_contacts import GivenContact as GivenContact
-from .motion_and_contacts import HandMotion as HandMotion
-from .motion_and_contacts import Motion as Motion
-from .motion_and_contacts import SceneContacts as SceneContacts
 from .poses import ClosedScene as ClosedScene
 from .poses import PlacedScene as PlacedScene
 from .poses import close_fingers as close_fingers
@@ -15,3 +8,10 @@ from .poses import settle as settle
 from .scene import Scene as Scene
 from .scene import load_scene as load_scene
 from .scene_schema import scene_json_schema as scene_json_schema
+from .stated import Accelerated as Accelerated
+from .stated import Acceleration as Acceleration
+from .stated import GivenContact as GivenContact
+from .stated import HandMotion as HandMotion
+from .stated import Load as Load
+from .stated import LoadAxes as LoadAxes
+from .stated import Motion as Motion

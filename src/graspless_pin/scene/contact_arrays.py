@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -10,23 +12,46 @@ import numpy as np
 from graspless_pin.caching import Latest
 from graspless_pin.errors import SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.contact.contact_points import (
     BodyKind,
     ContactArrays,
+    ContactPoint,
     contacts_that_stay,
+    support_velocities,
+    velocities_at,
 )
 from graspless_pin.geometry.contact.finding import contact_arrays
-from graspless_pin.problem.checks import finite_array
-from graspless_pin.records import changed
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.records import Brief, changed
 from graspless_pin.scene.fields import SceneFields, label_of, place_of
-from graspless_pin.scene.motion_and_contacts import (
-    Motion,
-    SceneContacts,
-    body_velocities,
-    given_arrays,
-)
+from graspless_pin.scene.stated import GivenContact, Motion
 
 _Scene = TypeVar("_Scene", bound=SceneFields)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SceneContacts(Brief):
+    """The contacts of a scene that carry force. See the example of `load_scene`.
+
+    Attributes:
+        arrays: M contacts, hand first.
+        sliding: (M, 3) velocity of the object relative to the other body, zero where it sticks.
+    """
+
+    arrays: ContactArrays
+    sliding: FloatArray
+
+    @cached_property
+    def points(self) -> tuple[ContactPoint, ...]:
+        """The M contacts one by one."""
+        return tuple(self.arrays)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """M names of the hand links and supports that touch the object."""
+        return self.arrays.bodies
 
 
 def touching_of(scene: SceneFields) -> ContactArrays:
@@ -72,6 +97,16 @@ def _found(scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind) 
         raise error.at(place_of(scene, "object", "pose")) from error
     except SceneError as error:
         raise error.at(label_of(scene)) from error
+
+
+def given_arrays(given: Sequence[GivenContact], links: Sequence[str]) -> ContactArrays:
+    """Return stated contacts as found ones are returned: those on hand links come first."""
+    kinds = [BodyKind.HAND if contact.body in links else BodyKind.SUPPORT for contact in given]
+    points = [
+        ContactPoint(contact.body, kind, contact.position, contact.normal, 0.0)
+        for contact, kind in zip(given, kinds, strict=True)
+    ]
+    return ContactArrays.of(sorted(points, key=lambda one: one.kind is BodyKind.SUPPORT))
 
 
 def with_touching(scene: _Scene, touching: ContactArrays) -> _Scene:
@@ -137,6 +172,45 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
             "everything that touches it; no contact is left",
         )
     return SceneContacts(touching.chosen(kept), sliding[kept])
+
+
+def body_velocities(
+    touching: ContactArrays,
+    moved: ManipulatedObject,
+    hand: Hand | None,
+    supports: Sequence[Support],
+    motion: Motion,
+    twist: FloatArray,
+) -> FloatArray:
+    """Return the velocities of what the object touches; hand contacts follow it by default.
+
+    Args:
+        touching: M contacts, hand first.
+        moved: The object.
+        hand: The hand, if there is one.
+        supports: All supports; none if all stand still.
+        motion: The declared motion.
+        twist: (6,) the object's, checked.
+
+    Returns:
+        (M, 3) m/s, world axes.
+    """
+    count = touching.hand_count
+    velocities = np.zeros((len(touching), 3))
+    if supports:
+        velocities = support_velocities(touching, supports)
+    if motion.hand is None:
+        velocities[:count] = velocities_at(
+            twist, moved.center_of_mass_world, touching.positions[:count]
+        )
+    elif hand is not None:
+        velocities[:count] = hand.point_velocities(
+            touching.bodies[:count],
+            touching.positions[:count],
+            motion.hand.joint_velocities,
+            motion.hand.base_twist,
+        )
+    return velocities
 
 
 def _nothing_touches(scene: SceneFields) -> str:

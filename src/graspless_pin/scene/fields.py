@@ -24,11 +24,9 @@ from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.records import PickledByFields, changed
 from graspless_pin.scene.body_schema import HandEntry, ObjectEntry
-from graspless_pin.scene.loads import Acceleration, Load
-from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 from graspless_pin.scene.scene_schema import SceneEntry, SolveEntry
-from graspless_pin.scene.validation_errors import checked_key
-from graspless_pin.scene.yaml_source import YamlSource, key_text
+from graspless_pin.scene.stated import Acceleration, GivenContact, Load, Motion
+from graspless_pin.scene.yaml_source import YamlSource, checked_key, key_text
 from graspless_pin.suggestions import names_in_words, what_to_pass
 
 _Check = Callable[[str, Any], Any]

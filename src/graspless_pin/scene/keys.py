@@ -11,15 +11,14 @@ from typing import Any, TypeVar
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import capture
-from graspless_pin.scene.build_cache import SceneParts, Stage
+from graspless_pin.scene.body_building import SceneParts, Stage
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.saving import scene_data
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.serialization import plain
 from graspless_pin.scene.units import IN_DEGREES, in_radians
-from graspless_pin.scene.validation_errors import validated
-from graspless_pin.scene.yaml_source import Location, YamlSource
+from graspless_pin.scene.yaml_source import Location, YamlSource, validated
 from graspless_pin.suggestions import names_in_words
 
 Tree = dict[str, Any]

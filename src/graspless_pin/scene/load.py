@@ -29,13 +29,17 @@ from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.holding.controller import DAMPING, Controller
 from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.records import changed
-from graspless_pin.scene.body_building import build_object, build_pose, build_support, twist_of
+from graspless_pin.scene.body_building import (
+    Last,
+    SceneParts,
+    build_object,
+    build_pose,
+    build_support,
+    twist_of,
+)
 from graspless_pin.scene.body_schema import HandEntry, MountEntry
-from graspless_pin.scene.build_cache import Last, SceneParts
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields, friction_by_name
-from graspless_pin.scene.loads import Acceleration, Load
-from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import (
     PLAIN_FIGURES,
@@ -47,6 +51,7 @@ from graspless_pin.scene.scene_schema import (
     SceneEntry,
     UncertaintyEntry,
 )
+from graspless_pin.scene.stated import Acceleration, GivenContact, HandMotion, Load, Motion
 from graspless_pin.scene.uncertain_figures import check_names
 from graspless_pin.scene.units import merged_angles
 from graspless_pin.scene.yaml_source import Location, YamlSource

@@ -23,7 +23,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields, place_of
-from graspless_pin.scene.loads import Accelerated, LoadAxes
+from graspless_pin.scene.stated import Accelerated, LoadAxes
 
 _AS_ONE = 1e-9
 """Of the largest velocity or acceleration, and of one SI unit: links that differ by less move as

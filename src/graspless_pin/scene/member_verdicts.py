@@ -23,9 +23,9 @@ from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields
-from graspless_pin.scene.loads import Load
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_stability import verdict_of
+from graspless_pin.scene.stated import Load
 
 _FROM_BEST = (
     Holding.HOLDS, Holding.UNDECIDED, Holding.NEEDS_FEEDBACK, Holding.MAY_FAIL,

@@ -20,10 +20,9 @@ from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
 from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
-from graspless_pin.scene.contact_arrays import contacts_of, touching_of
+from graspless_pin.scene.contact_arrays import SceneContacts, contacts_of, touching_of
 from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load_wrenches import inertial_torques, object_inertia, object_wrench
-from graspless_pin.scene.motion_and_contacts import SceneContacts
 
 
 class ControlledJoints(NamedTuple):

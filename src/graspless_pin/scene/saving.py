@@ -28,8 +28,7 @@ from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
 from graspless_pin.scene.units import merged_angles, parted_angles
-from graspless_pin.scene.validation_errors import validated
-from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_text
+from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_text, validated
 
 _SAME = 1e-11
 _POSE = {"position", "matrix"}

@@ -30,10 +30,9 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.records import changed
-from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.contact_arrays import SceneContacts, contacts_of
 from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load import build_scene
-from graspless_pin.scene.motion_and_contacts import SceneContacts
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_findings import findings_of, unused_figures
 from graspless_pin.scene.scene_stability import rest_model_of, verdict_of

@@ -23,8 +23,8 @@ from graspless_pin.holding.controller import DAMPING, Controller
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
-from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
+from graspless_pin.scene.stated import Motion
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.scene.units import degrees_of
 

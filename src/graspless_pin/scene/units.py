@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.geometry.bodies.shapes import SHAPES
-from graspless_pin.scene.yaml_source import Location
+from graspless_pin.intake.yaml_text import Location
 
 ANY = ""
 """The kind of a key that has no unit."""

@@ -1,13 +1,19 @@
-"""A YAML file of the user's: plain data with line numbers, and errors that name file and key."""
+"""A YAML file of the user's: plain data with line numbers, checked by a schema.
+
+Errors name file, line, key, what was found and what would do.
+"""
 
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import Finding
@@ -19,8 +25,8 @@ from graspless_pin.intake.files import (
     refuse_other_kind,
 )
 from graspless_pin.intake.yaml_text import Location, parse_yaml
-
-__all__ = ["SCENE", "Location", "YamlSource", "key_text"]
+from graspless_pin.scene.units import plain_figure, si_advice
+from graspless_pin.suggestions import names_in_words, nearest_name
 
 SCENE = FileKind("scene", 4, SceneError)
 _NEEDED = {
@@ -106,7 +112,7 @@ class YamlSource:
         except SceneError:
             raise
         except ArgumentError as error:
-            first, *rest = _keys(error.argument) or ("",)
+            first, *rest = _keys_of(error.argument) or ("",)
             named = [(*location, name, *rest) for name in (first, f"{first}_deg")]
             inner = next(filter(self.has, named), None)
             if inner is not None:
@@ -137,8 +143,276 @@ def key_text(location: Location) -> str:
     return text or "scene"
 
 
-def _keys(argument: str) -> tuple[str, ...]:
+def _keys_of(argument: str) -> tuple[str, ...]:
     """Split an argument's name such as ``q['joint_1.0']`` into keys of the file."""
     return tuple(
         quoted or plain for quoted, plain in re.findall(r"\['(.*?)'\]|([^.\[\]]+)", argument)
     )
+
+
+_MOST_EXAMINED = 60
+_MOST_TOLD = 5
+_Entry = TypeVar("_Entry", bound=BaseModel)
+Node = dict[str, Any]
+"""A part of the JSON schema."""
+
+
+def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
+    """Return the content of a file as its schema has it.
+
+    Raises:
+        GrasplessPinError: The error of the file's kind, a line a mistake: file:line, key, what was
+            found, what would do.
+    """
+    try:
+        return model.model_validate(source.data)
+    except ValidationError as error:
+        raise source.kind.error(_validation_text(source, error, model)) from None
+
+
+def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
+    """Return an entry in which all parts that were said before are the same objects as then.
+
+    Args:
+        entry: The entry, or a part of it.
+        data: What the file says there.
+        known: The entry before.
+        known_data: What the file said then.
+    """
+    if is_alike(data, known_data):
+        return known
+    kind = type(entry)
+    if isinstance(entry, BaseModel) and kind is type(known):
+        before = vars(known)
+        parts = {
+            name: with_known(part, data.get(name), before[name], known_data.get(name))
+            for name, part in vars(entry).items()
+        }
+        return kind.model_construct(entry.model_fields_set, **parts)
+    if isinstance(entry, list) and isinstance(known, list) and len(entry) == len(known):
+        return [*map(with_known, entry, data, known, known_data)]
+    return entry
+
+
+def is_alike(one: Any, other: Any) -> bool:
+    """Return whether two contents are the same, types and signs of zero included."""
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(
+            is_alike(item, other[key]) for key, item in one.items()
+        )
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(is_alike, one, other))
+    return repr(one) == repr(other)
+
+
+def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> Any:
+    """Return one key's value as the schema of a file has it.
+
+    Args:
+        model: The schema.
+        least: A content of the file that is sound.
+        name: The key.
+        value: Its value.
+
+    Raises:
+        ArgumentError: If the schema does not take it.
+    """
+    data = {**least, name: value}
+    try:
+        return getattr(model.model_validate(data), name)
+    except ValidationError as error:
+        location, mistake = next(_mistakes(data, error, model))
+        raise ArgumentError(key_text(location), mistake) from None
+
+
+def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bool:
+    """Return whether a number at a location of a file has to be a whole one.
+
+    Args:
+        data: What the file says above it.
+        model: What it is checked against.
+        location: Of the number.
+    """
+    nodes = _nodes_at(model.model_json_schema(), data, location)
+    kinds = {node.get("type") for node in nodes}
+    return "integer" in kinds and "number" not in kinds
+
+
+def _validation_text(source: YamlSource, error: ValidationError, model: type[BaseModel]) -> str:
+    """Return one line a mistake."""
+    lines = [*dict.fromkeys(source.message(*one) for one in _mistakes(source.data, error, model))]
+    more = len(lines) - _MOST_TOLD + max(0, error.error_count() - _MOST_EXAMINED)
+    return "\n".join(
+        [*lines[:_MOST_TOLD], *([f"... and {more} mistakes more"] if more > 0 else [])]
+    )
+
+
+def _mistakes(
+    data: Any, error: ValidationError, model: type[BaseModel]
+) -> Iterator[tuple[Location, str]]:
+    """Yield where a mistake is and what it is called."""
+    items = [(_in_file(data, item), item) for item in error.errors()[:_MOST_EXAMINED]]
+    schema = model.model_json_schema()
+    for location, item in items:
+        # Every branch of a union complains; the branch that got furthest is the one that is meant.
+        if not any(
+            len(other) > len(location) and other[: len(location)] == location for other, _ in items
+        ):
+            yield location, _mistake(schema, data, location, item)
+
+
+def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
+    kind, parts = item["type"], item["loc"]
+    if kind == "value_error":
+        return item["msg"].removeprefix("Value error, ")
+    if kind == "extra_forbidden":
+        known = sorted(
+            {key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)}
+        )
+        return f"unknown key; {names_in_words(str(location[-1]), known)}"
+    if parts[-1] == "[key]":
+        found = reprlib.repr(item["input"])
+        if isinstance(item["input"], str):
+            return f"found {found} as a name; a name has at most 200 characters"
+        return f"found {found} as a name; a name is text: put it in quotes"
+    wanted = _wanted_of(schema, _nodes_at(schema, data, location))
+    if kind == "missing" and location[-1:] == parts[-1:]:
+        return f"is missing; needs {wanted}"
+    found = item["input"]
+    return f"found {reprlib.repr(found)}; needs {wanted}{_meant(found, wanted, location)}"
+
+
+def _meant(found: Any, wanted: str, location: Location) -> str:
+    """Return which figure, or which of the words that would do, was probably meant."""
+    word = found.get("type") if isinstance(found, dict) else found
+    share = plain_figure(word) if "below 1" in wanted else None
+    if share is not None and 1.0 <= share < 100.0:
+        return f"; {share:g} % is {share / 100.0:g}"
+    if isinstance(word, str) and "number" in wanted and (advice := si_advice(word, location)):
+        return advice
+    near = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
+    return "" if near is None else f"; did you mean {near!r}?"
+
+
+def _in_file(data: Any, item: Any) -> Location:
+    """Keep the parts of a validation location that are keys of the file, and a missing last key.
+
+    Branches of unions add their own names to the location.
+    """
+    kept: list[int | str] = []
+    for part in item["loc"]:
+        if _holds(data, part):
+            data = data[part]
+            kept.append(part)
+    if item["type"] == "missing" and isinstance(data, dict):
+        kept.append(item["loc"][-1])
+    return tuple(kept)
+
+
+def _holds(data: Any, part: Any) -> bool:
+    if isinstance(data, list):
+        return isinstance(part, int) and part < len(data)
+    return isinstance(data, dict) and part in data
+
+
+def _nodes_at(schema: Node, data: Any, location: Location) -> list[Node]:
+    """Return the JSON schemas of what may stand at a location of this file."""
+    nodes = [schema]
+    for part in location:
+        fitting = [node for node in nodes if _is_named(node, data)] or nodes
+        children = [_child(node, part) for node in fitting]
+        nodes = [option for child in children if child for option in _options(schema, child)]
+        data = data[part] if _holds(data, part) else None
+    return [node for node in nodes if _is_named(node, data)] or nodes
+
+
+def _is_named(node: Node, data: Any) -> bool:
+    """Return whether ``data`` is the mapping whose ``type`` this branch of a union describes."""
+    named = node.get("properties", {}).get("type", {}).get("const")
+    return named is not None and isinstance(data, dict) and data.get("type") == named
+
+
+def _options(schema: Node, node: Node) -> list[Node]:
+    """Return the branches of a union, each with its reference followed, without null."""
+    if "$ref" in node:
+        node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+    branches = node.get("anyOf") or node.get("oneOf")
+    if branches is None:
+        return [] if node.get("type") == "null" else [node]
+    return [option for branch in branches for option in _options(schema, branch)]
+
+
+def _child(node: Node, part: int | str) -> Node | None:
+    if isinstance(part, int):
+        places = node.get("prefixItems", [])
+        return places[part] if part < len(places) else node.get("items")
+    further = node.get("additionalProperties")
+    return _keys(node).get(part) or (further if isinstance(further, dict) else None)
+
+
+def _keys(node: Node) -> Node:
+    return node.get("properties", {})
+
+
+def _wanted_of(schema: Node, nodes: list[Node]) -> str:
+    """Say in words what any branch of a union allows."""
+    names = [_keys(node)["type"]["const"] for node in nodes if "type" in _keys(node)]
+    if len(names) > 1:
+        return f"a mapping with the type {_join([repr(name) for name in names])}"
+    return _join([_wanted(schema, node) for node in nodes])
+
+
+def _wanted(schema: Node, node: Node) -> str:
+    """Say in words what a part of the schema allows."""
+    if "enum" in node or "const" in node:
+        return _join([repr(value) for value in node.get("enum", [node.get("const")])])
+    match node.get("type"):
+        case "number" | "integer":
+            return f"{'a finite' if node['type'] == 'number' else 'a whole'} number{_bounds(node)}"
+        case "array":
+            inner = node.get("prefixItems", [node.get("items", {})])
+            each = _wanted_of(schema, _options(schema, inner[0]))
+            if "prefixItems" in node:
+                return f"a list of {len(inner)}, each {each}"
+            least = [f"at least {node['minItems']}"] if "minItems" in node else []
+            most = [f"at most {node['maxItems']}"] if "maxItems" in node else []
+            many = f" of {' and '.join([*least, *most])}" if least or most else ""
+            return f"a list{many}, each item {each}"
+        case "object" if "properties" in node:
+            return f"a mapping with the keys {', '.join(_keys(node))}"
+        case "object" if not isinstance(node.get("additionalProperties"), dict):
+            return "a mapping"
+        case "object":
+            each = _wanted_of(schema, _options(schema, node["additionalProperties"]))
+            most = f"at most {node['maxProperties']} " if "maxProperties" in node else ""
+            return f"a mapping of {most}names, each to {each}"
+        case "boolean":
+            return "true or false"
+        case _ if "maxLength" in node:
+            return f"text of at most {node['maxLength']} characters"
+        case _:
+            return "text"
+
+
+def _bounds(node: Node) -> str:
+    least, most = node.get("minimum"), node.get("maximum")
+    if "exclusiveMaximum" in node:
+        return f" >= {least:g}, below {node['exclusiveMaximum']:g}"
+    if most is None:
+        return "" if least is None else f" >= {least:g}"
+    if least is None:
+        return f" > {node['exclusiveMinimum']:g}, at most {most:g}"
+    if "exclusiveMinimum" in node:
+        return f" > 0, from {least:g} to {most:g}"
+    if least == -most:
+        return f" within ±{most:g}"
+    return f" >= {least:g}, at most {most:g}"
+
+
+def _join(words: list[str]) -> str:
+    words = list(dict.fromkeys(words))
+    return " or ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)

@@ -24,9 +24,8 @@ from typing import Any
 
 from graspless_pin.child_process import ChildProcess, ChildProcesses, kept_processes
 from graspless_pin.errors import CrashError, OverrunError, StudyError
-from graspless_pin.studies.rows import Row
 from graspless_pin.studies.sample_evaluation import Failure, evaluate_each, failure_row
-from graspless_pin.studies.sample_parts import Sample
+from graspless_pin.studies.sample_parts import Row, Sample
 from graspless_pin.studies.study import Study
 
 EvaluateSamples = Callable[..., Iterator[Row]]

@@ -17,8 +17,7 @@ from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.keys import Tree, place_key, put
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, offset_key, si_unit
-from graspless_pin.scene.validation_errors import is_whole_number
-from graspless_pin.scene.yaml_source import Location
+from graspless_pin.scene.yaml_source import Location, is_whole_number
 from graspless_pin.studies.study_schema import PosingEntry, VariableEntry
 from graspless_pin.suggestions import names_in_words
 

@@ -13,9 +13,14 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
-from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE, OBJECTIVE_VALUE, ROBUST_COLUMNS
 from graspless_pin.studies.sample_evaluation import Failure
-from graspless_pin.studies.sample_parts import NOT_PLACED
+from graspless_pin.studies.sample_parts import (
+    FINDINGS,
+    LARGEST_TORQUE,
+    NOT_PLACED,
+    OBJECTIVE_VALUE,
+    ROBUST_COLUMNS,
+)
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 

@@ -36,7 +36,7 @@ from graspless_pin.scene.keys import Tree
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.validation_errors import validated
+from graspless_pin.scene.yaml_source import validated
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
@@ -49,9 +49,15 @@ from graspless_pin.studies.results import (
     results_parts,
     write_results,
 )
-from graspless_pin.studies.rows import Row
 from graspless_pin.studies.sample_evaluation import Failure
-from graspless_pin.studies.sample_parts import NOT_PLACED, Sample, SampleParts, parted, try_to_place
+from graspless_pin.studies.sample_parts import (
+    NOT_PLACED,
+    Row,
+    Sample,
+    SampleParts,
+    parted,
+    try_to_place,
+)
 from graspless_pin.studies.sampling import AdaptiveSamples
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.study_schema import PosingEntry

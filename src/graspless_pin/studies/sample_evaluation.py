@@ -32,14 +32,15 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_findings import StateChecks, state_findings
 from graspless_pin.scene.scene_stability import rest_model_of, solution_verdict
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.studies.rows import (
+from graspless_pin.studies.sample_parts import (
     OBJECTIVE_VALUE,
     Row,
+    Sample,
+    SampleParts,
     of_findings,
     robust_values,
     torque_columns,
 )
-from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
 
 

@@ -18,8 +18,7 @@ from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import in_radians
-from graspless_pin.scene.validation_errors import validated
-from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
+from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import MOVABLE, Variable, make_variable
 from graspless_pin.studies.sample_parts import PosedScene, Sample, SampleParts, parted, posed

@@ -1,4 +1,4 @@
-"""What a scene is told of loads beside the world's gravity, and of accelerations."""
+"""What a scene states beside its bodies: loads, accelerations, the motion, and contacts."""
 
 from __future__ import annotations
 
@@ -201,6 +201,49 @@ class Acceleration(Brief, PickledByFields):
         turns = self.angular.any() or self.angular_velocity.any()
         joints = any([*self.joint_velocities.values(), *self.joint_accelerations.values()])
         return not (turns or joints)
+
+
+@dataclass(frozen=True, eq=False)
+class HandMotion:
+    """The hand's own motion. See the example of `load_scene`.
+
+    Attributes:
+        base_twist: (6,) [v; omega], world axes, m/s and rad/s.
+        joint_velocities: rad/s or m/s by joint name.
+    """
+
+    base_twist: FloatArray
+    joint_velocities: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The declared motion. See the example of `load_scene`.
+
+    Attributes:
+        object_twist: (6,) [v; omega] of the object about its centre of mass, world axes.
+        hand: The hand's own motion; None: its contacts follow the object and stick.
+    """
+
+    object_twist: FloatArray
+    hand: HandMotion | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GivenContact:
+    """A contact that the scene states instead of having it found.
+
+    See the example of `load_scene`.
+
+    Attributes:
+        body: Hand link or support.
+        position: (3,) world frame, m.
+        normal: (3,) unit, into the object, world axes.
+    """
+
+    body: str
+    position: FloatArray
+    normal: FloatArray
 
 
 def _by_joint(argument: str, told: Mapping[str, float]) -> Mapping[str, float]:
