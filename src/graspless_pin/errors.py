@@ -50,17 +50,18 @@ class ArgumentError(GrasplessPinError, ValueError):
 
     Attributes:
         argument: Name of the offending argument.
+        message: What is wrong with it.
     """
 
     def __init__(self, argument: str, message: str) -> None:
         """Take the name and what is wrong with it."""
         # Both are the exception's arguments, so that it can be pickled for another process.
         super().__init__(argument, message)
-        self.argument = argument
+        self.argument, self.message = argument, message
 
     def __str__(self) -> str:
         """Return ``argument: message``."""
-        return f"{self.args[0]}: {self.args[1]}"
+        return f"{self.argument}: {self.message}"
 
 
 class JointLimitError(ArgumentError):

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from cli_tools import LINES, assert_refused, run, solve_text, spoilt
 
-from graspless_pin.cli.outcome import echo_findings, echo_note, plain_errors
-from graspless_pin.findings import Finding, FindingCode
+from graspless_pin.cli.outcome import echo_note, plain_errors
+from graspless_pin.findings import Finding, FindingCode, emit
 
 FRICTION = "friction: 0.3"
 ONE_HAND = LINES[LINES.index("  robot") : LINES.index("object:")]
@@ -150,7 +150,7 @@ def test_many_findings_and_a_note_are_cut_to_two_kilobytes(capsys):
         for i in range(60)
     ]
     with plain_errors():
-        echo_findings(findings)
+        emit(*findings)
         echo_note(1000 * "y")
     said = capsys.readouterr().err
     assert len(said.encode()) < 2000

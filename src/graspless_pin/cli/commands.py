@@ -5,6 +5,7 @@ What the command line says of a command is the docstring of its function, exampl
 
 from __future__ import annotations
 
+import ast
 import inspect
 import platform
 import re
@@ -97,12 +98,15 @@ class _Command(TyperCommand):
 
 
 def _summary(name: str) -> str:
-    """Return the first line of a command's docstring, from the source of its module."""
+    """Return the first line of a command's docstring: its module is parsed, not loaded."""
     module, function = _COMMANDS[name].split(".")
     source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-    # The first docstring after its name; to parse all modules would take 30 ms.
-    found = re.search(rf'^def {function}\(.*?"""(.*?)(?:"""|\n)', source, re.DOTALL | re.MULTILINE)
-    return found[1] if found else ""
+    (found,) = [
+        one
+        for one in ast.parse(source).body
+        if isinstance(one, ast.FunctionDef) and one.name == function
+    ]
+    return (ast.get_docstring(found) or "").partition("\n")[0]
 
 
 def _loaded(name: str) -> Any:

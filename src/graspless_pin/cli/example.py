@@ -6,13 +6,13 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from graspless_pin.cli.outcome import plain_errors
 from graspless_pin.errors import ArgumentError
-from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.intake.yaml_text import parse_yaml, texts_of
 from graspless_pin.suggestions import names_in_words
 
 _PACKAGE = Path(__file__).resolve().parents[1] / "examples"
@@ -93,19 +93,7 @@ def _with_named(file: Path) -> Iterator[Path]:
     table = file.with_suffix(".csv")  # the plan that begins with the scene
     if table.is_file():
         yield table
-    for word in _words(parse_yaml(file.read_text()).data):
+    for word in texts_of(parse_yaml(file.read_text()).data):
         named = (file.parent / word).resolve()
         if named.is_file():
             yield from _with_named(named)
-
-
-def _words(data: Any) -> Iterator[str]:
-    """Yield all texts of YAML data."""
-    if isinstance(data, str):
-        yield data
-    elif isinstance(data, dict):
-        for value in data.values():
-            yield from _words(value)
-    elif isinstance(data, list):
-        for item in data:
-            yield from _words(item)

@@ -6,7 +6,7 @@ import math
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.findings import Finding, Severity, capture, gravest_first, is_serious
+from graspless_pin.findings import Finding, Severity, capture, emit, gravest_first, is_serious
 from graspless_pin.intake.text import printable
 from graspless_pin.progress import waiting_for
 from graspless_pin.solution.certificate import UNDECIDED
@@ -48,8 +48,8 @@ _LEFT_OUT = " [...] "
 @contextmanager
 def plain_errors() -> Iterator[None]:
     """Show findings and errors of this package as one message each, without a traceback."""
-    token = _PRINTED.set(_Printed())
     with capture() as found:
+        token = _PRINTED.set(_Printed(found))
         try:
             yield
         except GrasplessPinError as error:
@@ -59,7 +59,7 @@ def plain_errors() -> Iterator[None]:
             echo_error("there is not enough memory for this input")
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         finally:
-            echo_findings(found)
+            show_findings()
             _PRINTED.reset(token)
 
 
@@ -93,8 +93,15 @@ ControllerOption = Annotated[
 ]
 
 
-def under_controller(scene: Scene, stiffness: str | None) -> Scene:
-    """Return a scene under joint feedback of a stiffness, its damping stays; None: its own."""
+def opened_scene(path: Path, stiffness: str | None = None) -> Scene:
+    """Load a scene and emit its findings.
+
+    Args:
+        path: The scene file.
+        stiffness: Of joint feedback, see `ControllerOption`; its damping stays. None: the file's.
+    """
+    scene = loaded_scene(path)
+    emit(*scene.findings)
     if stiffness is None:
         return scene
     try:
@@ -104,7 +111,7 @@ def under_controller(scene: Scene, stiffness: str | None) -> Scene:
     try:
         held = replace(scene.controller, stiffness=gain)
     except ArgumentError as error:
-        raise ArgumentError("--controller", str(error).partition(": ")[2]) from None
+        raise ArgumentError("--controller", error.message) from None
     return scene.with_changes(controller=held)
 
 
@@ -118,9 +125,16 @@ def exit_code(solution: TorqueSolution) -> ExitCode:
 
 @dataclass
 class _Printed:
-    """What a command has said on standard error, and how many bytes more it may."""
+    """What a command has found, what of that it has said on standard error, and in how many bytes.
 
-    findings: set[Finding] = field(default_factory=set)
+    Attributes:
+        found: What was emitted.
+        shown: What of that was printed.
+        room: How many bytes more there may be.
+    """
+
+    found: list[Finding]
+    shown: set[Finding] = field(default_factory=set)
     room: int = 1700  # a note may come after findings
 
 
@@ -184,14 +198,16 @@ def shortened(message: str, most: int) -> str:
     return _LEFT_OUT.join(ends)
 
 
-def echo_findings(findings: Iterable[Finding]) -> None:
-    """Print findings on standard error, the gravest first, each once a command.
+def show_findings() -> None:
+    """Print on standard error what was emitted so far, the gravest first, each once a command.
+
+    `plain_errors` does so at the end; commands that print or wait for long call it before.
 
     A line each, as wide as it comes; on a terminal in colour and within its width.
     """
     printed = _PRINTED.get()
-    left = [one for one in gravest_first(findings) if one not in printed.findings]
-    printed.findings.update(left)
+    left = [one for one in gravest_first(printed.found) if one not in printed.shown]
+    printed.shown.update(left)
     wide = sys.stderr.isatty()
     for index, one in enumerate(left):
         text = f"{shortened(str(one), _ERROR_BYTES)} [{one.code}]"

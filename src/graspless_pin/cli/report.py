@@ -11,12 +11,11 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_fo
 from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import (
     ControllerOption,
-    echo_findings,
     echo_note,
     exit_code,
-    loaded_scene,
+    opened_scene,
     plain_errors,
-    under_controller,
+    show_findings,
 )
 from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import (
@@ -30,7 +29,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.planning.squeeze_window import SqueezeWindow, squeeze_window
+from graspless_pin.planning.squeeze_window import squeeze_window
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import (
@@ -41,7 +40,8 @@ from graspless_pin.report.html import (
     report_html,
 )
 from graspless_pin.report.reading import read_document
-from graspless_pin.report.simulation import TimeLapse, time_lapse
+from graspless_pin.report.simulation import time_lapse
+from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.simulation import simulate
 
@@ -121,12 +121,19 @@ def report(
         except OSError as error:
             raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
         bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)
-        with waiting_for("simulating"):
-            lapse = _lapse(case) if simulated else None
-        with waiting_for("trying how hard the hand may squeeze"):
-            window = _window(case) if squeeze else None
-        if tolerances or (_is_unknown(case) and case.solution.found):
-            case = _with_tolerances(case, attainable=tolerances)
+        lapse = window = None
+        if simulated and (of := _scene_for(case, "--simulate")):
+            with waiting_for("simulating"):
+                found = simulate(of, case.solution.torques)
+                lapse = time_lapse(of, found, simulated_words(of, found))
+        if squeeze and (of := _scene_for(case, "--squeeze")):
+            with waiting_for("trying how hard the hand may squeeze"):
+                window = squeeze_window(of, case.solution.torques)
+        is_unknown = case.scene is not None and case.scene.uncertainty is not None
+        asked = tolerances or (is_unknown and case.solution.found)
+        if asked and (of := _scene_for(case, "--tolerances")):
+            found = tolerances_under(of, case.solution, attainable=tolerances)
+            case = case_with_tolerances(case, found)
         with waiting_for("drawing"):
             page = report_html(case, bounds, lapse, rest_bounds, window)
         write_text(page, output, kind="report")
@@ -165,9 +172,7 @@ def _case(
     if source.suffix.lower() != ".json":
         if scene_file is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
-        scene = loaded_scene(source)
-        emit(*scene.findings)
-        scene = under_controller(scene, controller)
+        scene = opened_scene(source, controller)
         (solution, answer), verdict, note = solved(scene), None, ""
         if answer is not None:
             answer = proven_answer(answer)
@@ -176,7 +181,8 @@ def _case(
                 answer = judged_at_corners(scene, answer)
         if verdict_nodes is not None and (answer is None or answer.found):
             solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
-        echo_findings(solution.findings)
+        emit(*solution.findings)
+        show_findings()
         if note and verdict is None:
             echo_note(note)
         return case_of_scene(scene, solution, source, verdict, answer)
@@ -189,39 +195,15 @@ def _case(
         raise SceneError(f"{source}: {error}") from error
 
 
-def _lapse(case: Case) -> TimeLapse | None:
-    if _has_no_torques(case, "--simulate"):
-        return None
-    if case.scene is None:
-        raise ArgumentError("--simulate", f"needs the scene. {case.missing}")
-    found = simulate(case.scene, case.solution.torques)
-    return time_lapse(case.scene, found, simulated_words(case.scene, found))
+def _scene_for(case: Case, option: str) -> Scene | None:
+    """Return the scene for what an option asks; None without torques: it is left out, with a note.
 
-
-def _has_no_torques(case: Case, option: str) -> bool:
-    """Return whether what an option asks for is left out, and say so."""
+    Raises:
+        ArgumentError: If the scene is not at hand.
+    """
     if not case.solution.found:
         echo_note(f"{option} is left out: there are no torques")
-    return not case.solution.found
-
-
-def _window(case: Case) -> SqueezeWindow | None:
-    if _has_no_torques(case, "--squeeze"):
         return None
     if case.scene is None:
-        raise ArgumentError("--squeeze", f"needs the scene. {case.missing}")
-    return squeeze_window(case.scene, case.solution.torques)
-
-
-def _is_unknown(case: Case) -> bool:
-    """Return whether the scene that is at hand says what is not known exactly."""
-    return case.scene is not None and case.scene.uncertainty is not None
-
-
-def _with_tolerances(case: Case, *, attainable: bool) -> Case:
-    if _has_no_torques(case, "--tolerances"):
-        return case
-    if case.scene is None:
-        raise ArgumentError("--tolerances", f"needs the scene. {case.missing}")
-    found = tolerances_under(case.scene, case.solution, attainable=attainable)
-    return case_with_tolerances(case, found)
+        raise ArgumentError(option, f"needs the scene. {case.missing}")
+    return case.scene

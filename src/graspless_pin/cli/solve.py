@@ -16,11 +16,10 @@ from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import AIMS, OBJECTIVES, TorqueScale, figure_types
 from graspless_pin.cli.outcome import (
     ControllerOption,
-    echo_findings,
     exit_code,
-    loaded_scene,
+    opened_scene,
     plain_errors,
-    under_controller,
+    show_findings,
 )
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
@@ -153,9 +152,7 @@ def solve_scene(
         graspless-pin solve scene.yaml --json solution.json
     """
     with plain_errors():
-        loaded = loaded_scene(scene)
-        emit(*loaded.findings)
-        loaded = under_controller(loaded, controller)
+        loaded = opened_scene(scene, controller)
         given: dict[str, Any] = {
             "margin": margin,
             "sign_rule": sign_rule,
@@ -181,7 +178,8 @@ def solve_scene(
             answer = judged_at_corners(loaded, answer, verdict_nodes)
         if not no_verdict and (answer is None or answer.found):
             solution, verdict, note = proven_and_verdict(loaded, solution, verdict_nodes)
-        echo_findings(solution.findings)
+        emit(*solution.findings)
+        show_findings()
         if solution.found and not no_verdict:
             bounds = _forces(loaded, solution)
         if json_file is not None:
@@ -232,17 +230,16 @@ def solved_scene(
     Args:
         path: The scene file.
         algorithm: See `Scene.solve`.
-        controller: See `under_controller`.
+        controller: See `opened_scene`.
         options: See `Scene.solve`.
 
     Raises:
         typer.Exit: If there are no torques.
     """
-    scene = loaded_scene(path)
-    emit(*scene.findings)
-    scene = under_controller(scene, controller)
+    scene = opened_scene(path, controller)
     solution, answer = solved(scene, algorithm, **options)
-    echo_findings(solution.findings)
+    emit(*solution.findings)
+    show_findings()
     if not solution.found:
         for_all = "" if answer is None else " for all that the scene says is not known"
         typer.echo(f"there are no torques{for_all}: {solution.status.message}")

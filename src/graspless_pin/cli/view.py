@@ -8,11 +8,7 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.outcome import (
-    echo_findings,
-    loaded_scene,
-    plain_errors,
-)
+from graspless_pin.cli.outcome import opened_scene, plain_errors, show_findings
 from graspless_pin.viewer.page import DEFAULT_PORT
 from graspless_pin.viewer.page import view as show
 
@@ -31,8 +27,8 @@ def view_scene(
         graspless-pin view scene.yaml
     """
     with plain_errors():
-        loaded = loaded_scene(scene)
-        echo_findings(loaded.findings)
+        loaded = opened_scene(scene)
+        show_findings()
         viewer = show(loaded, host=host, port=port, open_browser=not no_open)
     with suppress(KeyboardInterrupt):
         typer.echo(f"{viewer.url} (Ctrl-C ends it)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,6 +99,15 @@ def parse_yaml(text: str) -> ParsedYaml:
         # PyYAML lets Python's own errors through for dates and numbers that do not exist.
         problem = " ".join(str(error).split())
         raise TextError(f"is not plain YAML: {problem}; put text in quotes") from error
+
+
+def texts_of(data: Any) -> Iterator[str]:
+    """Yield all texts of a file's data but for keys."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, dict | list):
+        for item in data.values() if isinstance(data, dict) else data:
+            yield from texts_of(item)
 
 
 def _lines_of(root: yaml.Node) -> dict[Location, int]:

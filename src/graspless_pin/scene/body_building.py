@@ -232,8 +232,7 @@ def build_pose(
             key_text(where), (entry,), lambda: pose_matrix(entry.position, rotation)
         )
     except ArgumentError as error:
-        message = str(error).removeprefix(f"{error.argument}: ")
-        raise file.error((*where, form), message) from error
+        raise file.error((*where, form), error.message) from error
 
 
 def stated_turn(pose: Mapping[str, Any]) -> tuple[str, Any]:

@@ -101,7 +101,16 @@ def rest_problem(
 
 
 def problem_of(scene: SceneFields) -> QuasistaticProblem:
-    """Return the problem of a scene: see `Scene.problem`."""
+    """Return the problem of a scene: see `Scene.problem`.
+
+    The same object as before if the scene is, but for what no problem hangs on: whoever asks for
+    findings, the solution and a verdict has one.
+    """
+    sources = [value for name, value in vars(scene).items() if name not in _NOT_OF_PROBLEMS]
+    return scene._kept.made("problem", (*sources,), lambda: _built_problem(scene))
+
+
+def _built_problem(scene: SceneFields) -> QuasistaticProblem:
     state = jointed_contacts(scene)
     contacts, joints, loads = state.contacts, state.joints, loads_of(scene, state)
     # Contacts that are given may be anything; those found are right by themselves.
@@ -209,6 +218,11 @@ def renewed_row(
 _OF_FRICTION = frozenset({"friction", "materials", "hand_material"})
 _OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
 _OF_LOADS = frozenset({"gravity", "loads", "acceleration"})
+_NOT_OF_PROBLEMS = frozenset({
+    "name", "path", "controller", "uncertainty", "solve_options", "load_findings", "contacts",
+    "findings", "_stated", "_kept",
+})  # fmt: skip
+"""What a problem does not hang on."""
 _BEARING = _OF_FRICTION | _OF_LIMITS | _OF_LOADS
 """Fields of a scene on which neither its contacts nor its joints depend."""
 _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated"})

@@ -116,8 +116,7 @@ class YamlSource:
             named = [(*location, name, *rest) for name in (first, f"{first}_deg")]
             inner = next(filter(self.has, named), None)
             if inner is not None:
-                message = str(error).removeprefix(f"{error.argument}: ")
-                raise self.error(inner, message) from error
+                raise self.error(inner, error.message) from error
             raise self.error(location, str(error)) from error
         except GrasplessPinError as error:
             raise self.error((*location, *also), str(error)) from error
@@ -195,18 +194,8 @@ def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
 
 
 def is_alike(one: Any, other: Any) -> bool:
-    """Return whether two contents are the same, types and signs of zero included."""
-    if one is other:
-        return True
-    if type(one) is not type(other):
-        return False
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(
-            is_alike(item, other[key]) for key, item in one.items()
-        )
-    if isinstance(one, list):
-        return len(one) == len(other) and all(map(is_alike, one, other))
-    return repr(one) == repr(other)
+    """Return whether two contents are the same, types, signs of zero and order included."""
+    return one is other or repr(one) == repr(other)
 
 
 def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> Any:

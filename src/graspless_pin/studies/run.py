@@ -55,7 +55,7 @@ from graspless_pin.studies.sample_parts import (
     Row,
     Sample,
     SampleParts,
-    parted,
+    scene_and_posing,
     try_to_place,
 )
 from graspless_pin.studies.sampling import AdaptiveSamples
@@ -117,7 +117,7 @@ def check_study(study: Study) -> None:
 
 
 def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
-    of_scene, own = parted(tree)
+    of_scene, own = scene_and_posing(tree)
     try:
         validated(replace(study.scene, data=of_scene), SceneEntry)
         validated(replace(study.source, data=own), PosingEntry)
@@ -180,7 +180,7 @@ def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
     def error_of(tree: Tree) -> GrasplessPinError | None:
         try:
             with capture():
-                build_scene(Scene, replace(study.scene, data=parted(tree)[0]))
+                build_scene(Scene, replace(study.scene, data=scene_and_posing(tree)[0]))
         except GrasplessPinError as error:
             return error
         return None

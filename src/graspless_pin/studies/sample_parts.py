@@ -127,7 +127,7 @@ class PosedScene(NamedTuple):
     row: Row
 
 
-def parted(tree: Tree) -> tuple[Tree, Tree]:
+def scene_and_posing(tree: Tree) -> tuple[Tree, Tree]:
     """Return the content of a scene file, and what `PosingEntry` takes, of a sample's keys."""
     own = {name: tree[name] for name in PosingEntry.model_fields if name in tree}
     return {name: item for name, item in tree.items() if name not in own}, own
@@ -168,7 +168,7 @@ def try_to_place(scene: Scene, tree: Tree) -> None:
 
 def _entry(scene: Scene, tree: Tree) -> PosingEntry:
     assert scene.path is not None  # noqa: S101 - the scene of a study comes from a file
-    return validated(YamlSource(scene.path, parted(tree)[1]), PosingEntry)
+    return validated(YamlSource(scene.path, scene_and_posing(tree)[1]), PosingEntry)
 
 
 def _placement(scene: Scene, entry: PlaceEntry) -> HandPlacement:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from graspless_pin.algorithms.torque import useless
 from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
+from graspless_pin.intake.yaml_text import texts_of
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
 from graspless_pin.scene.keys import Tree, copied
 from graspless_pin.scene.load import build_scene
@@ -21,7 +22,13 @@ from graspless_pin.scene.units import in_radians
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import MOVABLE, Variable, make_variable
-from graspless_pin.studies.sample_parts import PosedScene, Sample, SampleParts, parted, posed
+from graspless_pin.studies.sample_parts import (
+    PosedScene,
+    Sample,
+    SampleParts,
+    posed,
+    scene_and_posing,
+)
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import PosingEntry, StudyEntry
 
@@ -143,7 +150,7 @@ class Study:
         scene = parts.known(sample)
         if scene is None:
             file = self.scene
-            tree = parted(self.tree_at(sample))[0]
+            tree = scene_and_posing(self.tree_at(sample))[0]
             content = YamlSource(file.path, tree, file.kind, file.lines)
             scene = build_scene(Scene, content, parts)
             parts.learn(self.variables, sample)
@@ -184,7 +191,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
     tree = in_radians(scene.data)
     options = entry.compute.solve_options()
     tree["solve"] = {**(tree.get("solve") or {}), **options}
-    tree |= copied(parted(source.data)[1])
+    tree |= copied(scene_and_posing(source.data)[1])
     defaults = usual.model_dump() | entry.model_dump(include={*PosingEntry.model_fields})
     variables = tuple(
         make_variable(
@@ -310,7 +317,7 @@ def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
     stated = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
     files = {
         text: hashlib.sha256(read_bytes(folder / text, _NAMED)).hexdigest()
-        for text in sorted(set(_texts(tree)))
+        for text in sorted(set(texts_of(tree)))
         if text.lower().endswith(_FILES) and is_file(folder / text)
     }
     content = json.dumps([stated, tree, files], sort_keys=True, default=str)
@@ -320,10 +327,3 @@ def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
 _STUDY = FileKind("study", 4, StudyError)
 _NAMED = FileKind("file of a scene", 64, StudyError)
 _FILES = (".urdf", ".yaml", ".yml", ".stl", ".obj", ".dae", ".ply", ".off")
-
-
-def _texts(data: Any) -> list[str]:
-    if isinstance(data, str):
-        return [data]
-    items = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
-    return [text for item in items for text in _texts(item)]
