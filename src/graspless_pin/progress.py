@@ -7,8 +7,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-_PATIENCE = 1.0  # s; what is done by then needs no word
-_OFTEN = 0.2  # s
+_SHOWN_AFTER = 1.0  # s; what is done by then needs no word
+_SHOWN_EVERY = 0.2  # s
 _DOING: list[list[str]] = []  # in words: what, and how far it is
 
 
@@ -52,7 +52,7 @@ def waiting_for(what: str, *, everywhere: bool = False) -> Iterator[Callable[[st
 
 
 def _show(_: str, done: threading.Event) -> None:
-    if done.wait(_PATIENCE):
+    if done.wait(_SHOWN_AFTER):
         return
     from rich.console import Console
     from rich.text import Text
@@ -63,11 +63,11 @@ def _show(_: str, done: threading.Event) -> None:
     if done.is_set():  # while rich was being imported
         return
     with Console(stderr=True).status(words()) as status:
-        while not done.wait(_OFTEN):
+        while not done.wait(_SHOWN_EVERY):
             status.update(words())
 
 
 def _write(what: str, done: threading.Event) -> None:
-    if not done.wait(_PATIENCE):
+    if not done.wait(_SHOWN_AFTER):
         sys.stderr.write(f"{what}\n")
         sys.stderr.flush()

@@ -15,8 +15,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-_FEW = 4
-_LONGEST = 80  # characters of a value
+_FEW_ITEMS = 4
+_LONGEST_VALUE = 80  # characters of a value
 
 
 _Record = TypeVar("_Record")
@@ -75,28 +75,28 @@ def _value(value: Any) -> str:
             return f"{value:.6g}"
         case str() | PurePath():
             text = repr(str(value))
-            return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...'"
+            return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 4]}...'"
         case np.ndarray():
-            return str(value.tolist()) if value.size < _FEW else f"<array {value.shape}>"
+            return str(value.tolist()) if value.size < _FEW_ITEMS else f"<array {value.shape}>"
         case Mapping():
-            if 0 < len(value) <= _FEW:
+            if 0 < len(value) <= _FEW_ITEMS:
                 inside = ", ".join(f"{_value(key)}: {_value(one)}" for key, one in value.items())
                 return _few(f"{{{inside}}}", value)
             return f"<{len(value)} entries>" if value else "{}"
         case tuple() | list() | AbstractSet():
-            if 0 < len(value) <= _FEW:
+            if 0 < len(value) <= _FEW_ITEMS:
                 return _few(f"({', '.join(map(_value, value))})", value)
             return f"<{len(value)} items>" if value else "()"
         case _:
             # Records that hold arrays have no equality, and their long repr is not made.
             parameters = getattr(type(value), "__dataclass_params__", None)
             text = repr(value) if parameters and (parameters.eq or not parameters.repr) else ""
-            return text if 0 < len(text) <= 2 * _LONGEST else f"<{type(value).__name__}>"
+            return text if 0 < len(text) <= 2 * _LONGEST_VALUE else f"<{type(value).__name__}>"
 
 
 def _few(text: str, values: Any) -> str:
     """Return a text if it is short, else how many values it has."""
-    return text if len(text) <= _LONGEST else f"<{len(values)} items>"
+    return text if len(text) <= _LONGEST_VALUE else f"<{len(values)} items>"
 
 
 class PickledByFields:

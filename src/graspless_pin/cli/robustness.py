@@ -22,7 +22,7 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
 from graspless_pin.solution import TorqueSolution
 
-_TOUCHING = 1e-9  # m; what is no farther apart touches
+_TOUCHING_GAP = 1e-9  # m; what is no farther apart touches
 _RANGES_TIME = 10.0  # s; by then most free rays are found
 
 
@@ -67,7 +67,7 @@ def robustness_scene(
 def _gaps(scene: Scene, found: Robustness) -> list[str]:
     """Return the contacts that are relied on though they do not quite touch, widest gap first."""
     points = scene.contacts.points
-    apart = [contact for contact in found.relies_on if points[contact].distance > _TOUCHING]
+    apart = [contact for contact in found.relies_on if points[contact].distance > _TOUCHING_GAP]
     return [
         f"contact {contact} ({points[contact].body}) has to close its gap of "
         f"{1e3 * points[contact].distance:.3g} mm"

@@ -49,14 +49,14 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
 
 def _unit(quaternion: tuple[float, ...]) -> tuple[float, ...]:
     length = math.hypot(*quaternion)
-    if length and abs(length - 1.0) > _ROUNDED:  # zero is refused as a rotation
+    if length and abs(length - 1.0) > _QUATERNION_ROUNDING:  # zero is refused as a rotation
         raise ValueError(
             f"found {list(quaternion)}, of length {length:.4g}; needs x, y, z, w of length 1"
         )
     return quaternion
 
 
-_ROUNDED = 0.02
+_QUATERNION_ROUNDING = 0.02
 """How far lengths of quaternions may be from 1: [0.7, 0, 0, 0.7] passes."""
 Vector = tuple[Finite, Finite, Finite]
 Moments = tuple[Positive, Positive, Positive]

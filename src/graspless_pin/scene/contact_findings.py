@@ -26,12 +26,12 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.fields import SceneFields
 
-_NEAR = 5.0  # contact tolerances
-_JUMP = np.radians(20.0)
-_UNEVEN = 0.1
+_NEAR_MISS = 5.0  # contact tolerances
+_TURNED_NORMAL = np.radians(20.0)
+_UNEVEN_GAPS = 0.1
 """Contact tolerances: gaps of one rigid body that differ by less are the same."""
-_SLACK = 1e-6
-_STEP = 3.0
+_GAP_ROUNDING = 1e-6
+_STEP_INTO_BODIES = 3.0
 """Contact tolerances to either side, where it is looked on which one the object is."""
 
 
@@ -99,7 +99,7 @@ def _points_out(
     """
     here = abs(distances_to_point(bodies, point)) <= tolerance
     touching = [body for body, counts in zip(bodies, here, strict=True) if counts]
-    step = _STEP * tolerance * normal
+    step = _STEP_INTO_BODIES * tolerance * normal
     ahead, behind = (distances_to_point(touching, point + way) for way in (step, -step))
     return bool((ahead > behind + tolerance).all())
 
@@ -120,7 +120,7 @@ def contact_findings(scene: SceneFields, touching: ContactArrays | None) -> Iter
 def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
     """Find supports and fingers that miss the object by a few tolerances."""
     tolerance, pieces = scene.contact_tolerance, scene.object.placed_bodies
-    reach = _NEAR * tolerance
+    reach = _NEAR_MISS * tolerance
 
     for index, support in enumerate(scene.supports):
         if support.name in touching:
@@ -130,7 +130,7 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
             separation(pieces[i], bodies[k]).distance for i, k in near_pairs(pieces, bodies, reach)
         ]
         gap = min(gaps, default=np.inf)
-        if (1.0 + _SLACK) * tolerance < gap <= reach:
+        if (1.0 + _GAP_ROUNDING) * tolerance < gap <= reach:
             yield Finding(
                 FindingCode.SUPPORT_MISSED,
                 support.name,
@@ -153,7 +153,7 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
             gap = separation(pieces[i], bodies[k]).distance
             nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
     for finger, (gap, link) in nearest.items():
-        if (1.0 + _SLACK) * tolerance < gap <= reach:
+        if (1.0 + _GAP_ROUNDING) * tolerance < gap <= reach:
             way, key = "close the finger (graspless-pin close), correct q", "q"
             if hand.finger_of(link) is None:
                 way, key = "move the hand closer (base_pose) if it should touch", "base_pose"
@@ -201,7 +201,7 @@ def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
     for body, gap in zip(touching.bodies, touching.distances, strict=True):
         deepest[body] = min(deepest.get(body, 0.0), gap)
     for body, gap in deepest.items():
-        if gap < -(1.0 + _SLACK) * scene.contact_tolerance:
+        if gap < -(1.0 + _GAP_ROUNDING) * scene.contact_tolerance:
             yield Finding(
                 FindingCode.DEEP_OVERLAP,
                 body,
@@ -215,7 +215,7 @@ def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
     jumps = normal_jumps(scene.object.placed_bodies, others, touching, scene.contact_tolerance)
     for body in dict.fromkeys(touching.bodies):
         worst = max(jump for jump, name in zip(jumps, touching.bodies, strict=True) if name == body)
-        if worst > _JUMP:
+        if worst > _TURNED_NORMAL:
             yield Finding(
                 FindingCode.AMBIGUOUS_NORMAL,
                 body,
@@ -248,7 +248,7 @@ def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
     most = left.max(axis=1, initial=0.0)
     for name in dict.fromkeys(names):
         far = max((k for k, one in enumerate(names) if one == name), key=lambda k: most[k])
-        if most[far] <= _UNEVEN * tolerance:
+        if most[far] <= _UNEVEN_GAPS * tolerance:
             continue
         near = int(np.argmax(left[far]))
         gap, made = in_mm(gaps[far]), scene.object.name

@@ -107,9 +107,9 @@ def materials_in_words(own: str | None, others: Iterable[str | None]) -> str:
     )
 
 
-_DENSITIES = 1.0, 30_000.0  # kg/m^3; a balloon, more than osmium
-_LARGEST = 5.0  # m, of what hands move
-_HELD = 0.1  # m, of most
+_POSSIBLE_DENSITIES = 1.0, 30_000.0  # kg/m^3; a balloon, more than osmium
+_LARGEST_OBJECT = 5.0  # m, of what hands move
+_USUAL_OBJECT = 0.1  # m, of most
 
 
 def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Finding]:
@@ -122,7 +122,7 @@ def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Fin
     low, high = box_around(made)
     size = high - low
     density = made.mass / made.shape.filling().volume
-    if beside_hand and size.max() > _LARGEST:
+    if beside_hand and size.max() > _LARGEST_OBJECT:
         yield Finding(
             FindingCode.UNLIKELY_SIZE,
             made.name,
@@ -130,8 +130,8 @@ def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Fin
             f"give lengths in metres: it looks like {_in_metres(size)}?",
             ("object", "shape"),
         )
-    if not _DENSITIES[0] <= density <= _DENSITIES[1]:
-        heavy = density > _DENSITIES[1]
+    if not _POSSIBLE_DENSITIES[0] <= density <= _POSSIBLE_DENSITIES[1]:
+        heavy = density > _POSSIBLE_DENSITIES[1]
         yield Finding(
             FindingCode.UNLIKELY_DENSITY,
             made.name,
@@ -169,7 +169,7 @@ def _meant(made: ManipulatedObject, density: float, size: FloatArray) -> str:
         f"{_lengths(1e-3 * size)} m and {1e-3 * made.mass:.3g} kg?",
     }
     for factor, words in words_by_factor.items():
-        if _DENSITIES[0] <= factor * density <= _DENSITIES[1]:
+        if _POSSIBLE_DENSITIES[0] <= factor * density <= _POSSIBLE_DENSITIES[1]:
             return f": {words}"
     return ""
 
@@ -193,7 +193,9 @@ def meant_lengths(given: FloatArray, longest: FloatArray) -> str:
 def _in_metres(size: FloatArray) -> str:
     """Return what a size would be that is given in a smaller unit, the likelier one first."""
     units = {"millimetres": 1e-3, "centimetres": 1e-2}
-    likely = sorted(units.items(), key=lambda unit: abs(math.log(unit[1] * size.max() / _HELD)))
+    likely = sorted(
+        units.items(), key=lambda unit: abs(math.log(unit[1] * size.max() / _USUAL_OBJECT))
+    )
     return ", or ".join(f"{unit}, {_lengths(factor * size)} m" for unit, factor in likely)
 
 

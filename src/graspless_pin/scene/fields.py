@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -31,15 +31,12 @@ from graspless_pin.suggestions import names_in_words, what_to_pass
 
 _Check = Callable[[str, Any], Any]
 
-_OBJECT = "dataclasses.replace(scene.object, mass=2.0), scene.object.with_pose(T)"
-_HAND = "scene.hand.with_configuration({...})"
 _LEAST = {"object": {"shape": {"type": "sphere", "radius": 1.0}, "mass": 1.0}, "friction": 1.0}
 _PARTS = {
     "object": ObjectEntry.model_fields,
     "hand": HandEntry.model_fields,
     "solve": SolveEntry.model_fields,
 }
-_SUPPORTS = "(*scene.supports, Support(name, shape, T_world_support))"
 
 
 def _checked_changes(changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -123,10 +120,13 @@ def _loads(name: str, value: Any) -> tuple[Load, ...]:
 
 _CHECKS: dict[str, _Check] = {
     "name": _one(str),
-    "object": _one(ManipulatedObject, _OBJECT),
+    "object": _one(
+        ManipulatedObject,
+        "dataclasses.replace(scene.object, mass=2.0), scene.object.with_pose(T)",
+    ),
     "friction": _friction,
-    "hand": _one(Hand, _HAND, optional=True),
-    "supports": _several(Support, _SUPPORTS),
+    "hand": _one(Hand, "scene.hand.with_configuration({...})", optional=True),
+    "supports": _several(Support, "(*scene.supports, Support(name, shape, T_world_support))"),
     "path": _one(Path, optional=True),
     "gravity": _array,
     "materials": _one(Materials),
@@ -162,23 +162,19 @@ class StatedFields(NamedTuple):
     file: YamlSource
     changed: frozenset[str] = frozenset()
 
-    @classmethod
-    def of(cls, file: YamlSource) -> StatedFields:
-        """Return those of a scene as it is loaded."""
-        return cls(YamlSource(file.path, None, file.kind, file.lines))
-
-    def without(self, fields: Iterable[str]) -> StatedFields:
-        """Return those of the scene with some fields changed."""
-        return self._replace(changed=self.changed.union(fields))
-
     def placed(self, finding: Finding) -> Finding:
         """Return a finding with its place in the file, unless the scene says something else."""
-        field = _FIELDS.get(str(finding.key[0]), str(finding.key[0])) if finding.key else ""
+        key = str(finding.key[0]) if finding.key else ""
+        field = FIELDS_OF_KEYS.get(key, (key,))[0]
         return finding if field in self.changed else self.file.placed(finding)
 
 
-_FIELDS = {"solve": "solve_options"}
-"""Fields of a scene by the key of the file where they differ."""
+FIELDS_OF_KEYS = {
+    "contacts": ("given_contacts",),
+    "hand": ("hand", "hand_material", "count_own_weight", "hybrid_force_limit", "controller"),
+    "solve": ("solve_options",),
+}
+"""Fields of a scene by the key of its file, where they differ."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,7 +221,9 @@ class SceneFields(PickledByFields):
 
     def _changed(self, fields: Mapping[str, Any]) -> Self:
         """Return the same scene with fields that need no check."""
-        stated = None if self._stated is None else self._stated.without(fields)
+        stated = self._stated
+        if stated is not None:
+            stated = stated._replace(changed=stated.changed.union(fields))
         return changed(self, *self._DERIVED, _kept=self._kept, _stated=stated, **fields)
 
     def __reduce__(self) -> tuple[Any, ...]:

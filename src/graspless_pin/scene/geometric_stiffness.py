@@ -33,7 +33,7 @@ from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields
-from graspless_pin.scene.load_wrenches import hand_motion, load_stiffness
+from graspless_pin.scene.load_wrenches import hand_motion, load_rates
 
 
 def surfaces_of(scene: SceneFields, problem: QuasistaticProblem) -> Mapping[str, Rolling]:
@@ -202,7 +202,7 @@ def geometric_stiffness(
             own += columns.change_of_velocities(
                 bodies.links[contact], found.positions[contact], point, bodies.rates
             )
-    constant -= load_stiffness(scene, velocities)
+    constant -= velocities[:6].T @ load_rates(scene, angular)
     if scene.hand is not None and columns is not None and scene.count_own_weight:
         constant -= _of_weight(scene, scene.hand, columns, bodies.rates)
     return force_stiffness, constant

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import capture
 from graspless_pin.scene.body_building import SceneParts, Stage
-from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.fields import FIELDS_OF_KEYS, SceneFields
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.saving import scene_data
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -137,13 +137,6 @@ def put(tree: Any, location: Location, value: Any) -> Any:
     return changed
 
 
-_FIELDS = {
-    "contacts": ("given_contacts",),
-    "hand": ("hand", "hand_material", "count_own_weight", "hybrid_force_limit", "controller"),
-    "object": ("object",),
-    "solve": ("solve_options",),
-}
-"""Fields of a scene by the key of its file, where they differ."""
 _NO_FIELD = ("description", "warnings")
 
 
@@ -177,6 +170,6 @@ def scene_with_keys(scene: _Scene, values: Mapping[str, Any]) -> _Scene:
         parts.latest.put("hand", (entry.hand,), Stage(scene.hand))
     with capture():
         new = build_scene(SceneFields, source, parts)
-    names = [name for key in changed for name in _FIELDS.get(key, (key,))]
+    names = [name for key in changed for name in FIELDS_OF_KEYS.get(key, (key,))]
     found = {name: getattr(new, name) for name in names}
     return scene._changed(found | {"load_findings": new.load_findings})

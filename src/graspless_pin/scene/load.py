@@ -98,7 +98,7 @@ def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None
     placed = [one if one in of_hand else source.placed(one) for one in found]
     emit(*placed)
     vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
-    vars(scene)["_stated"] = StatedFields.of(source)
+    vars(scene)["_stated"] = StatedFields(replace(source, data=None))
     if entry.warnings == "error":
         wrong = [one for one in findings_of(scene) if one.severity is not Severity.NOTE]
         placed = [source.placed(one) for one in wrong]

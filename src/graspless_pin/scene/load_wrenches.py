@@ -25,7 +25,7 @@ from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields, place_of
 from graspless_pin.scene.stated import Accelerated, LoadAxes
 
-_AS_ONE = 1e-9
+_SAME_MOTION = 1e-9
 """Of the largest velocity or acceleration, and of one SI unit: links that differ by less move as
 one."""
 
@@ -142,16 +142,6 @@ def object_inertia(scene: SceneFields) -> FloatArray:
             W = wrench_map(lever[None])
             inertia = inertia + load.mass * W @ W.T
     return inertia
-
-
-def load_stiffness(scene: SceneFields, velocities: FloatArray) -> FloatArray:
-    """Return (d, d) how the work of loads on the object along motions changes along motions.
-
-    Args:
-        scene: The scene.
-        velocities: (6 + L, d) motions of the object's centre of mass, about it, and of joints.
-    """
-    return velocities[:6].T @ load_rates(scene, velocities[3:6])
 
 
 def load_rates(scene: SceneFields, angular: FloatArray) -> FloatArray:
@@ -281,7 +271,7 @@ def object_motion(scene: SceneFields) -> RigidMotion:
                 "name joints that carry both, such as an arm's"
             )
     slides = touching.hand_count < len(touching) and scene.motion is None
-    if slides and not np.allclose(carried[0].velocity, motions.of(0).velocity, atol=_AS_ONE):
+    if slides and not np.allclose(carried[0].velocity, motions.of(0).velocity, atol=_SAME_MOTION):
         raise SceneError(
             f"{place}: the joints' velocities move the object, which touches "
             f"{touching.bodies[touching.hand_count]!r}; declare how it slides with 'motion', or "
@@ -314,6 +304,8 @@ def _frame_motion(scene: SceneFields, center: FloatArray) -> RigidMotion:
 
 def _same(one: RigidMotion, other: RigidMotion) -> bool:
     return all(
-        np.allclose(first, second, rtol=0.0, atol=_AS_ONE * max(1.0, float(np.abs(first).max())))
+        np.allclose(
+            first, second, rtol=0.0, atol=_SAME_MOTION * max(1.0, float(np.abs(first).max()))
+        )
         for first, second in zip(one, other, strict=True)
     )

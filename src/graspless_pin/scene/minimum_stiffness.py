@@ -54,11 +54,11 @@ from graspless_pin.scene.geometric_stiffness import (
 )
 from graspless_pin.scene.problem_data import fingers_of_motors, problem_of, rest_problem
 
-_ROUNDING = 1e-10
-_PART = 1e-3
+_MOTION_ROUNDING = 1e-10
+_PART_OF_MOTION = 1e-3
 """Of the motion: a smaller part of it is none."""
-_ALONG = float(np.cos(np.radians(20.0)))
-_TINY = 1e-300
+_COSINE_ALONG_LOAD = float(np.cos(np.radians(20.0)))
+_LEAST_NORM = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,15 +283,17 @@ def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: Float
     """Return what a small motion (6 + L,) moves, and how."""
     shares = motion / motion_units(problem)
     linear, angular = (float(np.linalg.norm(part)) for part in (shares[:3], shares[3:6]))
-    if max(linear, angular) < _PART * float(np.abs(shares).max()):
+    if max(linear, angular) < _PART_OF_MOTION * float(np.abs(shares).max()):
         return "the fingers buckle"
-    if angular < _PART * linear:
+    if angular < _PART_OF_MOTION * linear:
         return "the object shifts"
-    if scene.object.shape.rolls and linear > _PART * angular:
+    if scene.object.shape.rolls and linear > _PART_OF_MOTION * angular:
         return "the object rolls"
     axis, load = motion[3:6], problem.external_wrench[:3]
-    along = abs(float(axis @ load)) / float(np.linalg.norm(axis) * max(np.linalg.norm(load), _TINY))
-    return "the object turns" if along > _ALONG else "the object tilts"
+    along = abs(float(axis @ load)) / float(
+        np.linalg.norm(axis) * max(np.linalg.norm(load), _LEAST_NORM)
+    )
+    return "the object turns" if along > _COSINE_ALONG_LOAD else "the object tilts"
 
 
 def _by_surface(
@@ -405,7 +407,7 @@ def _motions(
     if bears is not None:
         still[~bears] = False
     basis = null_space(rows[still][:, kept] * (units / motion_length(problem)), rcond=NEGLIGIBLE)
-    basis[np.abs(basis) < _ROUNDING] = 0.0  # no feedback acts on what rounding moves
+    basis[np.abs(basis) < _MOTION_ROUNDING] = 0.0  # no feedback acts on what rounding moves
     velocities = np.zeros((6 + problem.joint_count, basis.shape[1]))
     velocities[kept] = units[:, None] * basis
     inertia = np.zeros((len(kept), len(kept)))

@@ -35,8 +35,8 @@ from graspless_pin.scene.serialization import plain, stated_robot, stated_rotati
 SCHEMA_FILE = "scene.schema.json"
 """Beside a new scene: the JSON schema, which editors read."""
 
-_DENSITY = 500.0  # kg/m^3
-_LEAST_FORCE, _WEIGHTS = 50.0, 5.0  # N, 1
+_GUESSED_DENSITY = 500.0  # kg/m^3
+_LEAST_NORMAL_FORCE, _FORCE_OVER_WEIGHT = 50.0, 5.0  # N, 1
 _LIMITS = (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
 
 
@@ -114,7 +114,7 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
     emit(*(one for one in found if one.code not in _LIMITS))
     T_support = pose_matrix(np.zeros(3), (0.0, new.slope, 0.0))
     support = Support("slope" if new.slope else "table", HalfSpace(), T_support)
-    density = _DENSITY if new.mass is None and new.density is None else new.density
+    density = _GUESSED_DENSITY if new.mass is None and new.density is None else new.density
     target_object = ManipulatedObject.from_shape(
         new.name, new.shape, np.eye(4), mass=new.mass, density=density
     )
@@ -131,7 +131,7 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
     text = _TEXT.format(
         schema=SCHEMA_FILE,
         name=flow_of(f"{robot.name} and {lying.name}"),
-        force=f"{max(_LEAST_FORCE, float(f'{_WEIGHTS * weight:.1g}')):g}",
+        force=f"{max(_LEAST_NORMAL_FORCE, float(f'{_FORCE_OVER_WEIGHT * weight:.1g}')):g}",
         robot=_block(stated_robot(robot, path_text), 2),
         base=_pose(clear_base(hand, lying, T_support[:3, 2]), np.eye(3), 3),
         fingers=_fingers(robot, hand),
@@ -265,7 +265,9 @@ def _mass(new: NewScene) -> str:
         return f"mass: {new.mass:g} # kg"
     if new.density is not None:
         return f"density: {new.density:g} # kg/m^3; or give its mass (kg)"
-    return f"density: {_DENSITY:g} # kg/m^3, guessed: weigh it and give its mass (kg) instead"
+    return (
+        f"density: {_GUESSED_DENSITY:g} # kg/m^3, guessed: weigh it and give its mass (kg) instead"
+    )
 
 
 def _slope(angle: float) -> str:

@@ -30,20 +30,13 @@ from graspless_pin.scene.serialization import described, stated_hand, stated_rot
 from graspless_pin.scene.units import merged_angles, parted_angles
 from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_text, validated
 
-_SAME = 1e-11
+_SAME_NUMBER = 1e-11
 _POSE = {"position", "matrix"}
 _WHOLE = ("materials", "inertia", "points")
 _MAY_BE_EMPTY = ("materials", "supports", "tangent_axes", "loads")
 _WITH_PATHS = ("hand", "object", "supports")
 _Scene = TypeVar("_Scene", bound=SceneFields)
 PathText = Callable[[Path], str]
-
-
-def save_scene(scene: SceneFields, path: str | Path, *, overwrite: bool = False) -> Path:
-    """Write a scene file: see `Scene.save`."""
-    return write_scene_file(
-        Path(path), lambda target: scene_text(scene, target), overwrite=overwrite
-    )
 
 
 def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bool) -> Path:
@@ -84,7 +77,7 @@ def _told_of(target: Path) -> Iterator[None]:
 
 
 def scene_text(scene: SceneFields, target: Path) -> str:
-    """Return the text of the file that `save_scene` writes.
+    """Return the text of the file that `Scene.save` writes.
 
     Args:
         scene: The scene.
@@ -377,7 +370,7 @@ def _first_difference(one: Any, other: Any, place: Location) -> Location | None:
             ((*place, index), *pair) for index, pair in enumerate(zip(one, other, strict=True))
         ]
     elif isinstance(one, float) and isinstance(other, int | float):
-        near = one == other or abs(one - other) <= _SAME * max(1.0, abs(other))
+        near = one == other or abs(one - other) <= _SAME_NUMBER * max(1.0, abs(other))
         return None if near else place
     else:
         return None if one == other else place

@@ -48,6 +48,10 @@ if TYPE_CHECKING:
     from graspless_pin.scene.member_verdicts import MemberVerdicts
 
 
+_MOST_LINES = 8  # of one kind, when a scene is printed
+_WIDEST_LIST = 60  # characters
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(SceneFields):
     """Everything that `QuasistaticProblem` is made of. See the example of `load_scene`.
@@ -88,12 +92,57 @@ class Scene(SceneFields):
     _DERIVED = ("contacts", "findings")
 
     def __repr__(self) -> str:
-        """Return one line."""
-        return scene_line(self)
+        """Return its name and sizes in one line; nothing is computed for it."""
+        joints = "no hand"
+        if self.hand is not None:
+            joints = f"a hand of {counted(len(self.hand.joint_names), 'joint')}"
+        return (
+            f"<Scene {self.name!r}: {self.object.name}, {self.object.mass:g} kg, {joints}, "
+            f"{counted(len(self.supports), 'support')}>"
+        )
 
     def __str__(self) -> str:
         """Return one screen: object, hand, supports, contacts, motion and findings."""
-        return scene_screen(self)
+        made = self.object
+        lines = [self.name if self.path is None else f"{self.name} ({self.path})"]
+        lines.append(
+            f"object    {made.name}: {_shape(made.shape)}, {made.mass:g} kg, at "
+            f"{_point(made.T_world_object[:3, 3])} m"
+        )
+        if self.hand is None:
+            lines.append("hand      none")
+        else:
+            hand = self.hand
+            fingers = shorten(
+                ", ".join(hand.fingers) or "no fingers", _WIDEST_LIST, placeholder=" ..."
+            )
+            lines.append(
+                f"hand      {fingers}: {counted(len(hand.joint_names), 'joint')}, "
+                f"{len(hand.actuated_joint_names)} under force control"
+            )
+        for support in self.supports[:_MOST_LINES]:
+            moves = ", moves" if support.is_moving else ""
+            lines.append(f"support   {support.name}: {_shape(support.shape)}{moves}")
+        if len(self.supports) > _MOST_LINES:
+            lines.append(f"          and {len(self.supports) - _MOST_LINES} more")
+        lines += [f"load      {load}" for load in self.loads[:_MOST_LINES]]
+        if len(self.loads) > _MOST_LINES:
+            lines.append(f"          and {len(self.loads) - _MOST_LINES} more")
+        if self.acceleration is not None:
+            lines.append(f"moves     {self.acceleration}")
+        if self.uncertainty is not None:
+            lines.append(f"unknown   {self.uncertainty}")
+        lines.append(f"contacts  {_contacts(self)}")
+        if self.motion is None:
+            lines.append("motion    none: at rest")
+        else:
+            twist = self.motion.object_twist
+            lines.append(f"motion    {_point(twist[:3])} m/s, {_point(twist[3:])} rad/s")
+        findings = self.findings
+        lines += [f"{one.severity!s:<9} {one}" for one in findings[:_MOST_LINES]]
+        if len(findings) > _MOST_LINES:
+            lines.append(f"          and {len(findings) - _MOST_LINES} more in scene.findings")
+        return "\n".join(lines)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
@@ -269,9 +318,11 @@ class Scene(SceneFields):
             SceneError: If the file is there already or cannot be written, or no scene file can say
                 what the scene is.
         """
-        from graspless_pin.scene.saving import save_scene
+        from graspless_pin.scene.saving import scene_text, write_scene_file
 
-        return save_scene(self, path, overwrite=overwrite)
+        return write_scene_file(
+            Path(path), lambda target: scene_text(self, target), overwrite=overwrite
+        )
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -302,71 +353,14 @@ def load_scene(path: str | Path) -> Scene:
     return build_scene(Scene, YamlSource.read(Path(path)))
 
 
-_MOST = 8
-_WIDEST = 60
-
-
-def scene_line(scene: Scene) -> str:
-    """Return a scene in one line: its name and sizes; nothing is computed for it."""
-    joints = "no hand"
-    if scene.hand is not None:
-        joints = f"a hand of {counted(len(scene.hand.joint_names), 'joint')}"
-    return (
-        f"<Scene {scene.name!r}: {scene.object.name}, {scene.object.mass:g} kg, {joints}, "
-        f"{counted(len(scene.supports), 'support')}>"
-    )
-
-
-def scene_screen(scene: Scene) -> str:
-    """Return a scene on one screen: what there is, what touches, what is wrong."""
-    made = scene.object
-    lines = [scene.name if scene.path is None else f"{scene.name} ({scene.path})"]
-    lines.append(
-        f"object    {made.name}: {_shape(made.shape)}, {made.mass:g} kg, at "
-        f"{_point(made.T_world_object[:3, 3])} m"
-    )
-    if scene.hand is None:
-        lines.append("hand      none")
-    else:
-        hand = scene.hand
-        fingers = shorten(", ".join(hand.fingers) or "no fingers", _WIDEST, placeholder=" ...")
-        lines.append(
-            f"hand      {fingers}: {counted(len(hand.joint_names), 'joint')}, "
-            f"{len(hand.actuated_joint_names)} under force control"
-        )
-    for support in scene.supports[:_MOST]:
-        moves = ", moves" if support.is_moving else ""
-        lines.append(f"support   {support.name}: {_shape(support.shape)}{moves}")
-    if len(scene.supports) > _MOST:
-        lines.append(f"          and {len(scene.supports) - _MOST} more")
-    lines += [f"load      {load}" for load in scene.loads[:_MOST]]
-    if len(scene.loads) > _MOST:
-        lines.append(f"          and {len(scene.loads) - _MOST} more")
-    if scene.acceleration is not None:
-        lines.append(f"moves     {scene.acceleration}")
-    if scene.uncertainty is not None:
-        lines.append(f"unknown   {scene.uncertainty}")
-    lines.append(f"contacts  {_contacts(scene)}")
-    if scene.motion is None:
-        lines.append("motion    none: at rest")
-    else:
-        twist = scene.motion.object_twist
-        lines.append(f"motion    {_point(twist[:3])} m/s, {_point(twist[3:])} rad/s")
-    findings = scene.findings
-    lines += [f"{one.severity!s:<9} {one}" for one in findings[:_MOST]]
-    if len(findings) > _MOST:
-        lines.append(f"          and {len(findings) - _MOST} more in scene.findings")
-    return "\n".join(lines)
-
-
 def _contacts(scene: Scene) -> str:
     try:
         touching = scene.contacts
     except GrasplessPinError as error:
         return f"none: {error}"
     bodies = Counter(touching.bodies)
-    each = ", ".join(f"{name} {count}" for name, count in list(bodies.items())[:_MOST])
-    more = f" and {len(bodies) - _MOST} bodies more" if len(bodies) > _MOST else ""
+    each = ", ".join(f"{name} {count}" for name, count in list(bodies.items())[:_MOST_LINES])
+    more = f" and {len(bodies) - _MOST_LINES} bodies more" if len(bodies) > _MOST_LINES else ""
     sliding = int(touching.sliding.any(axis=1).sum())
     return f"{len(touching.bodies)}, {sliding} sliding: {each}{more}"
 

@@ -35,13 +35,13 @@ from graspless_pin.scene.uncertain_figures import unused_surfaces
 STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
 _STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
-_UPWARD = np.cos(np.radians(45.0))
+_COSINE_UPWARD = np.cos(np.radians(45.0))
 _LEAST_GRAVITY = 9.81  # m/s^2, where loads are held against the object's weight
 _HEAVIEST_LOAD = 50.0
 """Of the object's mass or weight."""
 _UNLIMITED_EFFORT = {JointUnit.TORQUE: 1e3, JointUnit.FORCE: 1e5}
 _UNLIMITED_FORCE = 1e6  # N
-_OVER_WEIGHT = 1e4
+_FORCE_OVER_WEIGHT = 1e4
 
 
 class StateChecks(NamedTuple):
@@ -131,8 +131,7 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
     with capture() as emitted:
         found = [*_figures(scene)]
         if scene.hand is not None:
-            found += [*_joints(scene.hand), *_shallow_overlaps(scene)]
-            found += state_findings(scene, StateChecks(need_hand=False))
+            found += [*_joints(scene.hand), *_overlaps(scene, scene.hand)]
         found += [*_touching(scene), *stated_contact_findings(scene)]
     of_hand = () if scene.hand is None else scene.hand.findings
     return gravest_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
@@ -198,7 +197,7 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
             "give it in metres per second squared: 9.81 on Earth",
             ("gravity",),
         )
-    if scene.gravity[2] > _UPWARD * gravity:
+    if scene.gravity[2] > _COSINE_UPWARD * gravity:
         yield Finding(
             FindingCode.UNLIKELY_GRAVITY,
             "gravity",
@@ -226,7 +225,7 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
                 "for steel, 0.8 for rubber",
                 key,
             )
-    if scene.max_normal_force >= max(_UNLIMITED_FORCE, _OVER_WEIGHT * made.mass * gravity):
+    if scene.max_normal_force >= max(_UNLIMITED_FORCE, _FORCE_OVER_WEIGHT * made.mass * gravity):
         yield Finding(
             FindingCode.PLACEHOLDER_FORCE,
             made.name,
@@ -311,18 +310,19 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         )
 
 
-def _shallow_overlaps(scene: SceneFields) -> Iterator[Finding]:
-    """Find where the hand is in itself or in a support, but not so deep that it is serious."""
-    if scene.hand is None:
-        return
-    for one in unwanted_overlaps(scene.hand, scene.supports, tolerance=scene.contact_tolerance):
-        if one.depth <= scene.max_penetration:
+def _overlaps(scene: SceneFields, hand: Hand) -> Iterator[Finding]:
+    """Find where the hand is in itself or in a support; not all is so deep that it is serious."""
+    touching, deepest = scene.contact_tolerance, scene.max_penetration
+    for one in unwanted_overlaps(hand, scene.supports, tolerance=min(touching, deepest)):
+        if one.depth > deepest:
+            yield _of_overlap(one)
+        elif one.depth > touching:
             yield Finding(
                 FindingCode.DEEP_OVERLAP,
                 one.link,
                 str(one),
                 "move them apart (base_pose, q); nothing pushes back between them, and more than "
-                f"max_penetration ({in_mm(scene.max_penetration)}) is serious",
+                f"max_penetration ({in_mm(deepest)}) is serious",
                 ("max_penetration",),
             )
 

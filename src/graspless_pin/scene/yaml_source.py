@@ -71,10 +71,6 @@ class YamlSource:
         refuse_other_kind(path, kind, kind_of_data(parsed.data))
         return cls(path, parsed.data, kind, parsed.lines)
 
-    def has(self, location: Location) -> bool:
-        """Return whether exactly this key stands in the file."""
-        return location in self.lines
-
     def where(self, location: Location) -> str:
         """Return ``file:line`` of a key, or of the nearest key above it that stands in the file.
 
@@ -114,7 +110,7 @@ class YamlSource:
         except ArgumentError as error:
             first, *rest = _keys_of(error.argument) or ("",)
             named = [(*location, name, *rest) for name in (first, f"{first}_deg")]
-            inner = next(filter(self.has, named), None)
+            inner = next((key for key in named if key in self.lines), None)
             if inner is not None:
                 raise self.error(inner, error.message) from error
             raise self.error(location, str(error)) from error

@@ -31,9 +31,9 @@ from graspless_pin.studies.study import Study
 EvaluateSamples = Callable[..., Iterator[Row]]
 """Yields the rows of samples: `evaluate_each`, or what takes the same arguments."""
 
-_PAUSE = 0.02
+_MESSAGE_PAUSE = 0.02
 """Seconds between two messages of a process: each costs as much as a fast sample."""
-_TRIES = 2
+_PROCESSES_OF_A_SAMPLE = 2
 """How many processes a sample may end: the first may have ended for another reason."""
 
 
@@ -59,7 +59,7 @@ def compute_in(
         StudyError: If processes do not start.
     """
     limit = study.entry.compute.sample_time_limit
-    pause = _PAUSE if limit is None else 0.0
+    pause = _MESSAGE_PAUSE if limit is None else 0.0
     rows: dict[int, Row] = {}
     tries = 0
 
@@ -88,7 +88,7 @@ def compute_in(
                 # Which of several it was shows where the next process sends them one by one.
                 tries += pause == 0.0
                 pause = 0.0
-                if tries == _TRIES:
+                if tries == _PROCESSES_OF_A_SAMPLE:
                     give_up(Failure.CRASHED, f"{error}, and so was a second one")
                     tries = 0
     finally:
@@ -240,7 +240,7 @@ def dask_executor(address: str, timeout: float = 10.0) -> Iterator[tuple[Executo
 _CHUNK_SECONDS = 0.5
 """How long a chunk should take: long beside the way to a worker, short beside a progress bar."""
 _LARGEST_CHUNK = 4096
-_AHEAD = 2
+_CHUNKS_OF_A_WORKER = 2
 """Chunks a worker: one that it computes, and one that waits for it."""
 
 
@@ -290,7 +290,7 @@ class Dispatch:
                 self.keep([row for row in future.result()[0] if row["sample"] in chunk])
 
     def _send(self) -> None:
-        while self._left and len(self._running) < _AHEAD * self.force.workers:
+        while self._left and len(self._running) < _CHUNKS_OF_A_WORKER * self.force.workers:
             chunk = self._chunk()
             samples = [(number, self.study.samples[number]) for number in self._with_blocks(chunk)]
             try:
@@ -325,7 +325,7 @@ class Dispatch:
         """Return the next chunk's size: smaller toward the end, so that no worker ends late."""
         if self._pace is None:
             return 1
-        fair = self._left / (_AHEAD * self.force.workers)
+        fair = self._left / (_CHUNKS_OF_A_WORKER * self.force.workers)
         return max(1, min(int(_CHUNK_SECONDS / self._pace), int(fair), _LARGEST_CHUNK))
 
     def _receive(self, future: Future[Any]) -> None:

@@ -377,10 +377,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     if isinstance(table, str | Path):
         parts = results_parts(table)
     statuses, count, found, serious, asked, served = Counter[str](), 0, 0, 0, 0, 0
-    largest: Any = None
-    smallest: Any = None
-    failure: Any = None
-    finding: Any = None
+    named: dict[str, Any] = {}  # the rows that are told
     part: Any
     for part in parts:
         count += len(part)
@@ -395,13 +392,15 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
         margins = part.loc[sound, "margin_N"]
         if len(margins):
             high, low = part.loc[margins.idxmax()], part.loc[margins.idxmin()]
-            largest = high if largest is None or high.margin_N > largest.margin_N else largest
-            smallest = low if smallest is None or low.margin_N < smallest.margin_N else smallest
-        if finding is None and has_findings.any():
-            finding = part.loc[has_findings.idxmax()]
-        failed = part["status"].isin([*Failure])
-        if failure is None and failed.any():
-            failure = part.loc[failed.idxmax()]
+            # Of equal ones that of the first part.
+            named["largest"] = max(named.get("largest", high), high, key=lambda row: row.margin_N)
+            named["smallest"] = min(named.get("smallest", low), low, key=lambda row: row.margin_N)
+        for what, those in (
+            ("finding", has_findings),
+            ("failure", part["status"].isin([*Failure])),
+        ):
+            if those.any() and what not in named:
+                named[what] = part.loc[those.idxmax()]
     unplaced, failures = statuses[NOT_PLACED], {why: statuses[why.value] for why in Failure}
     lines = [f"{count} {'samples' if count > 1 else 'sample'}: {found} found"]
     if serious:
@@ -413,14 +412,14 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
             lines[0] += f", {times} {why.value.replace('_', ' ')}"
     if asked:
         lines.append(f"torques for all that is not known exactly: {served} of {asked} found")
-    for word, row in (("largest", largest), ("smallest", smallest)):
-        if row is not None:
+    for word in ("largest", "smallest"):
+        if (row := named.get(word)) is not None:
             names = row.index[1 : row.index.get_loc("status")]
             values = ", ".join(f"{name} {_short(row[name])}" for name in names)
             lines.append(f"{word} margin {row.margin_N:.4g} N at sample {row['sample']}: {values}")
-    if finding is not None:
+    if (finding := named.get("finding")) is not None:
         lines.append(f"first serious finding at sample {finding['sample']}: {finding[FINDINGS]}")
-    if failure is not None:
+    if (failure := named.get("failure")) is not None:
         lines.append(f"first failure at sample {failure['sample']}: {failure['error']}")
     return "\n".join(lines)
 

@@ -93,7 +93,7 @@ def rounds_of(
         study = replace(study, samples=samples)
 
 
-_MOST_TRIED = 64
+_MOST_SAMPLES_TRIED = 64
 
 
 def check_study(study: Study) -> None:
@@ -128,7 +128,7 @@ def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
 def _check_any_touches(study: Study) -> None:
     count = len(study.samples)
     spread: list[int] = (
-        np.linspace(0, count - 1, min(count, _MOST_TRIED)).round().astype(int).tolist()
+        np.linspace(0, count - 1, min(count, _MOST_SAMPLES_TRIED)).round().astype(int).tolist()
     )
     parts = SampleParts()
     failure: tuple[Sample, GrasplessPinError] | None = None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,6 @@ from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
 from graspless_pin.findings import Finding
-from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -115,18 +114,9 @@ class SampleBlock:
     Whether a sample runs in a loop depends on those before it alone, and so does its row.
     """
 
-    def __init__(
-        self,
-        alone: Callable[[int, Scene, tuple[Finding, ...], WarmStarts], Row],
-        failed: Callable[[int, Exception], Row],
-    ) -> None:
-        """Begin with nothing learned.
-
-        Args:
-            alone: Returns the row of a sample that is solved by itself, whatever goes wrong.
-            failed: Returns the row of a sample over which something was raised.
-        """
-        self._alone, self._failed = alone, failed
+    def __init__(self, study: Study) -> None:
+        """Begin with nothing learned of a study's samples."""
+        self._study = study
         self._starts = WarmStarts()
         self._kind: _Kind | None = None
         self._run: list[tuple[int, StatedSample]] = []
@@ -148,7 +138,10 @@ class SampleBlock:
             self._kind = kind
             self._run.append((number, stated))
         else:
-            yield self._alone(number, stated.scene, stated.findings, self._starts)
+            yield self._alone(number, stated)
+
+    def _alone(self, number: int, stated: StatedSample) -> Row:
+        return _row(self._study, number, stated.scene, stated.findings, self._starts)
 
     def rest(self) -> Iterator[Row]:
         """Yield the rows of the samples that have none yet."""
@@ -160,7 +153,7 @@ class SampleBlock:
             rows = [*self._looped(run, kind)]
         except Exception as error:  # which sample it was, each in a run of its own tells
             if len(run) == 1 or isinstance(error, StudyError):
-                rows = [self._failed(run[0][0], error)]
+                rows = [_failed(self._study, run[0][0], error)]
             else:
                 rows = []
                 for one in run:
@@ -194,8 +187,7 @@ class SampleBlock:
                     **of_findings(stated.scene, stated.findings),
                 }
             if end < count:
-                number, stated = run[end]
-                yield self._alone(number, stated.scene, stated.findings, self._starts)
+                yield self._alone(*run[end])
             begin = end + 1
 
     def _optima_of(self, kind: _Kind, problem: QuasistaticProblem) -> LoadSweep:
@@ -252,13 +244,13 @@ def _evaluated(
     parts, compute = _parts_of(study.fingerprint), study.entry.compute
     asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
     alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
-    at, block, starts, limits = None, _block(study), None, _limits(study)
+    at, block, starts, limits = None, SampleBlock(study), None, _limits(study)
     checks = StateChecks(compute.collisions, compute.need_hand)
     stated: StatedSample | None = None
     for number, sample in samples:
         if study.block > 1 and number // study.block != at:
             yield from block.rest()
-            at, block, starts = number // study.block, _block(study), WarmStarts()
+            at, block, starts = number // study.block, SampleBlock(study), WarmStarts()
         try:
             scene, of_hands[number] = study.posed_at(sample, parts)
             apart = alone or (scene is not None and scene.uncertainty is not None)
@@ -280,10 +272,6 @@ def _evaluated(
         if one_by_one:
             yield from block.rest()
     yield from block.rest()
-
-
-def _block(study: Study) -> SampleBlock:
-    return SampleBlock(partial(_row, study), partial(_failed, study))
 
 
 @lru_cache(maxsize=4)
@@ -359,7 +347,9 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
     row["contacts"] = problem.contact_count
     row["nodes"] = solution.certificate.nodes
     if compute.verdict and solution.found:
-        verdict = _verdict(study, scene, solution)
+        # Its own where the torques are guaranteed.
+        nodes = scene.solve_options["verdict_nodes"]
+        verdict = solution_verdict(scene, solution, node_limit=nodes, time_limit=compute.time_limit)
         row |= {
             "verdict": str(verdict.status),
             "holding": str(verdict.holding),
@@ -390,13 +380,6 @@ def _solution(study: Study, scene: Scene, starts: WarmStarts | None) -> TorqueSo
 def _limits(study: Study) -> dict[str, Any]:
     compute = study.entry.compute
     return {"node_limit": compute.node_limit, "time_limit": compute.time_limit}
-
-
-def _verdict(study: Study, scene: Scene, solution: TorqueSolution) -> StabilityVerdict:
-    """Return the verdict on a sample's torques: its own where they are guaranteed."""
-    nodes = scene.solve_options["verdict_nodes"]
-    limit = study.entry.compute.time_limit
-    return solution_verdict(scene, solution, node_limit=nodes, time_limit=limit)
 
 
 def _analyses(study: Study, solution: TorqueSolution) -> Row:

@@ -115,31 +115,22 @@ NOT_PLACED = "not_placed"
 """Status of a sample whose hand has no place of the rank that is asked for."""
 
 
-class PosedScene(NamedTuple):
-    """A sample's scene with its hand where it is computed.
-
-    Attributes:
-        scene: The scene; None: the hand has no such place.
-        row: What a row of results tells of it.
-    """
-
-    scene: Scene | None
-    row: Row
-
-
 def scene_and_posing(tree: Tree) -> tuple[Tree, Tree]:
     """Return the content of a scene file, and what `PosingEntry` takes, of a sample's keys."""
     own = {name: tree[name] for name in PosingEntry.model_fields if name in tree}
     return {name: item for name, item in tree.items() if name not in own}, own
 
 
-def posed(scene: Scene, tree: Tree, parts: SampleParts) -> PosedScene:
-    """Return a sample's scene with its hand placed or closed, as the sample's keys say.
+def posed(scene: Scene, tree: Tree, parts: SampleParts) -> tuple[Scene | None, Row]:
+    """Return a sample's scene with its hand placed or closed, and what its row tells of that.
 
     Args:
         scene: The scene with the hand where the scene file has it.
         tree: The sample's keys.
         parts: What scenes of earlier samples left: all ranks of one search are searched for once.
+
+    Returns:
+        The scene, None where the hand has no such place; and the columns.
 
     Raises:
         GrasplessPinError: If the hand cannot be placed or closed with these options.
@@ -147,7 +138,7 @@ def posed(scene: Scene, tree: Tree, parts: SampleParts) -> PosedScene:
     entry = _entry(scene, tree)
     if entry.place is not None:
         return _placed(scene, tree, entry.place, parts)
-    return PosedScene(scene, {}) if entry.close is None else _closed(scene, entry.close, parts)
+    return (scene, {}) if entry.close is None else _closed(scene, entry.close, parts)
 
 
 def try_to_place(scene: Scene, tree: Tree) -> None:
@@ -176,7 +167,9 @@ def _placement(scene: Scene, entry: PlaceEntry) -> HandPlacement:
     return place_hand(scene, time_limit=None, workers=1, **entry.model_dump(exclude={"rank"}))
 
 
-def _placed(scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts) -> PosedScene:
+def _placed(
+    scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts
+) -> tuple[Scene | None, Row]:
     search = {**tree, "place": entry.model_dump(exclude={"rank"})}
     key = json.dumps(search, sort_keys=True, default=str)
     if key not in parts.placements:
@@ -184,16 +177,16 @@ def _placed(scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts) -> 
     found = parts.placements[key]
     row: Row = {"place_rank": entry.rank, "places_found": found.found}
     if entry.rank <= found.found:
-        return PosedScene(found.places[entry.rank - 1].scene, row)
+        return found.places[entry.rank - 1].scene, row
     if found.places:
         reason = f"there is no place of rank {entry.rank}: {found.found} were found"
     else:
         faults = [f"{count} x {fault.words}" for fault, count in found.faults.items()]
         reason = f"no place among {found.tried} candidates: {'; '.join(faults)}"
-    return PosedScene(None, {"status": NOT_PLACED, "found": False, **row, "reason": reason})
+    return None, {"status": NOT_PLACED, "found": False, **row, "reason": reason}
 
 
-def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> PosedScene:
+def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> tuple[Scene | None, Row]:
     # What did not change keeps its hand, and with it the contacts.
     sources = scene.hand, scene.object, repr(entry)
     result = parts.latest.made(
@@ -201,7 +194,7 @@ def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> PosedScene:
     )
     untouching = [one.finger for one in result.fingers if not one.touching]
     row: Row = {"open_fingers": "; ".join(untouching) or None}
-    return PosedScene(scene.with_changes(hand=result.hand), row)
+    return scene.with_changes(hand=result.hand), row
 
 
 def of_findings(scene: Scene, found: Sequence[Finding]) -> Row:

@@ -23,7 +23,7 @@ from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, vali
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import MOVABLE, Variable, make_variable
 from graspless_pin.studies.sample_parts import (
-    PosedScene,
+    Row,
     Sample,
     SampleParts,
     posed,
@@ -33,7 +33,7 @@ from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import PosingEntry, StudyEntry
 
 _LARGEST_BLOCK = 64
-_BLOCKS = 256
+_LEAST_BLOCKS = 256
 """As many workers at least have something to do where there are enough samples."""
 
 
@@ -132,17 +132,19 @@ class Study:
             SceneError: If the scene cannot be used with these values, or the hand has no place.
             ArgumentError: If the hand cannot be placed or closed with these options.
         """
-        made = self.posed_at(sample, parts)
-        if made.scene is None:
-            raise SceneError(f"{self.scene.path}: {made.row['reason']}")
-        return made.scene
+        scene, row = self.posed_at(sample, parts)
+        if scene is None:
+            raise SceneError(f"{self.scene.path}: {row['reason']}")
+        return scene
 
-    def posed_at(self, sample: Sample, parts: SampleParts | None = None) -> PosedScene:
+    def posed_at(
+        self, sample: Sample, parts: SampleParts | None = None
+    ) -> tuple[Scene | None, Row]:
         """Return the scene of `scene_at`, and what a row of results tells of the hand's place."""
         parts = parts or SampleParts()
         scene = self.unposed_at(sample, parts)
         if self.entry.place is None and self.entry.close is None:
-            return PosedScene(scene, {})
+            return scene, {}
         return posed(scene, self.tree_at(sample), parts)
 
     def unposed_at(self, sample: Sample, parts: SampleParts) -> Scene:
@@ -230,7 +232,7 @@ def _block(entry: StudyEntry, tree: Tree, variables: tuple[Variable, ...], count
     varied = any(place == ("solve", "time_limit") for one in variables for place, *_ in one.targets)
     if varied or any(limit is not None for limit in limits):
         return 1
-    return max(1, min(_LARGEST_BLOCK, count // _BLOCKS))
+    return max(1, min(_LARGEST_BLOCK, count // _LEAST_BLOCKS))
 
 
 def _check_posing(entry: StudyEntry, scene: SceneEntry, fail: Any) -> None:
