@@ -30,7 +30,7 @@ from graspless_pin.findings import capture
 from graspless_pin.geometry import Box, Capsule, Cone, Cylinder, MeshShape, Sphere
 from graspless_pin.geometry.bodies.shapes import Shape
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.scene.new_scene import NewScene, new_scene_text
+from graspless_pin.scene.new_scene import new_scene_text
 from graspless_pin.scene.saving import scene_text
 from graspless_pin.simulation.model import SOFT, STIFF, ContactModel
 
@@ -149,8 +149,9 @@ def place(name: tuple[str, str]) -> list[Path]:
     if not done.exists():
         start = KEPT / f"{hand}_{target}.yaml"
         with capture():
-            new = NewScene(hand, target, objects(KEPT)[target](), mass=MASS, effort=EFFORT)
-            start.write_text(new_scene_text(new, start).text)
+            shape = objects(KEPT)[target]()
+            new = new_scene_text(start, hand, target, shape, mass=MASS, effort=EFFORT)
+            start.write_text(new.text)
             scene = load_scene(start)
             found = place_hand(
                 scene, seed=SEED, candidates=CANDIDATES, time_limit=None, verdict_nodes=0, workers=1

@@ -19,7 +19,7 @@ from graspless_pin.findings import Finding, FindingCode, capture, emit
 from graspless_pin.geometry.bodies.shapes import SHAPES, MeshShape, Shape
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import scene_json_schema
-from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, NewSceneText, new_scene_text
+from graspless_pin.scene.new_scene import SCHEMA_FILE, NewSceneText, new_scene_text
 from graspless_pin.scene.saving import write_scene_file
 from graspless_pin.suggestions import names_in_words
 
@@ -108,25 +108,28 @@ def new(
     with plain_errors():
         shape = _shape(obj, scale, decompose=decompose)
         limits = dict(map(_limit, effort or []))
-        about = NewScene(
-            robot=robot,
-            name=Path(obj).stem if isinstance(shape, MeshShape) else obj.partition(":")[0],
-            shape=shape,
-            package_dirs=tuple(package_dir or ()),
-            mass=mass,
-            density=density,
-            slope=_slope(support),
-            efforts={name: limit for name, limit in limits.items() if name},
-            visuals_collide=visuals_collide,
-            root_link=root_link,
-            effort=limits.get(""),
-        )
+        slope = _slope(support)
         made: list[NewSceneText] = []
         found: list[Finding] = []
 
         def text(target: Path) -> str:
             with waiting_for("reading the robot and the object"), capture() as emitted:
-                made.append(new_scene_text(about, target))
+                made.append(
+                    new_scene_text(
+                        target,
+                        robot,
+                        Path(obj).stem if isinstance(shape, MeshShape) else obj.partition(":")[0],
+                        shape,
+                        package_dirs=package_dir or (),
+                        mass=mass,
+                        density=density,
+                        slope=slope,
+                        efforts={name: limit for name, limit in limits.items() if name},
+                        effort=limits.get(""),
+                        visuals_collide=visuals_collide,
+                        root_link=root_link,
+                    )
+                )
             emit(*emitted)
             found.extend(emitted)
             return made[0].text

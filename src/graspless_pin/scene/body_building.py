@@ -7,7 +7,6 @@ are as they were in the scene before, so is what it makes.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from graspless_pin.caching import Latest
+from graspless_pin.caching import Bounded, Latest
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, capture, emit
 from graspless_pin.geometry.bodies.compound import Compound
@@ -71,7 +70,7 @@ class Stage:
 class SceneParts:
     """What the scenes of one folder leave for the next; it never changes what a scene becomes.
 
-    Of hands, the sixteen that were used last are kept; of other stages, what was made last.
+    Of hands up to sixteen are kept; of other stages, what was made last.
 
     Attributes:
         robots: Robot by name or path.
@@ -81,7 +80,7 @@ class SceneParts:
     """
 
     robots: dict[tuple[str, ...], RobotDescription] = field(default_factory=dict)
-    hands: OrderedDict[str, AssembledMounts] = field(default_factory=OrderedDict)
+    hands: Bounded[str, AssembledMounts] = field(default_factory=lambda: Bounded(_MOST_HANDS))
     latest: Latest = field(default_factory=Latest)
     last: Last | None = None
     _before: tuple[SceneEntry, Any] | None = None
@@ -119,13 +118,6 @@ class SceneParts:
         else:
             yield stage
         emit(*stage.findings)
-
-    def keep_hand(self, key: str, hand: AssembledMounts) -> None:
-        """Keep a hand, or that it was used again: the one that was used first is forgotten."""
-        self.hands[key] = hand
-        self.hands.move_to_end(key)
-        while len(self.hands) > _MOST_HANDS:
-            self.hands.popitem(last=False)
 
 
 _Body = TypeVar("_Body", ManipulatedObject, Support)

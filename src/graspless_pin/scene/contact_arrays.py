@@ -147,7 +147,14 @@ def contacts_of(scene: SceneFields) -> SceneContacts:
 
 def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
     if not len(touching):
-        raise StateError(StateFault.NO_CONTACT, f"{label_of(scene)}: {_nothing_touches(scene)}")
+        nothing = f"nothing touches object {scene.object.name!r}"
+        advice = (
+            f" within {scene.contact_tolerance:g} m; move the hand or the object, or raise "
+            "contact_tolerance"
+        )
+        if scene.given_contacts is not None:
+            advice = "; contacts is an empty list: fill it, or leave it out to have them found"
+        raise StateError(StateFault.NO_CONTACT, f"{label_of(scene)}: {nothing}{advice}")
     motion, supports = scene.motion, scene.supports
     moving = [one for one in supports if one.is_moving]
     if motion is None:
@@ -211,14 +218,3 @@ def body_velocities(
             motion.hand.base_twist,
         )
     return velocities
-
-
-def _nothing_touches(scene: SceneFields) -> str:
-    """Return what to say of a scene without contacts."""
-    message = f"nothing touches object {scene.object.name!r}"
-    if scene.given_contacts is not None:
-        return f"{message}; contacts is an empty list: fill it, or leave it out to have them found"
-    return (
-        f"{message} within {scene.contact_tolerance:g} m; move the hand or the object, or raise "
-        "contact_tolerance"
-    )

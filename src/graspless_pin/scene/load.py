@@ -232,9 +232,9 @@ def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledM
             name = "mounts" if entry.mounts else "robot" if entry.urdf is None else "urdf"
             with file.at(("hand",), (name,)):
                 assembled = assembled_mounts(mounts, entry.control, entry.armature)
+            parts.hands[key] = assembled
         else:
             emit(*assembled.findings)
-        parts.keep_hand(key, assembled)
         poses = [
             build_pose(file, parts, (*where, "base_pose"), one.base_pose)
             for where, _, one in mounted

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,45 +41,13 @@ _LEAST_NORMAL_FORCE, _FORCE_OVER_WEIGHT = 50.0, 5.0  # N, 1
 _LIMITS = (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
 
 
-@dataclass(frozen=True)
-class NewScene:
-    """What a new scene is about.
-
-    Attributes:
-        robot: A URDF, xacro file, MJCF or robot file, or the name of a robot.
-        name: What results call the object.
-        shape: The object's.
-        package_dirs: For the ``package://`` addresses of a URDF.
-        mass: kg; or
-        density: kg/m^3; neither: a density is guessed.
-        slope: Angle of the support, rad; it falls towards +x.
-        efforts: Effort limit (N m, N) by finger, joint or tendon, taken before the robot's own.
-        visuals_collide: Whether links without collision shapes take their visual ones.
-        root_link: Link to take with all that hangs on it, such as the palm of a whole robot; None:
-            the robot file's, else all.
-        effort: Of all others whose limit the robot's files do not tell; None: left open.
-    """
-
-    robot: str
-    name: str
-    shape: Shape
-    package_dirs: Sequence[Path] = ()
-    mass: float | None = None
-    density: float | None = None
-    slope: float = 0.0
-    efforts: Mapping[str, float] = field(default_factory=dict)
-    visuals_collide: bool = False
-    root_link: str | None = None
-    effort: float | None = None
-
-
 class NewSceneText(NamedTuple):
     """The text of a new scene, and what a reader has to know.
 
     Attributes:
         text: Of the file.
         left_open: Actuators whose effort limits it leaves open.
-        kept: Limits (N m, N) by actuator that the robot's files state, so that `NewScene.effort`
+        kept: Limits (N m, N) by actuator that the robot's files state, so that `effort`
             does not count; empty where that is None.
         unplaceable: Why no place can be found for the hand; empty: it can be looked for.
         on_arm: Whether an arm carries the hand, whose base is out of reach of the object.
@@ -91,38 +60,67 @@ class NewSceneText(NamedTuple):
     on_arm: bool
 
 
-def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
+def new_scene_text(
+    target: Path,
+    robot_name: str,
+    object_name: str,
+    shape: Shape,
+    *,
+    package_dirs: Sequence[Path] = (),
+    mass: float | None = None,
+    density: float | None = None,
+    slope: float = 0.0,
+    efforts: Mapping[str, float] = MappingProxyType({}),
+    effort: float | None = None,
+    visuals_collide: bool = False,
+    root_link: str | None = None,
+) -> NewSceneText:
     """Return the text of a new scene.
 
     The object rests on the support; the hand stands clear of it, above the support.
 
     Args:
-        new: What it is about.
         target: The file: paths in it are relative to its folder.
+        robot_name: A URDF, xacro file, MJCF or robot file, or the name of a robot.
+        object_name: What results call the object.
+        shape: The object's.
+        package_dirs: For the ``package://`` addresses of a URDF.
+        mass: kg; or
+        density: kg/m^3; neither: a density is guessed.
+        slope: Angle of the support, rad; it falls towards +x.
+        efforts: Effort limit (N m, N) by finger, joint or tendon, taken before the robot's own.
+        effort: Of all others whose limit the robot's files do not tell; None: left open.
+        visuals_collide: Whether links without collision shapes take their visual ones.
+        root_link: Link to take with all that hangs on it, such as the palm of a whole robot; None:
+            the robot file's, else all.
 
     Raises:
         GrasplessPinError: If robot, mesh or a figure does not do.
     """
-    robot = find_robot(new.robot, new.package_dirs)
+    robot = find_robot(robot_name, package_dirs)
     robot = replace(
         robot,
-        visuals_collide=new.visuals_collide or robot.visuals_collide,
-        root_link=new.root_link or robot.root_link,
+        visuals_collide=visuals_collide or robot.visuals_collide,
+        root_link=root_link or robot.root_link,
     )
     with capture() as found:
-        hand = Hand.assemble([Mount(robot)], effort_limits=new.efforts)
+        hand = Hand.assemble([Mount(robot)], effort_limits=efforts)
     emit(*(one for one in found if one.code not in _LIMITS))
-    T_support = pose_matrix(np.zeros(3), (0.0, new.slope, 0.0))
-    support = Support("slope" if new.slope else "table", HalfSpace(), T_support)
-    density = _GUESSED_DENSITY if new.mass is None and new.density is None else new.density
+    T_support = pose_matrix(np.zeros(3), (0.0, slope, 0.0))
+    support = Support("slope" if slope else "table", HalfSpace(), T_support)
+    is_guessed = mass is None and density is None
     target_object = ManipulatedObject.from_shape(
-        new.name, new.shape, np.eye(4), mass=new.mass, density=density
+        object_name,
+        shape,
+        np.eye(4),
+        mass=mass,
+        density=_GUESSED_DENSITY if is_guessed else density,
     )
     lying = lying_object(target_object, support)
     emit(*unit_findings(lying, beside_hand=True))
     path_text = paths_beside(target)
     weight = 9.81 * lying.mass
-    efforts, left_open, kept = _efforts(new, hand)
+    limits, left_open, kept = _efforts(hand, efforts, effort)
     unplaceable = ""
     try:
         fingers_that_close(hand, None)
@@ -136,14 +134,14 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
         base=_pose(clear_base(hand, lying, T_support[:3, 2]), np.eye(3), 3),
         fingers=_fingers(robot, hand),
         q=_positions(hand),
-        efforts=efforts,
+        efforts=limits,
         object=flow_of(lying.name),
         shape=_shape(lying.shape.stated(path_text)),
-        mass=_mass(new),
+        mass=_mass(mass, density),
         pose=_pose(lying.T_world_object[:3, 3], lying.T_world_object[:3, :3], 7),
         support=support.name,
-        slope=_slope(new.slope),
-        axes=_axes(new.slope),
+        slope=_slope(slope),
+        axes=_axes(slope),
     )
     on_arm = any(arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
     return NewSceneText(text, left_open, kept, unplaceable, on_arm)
@@ -219,26 +217,28 @@ def _positions(hand: Hand) -> str:
     return "".join(lines) if len(lines) > 1 else ""
 
 
-def _efforts(new: NewScene, hand: Hand) -> tuple[str, tuple[str, ...], dict[str, float]]:
+def _efforts(
+    hand: Hand, efforts: Mapping[str, float], effort: float | None
+) -> tuple[str, tuple[str, ...], dict[str, float]]:
     """Return the lines of the limits, which are left open, and which of the files' stay."""
-    lines = [f"    {flow_of(name)}: {limit:g}\n" for name, limit in new.efforts.items()]
+    lines = [f"    {flow_of(name)}: {limit:g}\n" for name, limit in efforts.items()]
     left_open = []
     stated = dict(zip(hand.actuation.names, hand.effort_limits[1].tolist(), strict=True))
     doubted = [
         name for one in hand.findings if one.code in _LIMITS for name in one.subject.split(", ")
     ]
     for name in doubted:
-        if new.effort is not None:
-            lines.append(f"    {flow_of(name)}: {new.effort:g} # the file says {stated[name]:g}\n")
+        if effort is not None:
+            lines.append(f"    {flow_of(name)}: {effort:g} # the file says {stated[name]:g}\n")
         elif not is_placeholder(stated[name]):
             lines.append(f"    {flow_of(name)}: {stated[name]:g} # the file's, of unknown origin\n")
         else:
             lines.append(f"    {flow_of(name)}: # fill in; the file says {stated[name]:g}\n")
             left_open.append(name)
     kept: dict[str, float] = {}
-    if new.effort is not None:
-        unsaid = {*hand.actuation.passive, *doubted, *new.efforts}
-        for name in hand.fingers.keys() & new.efforts:
+    if effort is not None:
+        unsaid = {*hand.actuation.passive, *doubted, *efforts}
+        for name in hand.fingers.keys() & efforts:
             unsaid.update(driving_joints(hand.tree, hand.fingers[name]))
         kept = {name: limit for name, limit in stated.items() if name not in unsaid}
     if not lines:
@@ -260,11 +260,11 @@ def _shape(stated: dict[str, Any]) -> str:
     convex: {stated["convex"]} # hull, or decompose: into convex pieces, where hollows matter"""
 
 
-def _mass(new: NewScene) -> str:
-    if new.mass is not None:
-        return f"mass: {new.mass:g} # kg"
-    if new.density is not None:
-        return f"density: {new.density:g} # kg/m^3; or give its mass (kg)"
+def _mass(mass: float | None, density: float | None) -> str:
+    if mass is not None:
+        return f"mass: {mass:g} # kg"
+    if density is not None:
+        return f"density: {density:g} # kg/m^3; or give its mass (kg)"
     return (
         f"density: {_GUESSED_DENSITY:g} # kg/m^3, guessed: weigh it and give its mass (kg) instead"
     )

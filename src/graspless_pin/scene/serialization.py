@@ -13,18 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import pose_matrix, roll_pitch_yaw
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
-from graspless_pin.holding.controller import DAMPING, Controller
+from graspless_pin.holding.controller import DAMPING
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
-from graspless_pin.scene.stated import Motion
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.scene.units import degrees_of
 
@@ -46,22 +44,54 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         scene: The scene.
         path_text: Returns how the file names another file.
     """
-    motion = scene.motion
+    hand, made, motion, controller = scene.hand, scene.object, scene.motion, scene.controller
+    in_a_word = isinstance(controller.stiffness, str) and controller.damping == DAMPING
+    of_hand = {
+        "hybrid_force_limit": scene.hybrid_force_limit,
+        "material": scene.hand_material,
+        "count_own_weight": scene.count_own_weight,
+    }
     stated = {
         "name": scene.name,
         "gravity": scene.gravity,
-        "hand": None if scene.hand is None else _hand(scene, scene.hand, path_text),
-        "object": _object(scene.object, path_text),
-        "supports": [_support(support, path_text) for support in scene.supports],
+        "hand": None if hand is None else stated_hand(hand, path_text) | of_hand,
+        "object": {
+            "name": made.name,
+            "shape": made.shape.stated(path_text),
+            "mass": made.mass,
+            "center_of_mass": made.center_of_mass,
+            "inertia": made.inertia,
+            "material": made.material,
+            "pose": _pose(made.T_world_object),
+        },
+        "supports": [
+            {
+                "name": support.name,
+                "shape": support.shape.stated(path_text),
+                "pose": _pose(support.T_world_support),
+                "friction": support.friction,
+                "velocity": _twist(support.velocity),
+                "material": support.material,
+            }
+            for support in scene.supports
+        ],
         "friction": dict(scene.friction),
         "materials": _materials(scene),
         "contacts": None,
-        "motion": None if motion is None else _motion(motion),
+        "motion": motion
+        and {
+            "object_twist": _twist(motion.object_twist),
+            "hand": motion.hand
+            and {
+                "base_twist": _twist(motion.hand.base_twist),
+                "joint_velocities": motion.hand.joint_velocities,
+            },
+        },
         "loads": [vars(load) for load in scene.loads],
         "acceleration": None if scene.acceleration is None else vars(scene.acceleration),
         **{name: getattr(scene, name) for name in PLAIN_FIGURES},
         "tangent_axes": list(scene.tangent_axes),
-        "controller": _controller(scene.controller),
+        "controller": controller.stiffness if in_a_word else vars(controller),
         "uncertainty": None,
         "solve": SolveEntry().model_dump() | dict(scene.solve_options),
     }
@@ -142,19 +172,6 @@ def plain(value: Any) -> Any:
     return value + 0.0 if isinstance(value, float) else value  # no -0
 
 
-def _controller(controller: Controller) -> Any:
-    in_a_word = isinstance(controller.stiffness, str) and controller.damping == DAMPING
-    return controller.stiffness if in_a_word else vars(controller)
-
-
-def _hand(scene: SceneFields, hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    return stated_hand(hand, path_text) | {
-        "hybrid_force_limit": scene.hybrid_force_limit,
-        "material": scene.hand_material,
-        "count_own_weight": scene.count_own_weight,
-    }
-
-
 def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[str, Any]:
     meshes = mount.meshes
     fingers = mount.fingers
@@ -187,47 +204,12 @@ def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> d
     return {"urdf": path_text(robot.urdf_path), "package_dirs": folders or None} | own
 
 
-def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    return {
-        "name": made.name,
-        "shape": made.shape.stated(path_text),
-        "mass": made.mass,
-        "center_of_mass": made.center_of_mass,
-        "inertia": made.inertia,
-        "material": made.material,
-        "pose": _pose(made.T_world_object),
-    }
-
-
-def _support(support: Support, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    return {
-        "name": support.name,
-        "shape": support.shape.stated(path_text),
-        "pose": _pose(support.T_world_support),
-        "friction": support.friction,
-        "velocity": _twist(support.velocity),
-        "material": support.material,
-    }
-
-
 def _materials(scene: SceneFields) -> dict[str, dict[str, float]]:
     table: dict[str, dict[str, float]] = {}
     for pair, value in scene.materials.coefficients.items():
         first, last = min(pair), max(pair)
         table.setdefault(first, {})[last] = value
     return table
-
-
-def _motion(motion: Motion) -> dict[str, Any]:
-    own = motion.hand
-    return {
-        "object_twist": _twist(motion.object_twist),
-        "hand": own
-        and {
-            "base_twist": _twist(own.base_twist),
-            "joint_velocities": own.joint_velocities,
-        },
-    }
 
 
 def _pose(T: ArrayLike) -> dict[str, Any]:

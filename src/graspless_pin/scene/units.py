@@ -61,7 +61,8 @@ UNITS = {
     )
 }
 
-_SI = {unit.kind: unit for unit in reversed(UNITS.values()) if unit.factor == 1.0}
+SI_UNITS = {unit.kind: unit for unit in reversed(UNITS.values()) if unit.factor == 1.0}
+"""The SI unit of each kind."""
 
 _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths()} | {
     "position": ("length",),
@@ -126,11 +127,6 @@ def offset_key(location: Location, unit: Unit | None) -> str | None:
     return key
 
 
-def si_unit(kind: str) -> Unit:
-    """Return the SI unit of a kind."""
-    return _SI[kind]
-
-
 _FIGURE = re.compile(
     r"\s*(?:±|\+/?-)?\s*"
     r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°%][^\s]*(?: [^\s]+)?)?\s*"
@@ -180,18 +176,18 @@ def si_advice(found: str, location: Location) -> str:
     unit = UNITS.get(name) or _FURTHER.get(name)
     offset = offset_key(location, unit)
     if offset is not None and unit is not None:
-        si = si_unit(unit.kind).name
+        si = SI_UNITS[unit.kind].name
         return f"; in {si} write {offset}: {value * unit.factor:.12g} in its place"
     kinds = kinds_of(location)
     in_degrees = any(str(part).endswith("_deg") for part in location)
     if in_degrees:
         kinds = ("angle",)
-    wanted = " or ".join("deg" if in_degrees else si_unit(kind).name for kind in kinds if kind)
+    wanted = " or ".join("deg" if in_degrees else SI_UNITS[kind].name for kind in kinds if kind)
     if unit is None or (unit.kind not in kinds and kinds != (ANY,)):
         meant = wanted and f" ({wanted})"
         return f"; figures stand alone, without {written!r}: units are SI{meant}"
     value *= unit.factor * (180.0 / np.pi if in_degrees else 1.0)
-    si = "deg" if in_degrees else unit.kind and si_unit(unit.kind).name
+    si = "deg" if in_degrees else unit.kind and SI_UNITS[unit.kind].name
     named = f" ({si})" if si and si != name else ""
     return f"; write {value:.12g}{named}, without {written!r}: units are SI"
 

@@ -135,15 +135,6 @@ def _together(
         yield rows
 
 
-def start_in(processes: ChildProcesses) -> None:
-    """Have one more process ready.
-
-    Raises:
-        StudyError: If it does not start.
-    """
-    processes.give_back(_taken(processes))
-
-
 def compute_here(
     evaluation: EvaluateSamples, study: Study, samples: Sequence[tuple[int, Sample]]
 ) -> tuple[list[Row], float]:
@@ -187,22 +178,20 @@ def local_processes(workers: int) -> Workforce:
     processes = ChildProcesses()
     threads = ThreadPoolExecutor(workers, thread_name_prefix="graspless-study")
 
+    def start_one() -> None:
+        processes.give_back(_taken(processes))
+
     def close() -> None:
         processes.stop()
         threads.shutdown(wait=True, cancel_futures=True)
 
     try:
-        for ready in [threads.submit(start_in, processes) for _ in range(workers)]:
+        for ready in [threads.submit(start_one) for _ in range(workers)]:
             ready.result()
     except BaseException:
         close()
         raise
     return Workforce(workers, partial(threads.submit, compute_in, processes), close)
-
-
-def given_executor(executor: Executor, workers: int) -> Workforce:
-    """Use somebody else's executor, which stays open."""
-    return Workforce(workers, partial(executor.submit, compute_here), lambda: None)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.keys import Tree, place_key, put
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, offset_key, si_unit
+from graspless_pin.scene.units import ANY, SI_UNITS, UNITS, Unit, kinds_of, offset_key
 from graspless_pin.scene.yaml_source import Location, is_whole_number
 from graspless_pin.studies.study_schema import PosingEntry, VariableEntry
 from graspless_pin.suggestions import names_in_words
@@ -333,10 +333,14 @@ def _check_whole(entry: VariableEntry, fail: Callable[..., GrasplessPinError]) -
         raise fail("scale", "makes no whole numbers, as the key needs them; list values")
 
 
+def _has_numbers(entry: VariableEntry) -> bool:
+    """Return whether all values of a variable are numbers."""
+    listed = entry.values or []
+    return not (isinstance(listed, dict) or any(isinstance(one, bool | str) for one in listed))
+
+
 def _check_numbers(entry: VariableEntry, part: str, fail: Callable[..., GrasplessPinError]) -> None:
-    if isinstance(entry.values, dict) or any(
-        isinstance(value, bool | str) for value in entry.values or []
-    ):
+    if not _has_numbers(entry):
         raise fail("values", f"'{part}' needs numbers")
 
 
@@ -347,16 +351,12 @@ def _unit(
     advice: str = "",
 ) -> Unit:
     """Return the unit of the values: the one that is named, or the only SI unit that fits."""
-    numbers = not isinstance(entry.values, dict) and not any(
-        isinstance(value, bool | str) for value in entry.values or []
-    )
     if entry.unit is None:
-        only = kinds[0] if len(kinds) == 1 and numbers else ANY
-        return si_unit(only)
+        return SI_UNITS[kinds[0] if len(kinds) == 1 and _has_numbers(entry) else ANY]
     unit = UNITS.get(entry.unit)
     if unit is None:
         raise fail("unit", f"{entry.unit!r} is no known unit; {names_in_words(entry.unit, UNITS)}")
-    if not numbers:
+    if not _has_numbers(entry):
         raise fail("unit", "goes with numbers only, and some of the values are none")
     if kinds and unit.kind not in kinds:
         fitting = [known.name for known in UNITS.values() if known.kind in kinds]

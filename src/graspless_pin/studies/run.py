@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,7 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import validated
 from graspless_pin.solvers import check_solver
-from graspless_pin.studies.executors import Dispatch, Workforce, given_executor, local_processes
+from graspless_pin.studies.executors import Dispatch, Workforce, compute_here, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.results import (
     check_columns,
@@ -419,9 +420,12 @@ def _computed(
 
 
 def _workforce(study: Study, executor: Executor | None, count: int, left: int) -> Workforce:
-    """Return the workers; no more processes than samples are left, unless there may come more."""
+    """Return the workers; no more processes than samples are left, unless there may come more.
+
+    Somebody else's executor stays open.
+    """
     if executor is not None:
-        return given_executor(executor, count)
+        return Workforce(count, partial(executor.submit, compute_here), lambda: None)
     return local_processes(count if study.is_adaptive else min(count, left))
 
 

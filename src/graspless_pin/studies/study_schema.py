@@ -28,7 +28,7 @@ from graspless_pin.intake.fields import (
     listed,
 )
 from graspless_pin.scene.body_schema import Direction, Vector
-from graspless_pin.scene.scene_schema import AlgorithmName, with_figures
+from graspless_pin.scene.scene_schema import AlgorithmName, SolveEntry, with_figures
 
 Fingers = Annotated[
     Few[Name] | None,
@@ -294,20 +294,8 @@ class ComputeEntry(Entry):
 
     def solve_options(self) -> dict[str, Any]:
         """Return the options that go into the scene's ``solve`` section."""
-        beside = {
-            "node_limit",
-            "time_limit",
-            "sample_time_limit",
-            "force_bounds",
-            "disturbance_margin",
-            "minimum_friction",
-            "verdict",
-            "mode",
-            "explain",
-            "collisions",
-            "need_hand",
-        }
-        return self.model_dump(exclude_none=True, exclude=beside)
+        beside = {"node_limit", "time_limit"}
+        return self.model_dump(exclude_none=True, include=SolveEntry.model_fields.keys() - beside)
 
 
 class StudyEntry(PosingEntry):
