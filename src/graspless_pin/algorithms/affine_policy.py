@@ -165,17 +165,15 @@ def best_policy(
         The best of all modes, and numbers of unknowns along a motion that no contact resists: no
         constant torques serve more than one load there.
     """
-    sign, best, worth, free = 1.0 if objective.maximizes else -1.0, None, -np.inf, list[int]()
+    policies, free = list[ForcePolicy](), list[int]()
     for mode in modes:
         if limits.passed:
             break
         program = _AffineProgram(corners, unknowns, objective, directions, mode)
-        free = program.free
-        found = program.best(limits)
-        value = -np.inf if found is None else sign * found.value(objective)
-        if value > worth:
-            best, worth = found, value
-    return best, free
+        found, free = program.best(limits), program.free
+        policies += [] if found is None else [found]
+    best = max if objective.maximizes else min
+    return best(policies, key=lambda one: one.value(objective), default=None), free
 
 
 class _AffineProgram:

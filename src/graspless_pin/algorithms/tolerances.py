@@ -385,8 +385,14 @@ class _Search:
             loads: (k, Q) what one unit along each makes.
         """
         ways = polygon(_AROUND) if len(axes) == 2 else _sphere()
-        times = self._rays(ways @ loads)
-        borne = 0.0
+        times, borne = self._rays(ways @ loads), 0.0
+
+        def look(along: FloatArray) -> None:
+            """Add the rays along further directions."""
+            nonlocal ways, times
+            more = along / np.linalg.norm(along, axis=1)[:, None]
+            ways, times = np.vstack([ways, more]), np.append(times, self._rays(more @ loads))
+
         for _ in range(_ROUNDS):
             least = float(times.min())
             if not least > _CERTAIN * float(times.max()):
@@ -398,13 +404,9 @@ class _Search:
             # The nearest sides of the hull: what is beyond them was not looked at.
             nearest = np.argsort(-sides[:, -1])[:8]
             nearest = nearest[-sides[nearest, -1] < (1.0 - _CLOSE) * least]
-            more = np.unique(sides[nearest, :-1].round(9), axis=0)
-            ways = np.concatenate([ways, more / np.linalg.norm(more, axis=1)[:, None]])
-            times = np.concatenate([times, self._rays(ways[len(times) :] @ loads)])
+            look(np.unique(sides[nearest, :-1].round(9), axis=0))
         for _ in range(_CORNER_ROUNDS if len(axes) == 2 else 0):
-            more = _corners(times[:, None] * ways)
-            ways = np.concatenate([ways, more / np.linalg.norm(more, axis=1)[:, None]])
-            times = np.concatenate([times, self._rays(ways[len(times) :] @ loads)])
+            look(_corners(times[:, None] * ways))
         worst = int(times.argmin())
         least = float(times[worst])
         return Tolerance(

@@ -169,17 +169,13 @@ def members_of(
         "torque_offset": _ends(offsets),
     }
     less = np.where(problem.is_sliding, problem.friction, (1.0 - friction) * problem.friction)
-    limits = (
-        np.where(problem.lower_torque < 0.0, 1.0 - effort, 1.0) * problem.lower_torque,
-        np.where(problem.upper_torque > 0.0, 1.0 - effort, 1.0) * problem.upper_torque,
-    )
     base = problem
     if friction.any() or effort.any():
-        base = problem.with_changes(friction=less, torque_limits=limits)
-    figures = [ends[name] for name in ("mass", "center_of_mass", "tilt", "force", "moment")]
-    picked = np.indices([len(one) for one in (*figures, ends["torque_offset"])]).reshape(6, -1)
+        base = problem.with_changes(friction=less, torque_limits=_limits(problem, 1.0 - effort))
+    kinetic_ends, factor_ends = ends.pop("friction"), ends.pop("torque")
+    picked = np.indices([*map(len, ends.values())]).reshape(len(ends), -1)
     mass, off, down, force, moment, offset = (
-        one[row] for one, row in zip((*figures, ends["torque_offset"]), picked, strict=True)
+        one[row] for one, row in zip(ends.values(), picked, strict=True)
     )
     mass = mass[:, 0]
     wrench, carried = _loads(problem, weight, mass, off, down, np.hstack([force, moment]))
@@ -188,7 +184,7 @@ def members_of(
         points = np.hstack([points, weight.pull(mass, down)])
     kept = _hull(problem, points)
     found: list[Member] = []
-    for kinetic, factor in product(ends["friction"], ends["torque"]):
+    for kinetic, factor in product(kinetic_ends, factor_ends):
         along, own = np.zeros(count), base
         if kinetic.any():
             along[sliding] = kinetic
@@ -276,20 +272,22 @@ def scaled_member(
         np.where(problem.is_sliding, more, 0.0),
     )  # fmt: skip
     left = (1.0 - scaled("effort", effort)) / (1.0 - effort)
-    limits = (
-        np.where(problem.lower_torque < 0.0, left, 1.0) * problem.lower_torque,
-        np.where(problem.upper_torque > 0.0, left, 1.0) * problem.upper_torque,
-    )
     load, known = (_load_at(problem, weight, one) for one in (corner, before))
     changed_problem = problem.with_changes(
         friction=problem.friction / (1.0 + off) * (1.0 + more),
-        torque_limits=limits,
+        torque_limits=_limits(problem, left),
         external_wrench=problem.external_wrench + (load[0] - known[0]),
         gravity_torques=problem.gravity_torques + (load[1] - known[1]),
     )
     factor, offset = scaled("torque", member.factors - 1.0), scaled("torque_offset", member.offsets)
     words = _words(problem, weight, corner, kilograms, factor, offset)
     return Member(changed_problem, 1.0 + factor, offset, words, corner)
+
+
+def _limits(problem: QuasistaticProblem, left: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return torque limits of which shares (L,) are left; those beyond zero stay."""
+    low, high = problem.lower_torque, problem.upper_torque
+    return np.where(low < 0.0, left, 1.0) * low, np.where(high > 0.0, left, 1.0) * high
 
 
 def _load_at(
