@@ -13,6 +13,7 @@ from graspless_pin import Scene, Uncertainty, load_scene
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, SceneError
 from graspless_pin.findings import Finding, FindingCode, Severity, capture, emit, gravest_first
 from graspless_pin.geometry import Box, Sphere, Support
+from graspless_pin.records import changed
 from graspless_pin.report import scene_solution_text, solution_document
 from graspless_pin.report.reading import read_solution
 
@@ -291,7 +292,7 @@ def test_joints_in_degrees_are_found_where_no_limit_refuses_them():
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
     turned = np.array(hand_of(scene).positions)
     turned[0] = 90.0
-    hand = hand_of(scene)._at(turned)
+    hand = changed(hand_of(scene), positions=turned)
     one = found(scene.with_changes(hand=hand))[FindingCode.ANGLE_IN_DEGREES]
     assert "90 degrees are 1.571 rad" in one.advice
 

@@ -20,9 +20,9 @@ from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import Severity, capture, emit
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials
-from graspless_pin.geometry.hand.assembly import AssembledMounts, Mount, assembled_mounts, fields_of
+from graspless_pin.geometry.hand.assembly import AssembledMounts, Mount, assembled_mounts
 from graspless_pin.geometry.hand.configuration import independent_rates, joint_positions
-from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.model import Hand, hand_of
 from graspless_pin.geometry.hand.reading import named_positions
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
@@ -207,7 +207,7 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         hand = parts.latest.made(
             "hand of the mounts",
             (mounts, posed.made),
-            lambda: Hand(**fields_of(mounts, limits, posed.made, ())),
+            lambda: hand_of(mounts, limits, posed.made),
         )
         stage.made = changed(hand, effort_limits=limits, findings=(*hand.findings, *found))
     return stage.made

@@ -29,7 +29,7 @@ from graspless_pin.geometry.contact.convex_sets import (
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
-from graspless_pin.geometry.poses import transformed
+from graspless_pin.geometry.poses import rigid, transformed
 from graspless_pin.problem.checks import FloatArray
 
 _ENDLESS = 1e12  # m; finite, as zero times infinity is not a number
@@ -230,9 +230,7 @@ def separation(first: CollisionBody, second: CollisionBody) -> Separation:
 
 def distances_to_point(bodies: Sequence[CollisionBody], point: FloatArray) -> FloatArray:
     """Return the (K,) signed distances of K bodies to a point (3,), world, m: negative inside."""
-    T = np.eye(4)
-    T[:3, 3] = point
-    there = CollisionBody("point", coal.Sphere(0.0), T)
+    there = CollisionBody("point", coal.Sphere(0.0), rigid(point))
     return np.array([separation(there, body).distance for body in bodies])
 
 

@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
@@ -27,7 +26,6 @@ from graspless_pin.geometry.hand.actuation import (
     resolve_effort_limits,
     spread_names,
 )
-from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.fingers import (
     ControlPlan,
     check_fingers,
@@ -353,10 +351,16 @@ class AssembledMounts:
         """
         before = self.joined.base_poses
         now = {name: as_pose("T_world_base", T) for name, T in zip(before, poses, strict=True)}
-        ways = [T @ invert(before[name]) for name, T in now.items()]
-        tree = displaced_tree(self.joined.tree, ways)
-        mounts = tuple(replace(one, T_world_base=now[one.prefix]) for one in self.mounts)
-        return replace(self, joined=replace(self.joined, tree=tree, base_poses=now), mounts=mounts)
+        tree = displaced_tree(
+            self.joined.tree, [T @ invert(before[name]) for name, T in now.items()]
+        )
+        joined = replace(self.joined, tree=tree, base_poses=now)
+        return replace(self, joined=joined, mounts=at_poses(self.mounts, now))
+
+
+def at_poses(mounts: Sequence[Mount], poses: Mapping[str, FloatArray]) -> tuple[Mount, ...]:
+    """Return mounts at (4, 4) poses by prefix."""
+    return tuple(replace(one, T_world_base=poses[one.prefix]) for one in mounts)
 
 
 def assembled_mounts(
@@ -396,39 +400,6 @@ def assembled_mounts(
             tree.pinocchio_model.armature[joint] = value
     emit(*found)
     return AssembledMounts(joined, mounted, plan, actuation, tuple(found))
-
-
-def hand_fields(
-    parts: AssembledMounts,
-    q: Mapping[str, float] | None,
-    effort_limits: Mapping[str, EffortLimit] | None,
-) -> dict[str, Any]:
-    """Return the fields of the hand that `Hand.assemble` makes; what looks wrong is told."""
-    limits, found = parts.effort_limits(effort_limits or {})
-    return fields_of(parts, limits, joint_positions(parts.joined.tree, q or {}), found)
-
-
-def fields_of(
-    parts: AssembledMounts,
-    limits: tuple[FloatArray, FloatArray],
-    positions: FloatArray,
-    found: tuple[Finding, ...],
-) -> dict[str, Any]:
-    """Return the fields of a hand with its (L,) limits and (n,) positions, and what they told."""
-    joined = parts.joined
-    return {
-        "tree": joined.tree,
-        "mounts": parts.mounts,
-        "base_poses": joined.base_poses,
-        "palms": joined.palms,
-        "fingers": joined.fingers,
-        "arms": joined.arms,
-        "control": parts.plan,
-        "actuation": parts.actuation,
-        "effort_limits": limits,
-        "positions": positions,
-        "findings": (*parts.findings, *found),
-    }
 
 
 _ANYWHERE = (

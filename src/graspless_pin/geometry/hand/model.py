@@ -15,11 +15,12 @@ from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation, EffortLimit
 from graspless_pin.geometry.hand.assembly import (
+    AssembledMounts,
     ControlModes,
     Mount,
     assembled_mounts,
+    at_poses,
     displaced_tree,
-    hand_fields,
 )
 from graspless_pin.geometry.hand.configuration import (
     PosedLinks,
@@ -159,7 +160,10 @@ class Hand(Record):
             GrasplessPinWarning: If an effort limit looks like a placeholder or is called unknown,
                 or a mimic joint follows a joint that does not exist.
         """
-        return cls(**hand_fields(assembled_mounts(mounts, control, armature), q, effort_limits))
+        parts = assembled_mounts(mounts, control, armature)
+        limits, found = parts.effort_limits(effort_limits or {})
+        hand = hand_of(parts, limits, joint_positions(parts.joined.tree, q or {}))
+        return changed(hand, findings=(*hand.findings, *found))
 
     def with_configuration(self, q: Mapping[str, float] | ArrayLike) -> Hand:
         """Return this hand at another configuration.
@@ -174,8 +178,8 @@ class Hand(Record):
                 number, against the coupling or takes a joint outside its limits.
         """
         if isinstance(q, Mapping):
-            return self._at(joint_positions(self.tree, q, self.positions))
-        return self._at(independent_positions(self.tree, q))
+            return changed(self, positions=joint_positions(self.tree, q, self.positions))
+        return changed(self, positions=independent_positions(self.tree, q))
 
     def with_base_at(self, T_world_base: ArrayLike | Mapping[str, ArrayLike]) -> Hand:
         """Return this hand mounted elsewhere; the joints stay.
@@ -397,9 +401,16 @@ class Hand(Record):
         """The links at the configuration."""
         return _links_of(self)
 
-    def _at(self, positions: FloatArray) -> Hand:
-        """Return this hand at (n,) read-only positions; nothing else is checked again."""
-        return changed(self, positions=positions)
+
+def hand_of(
+    parts: AssembledMounts, limits: tuple[FloatArray, FloatArray], positions: FloatArray
+) -> Hand:
+    """Return the hand of mounted robots with (L,) lower and upper limits and (n,) positions."""
+    joined = parts.joined
+    return Hand(
+        joined.tree, parts.mounts, joined.base_poses, joined.palms, joined.fingers, joined.arms,
+        parts.plan, parts.actuation, limits, positions, parts.findings,
+    )  # fmt: skip
 
 
 def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
@@ -415,8 +426,7 @@ def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
         prefix: way @ pose
         for way, (prefix, pose) in zip(ways, hand.base_poses.items(), strict=True)
     }
-    mounts = tuple(replace(one, T_world_base=poses[one.prefix]) for one in hand.mounts)
-    tree = displaced_tree(hand.tree, list(ways))
+    tree, mounts = displaced_tree(hand.tree, list(ways)), at_poses(hand.mounts, poses)
     return replace(hand, tree=tree, base_poses=poses, mounts=mounts)
 
 
