@@ -102,15 +102,22 @@ def sets_arguments(**changes):
 def test_one_pose_for_each_set() -> None:
     assert compiled.core is not None
     sets = compiled.core.ConvexSets(*sets_arguments(kinds=[compiled.core.BALL]))
-    pairs = compiled.core.BodyPairs(sets, [0], [0])
-    for poses in ((POSES, POSES[:1]), (POSES[:1], POSES)):
+    given: dict[str, Any] = {
+        "coupling": np.empty((0, 0)), "offset": [], "lower": [], "upper": [], "gravity": np.ones(3),
+        "carriers": [0], "shapes": POSES[:1], "links": sets, "pieces": sets, "poses": POSES[:1],
+        "pairs": compiled.core.BodyPairs(sets, [0], [0]), "around": sets,
+        "around_poses": POSES[:1], "tolerance": 1e-3, "max_penetration": 5e-3, "parents": [0],
+        "placements": POSES[:1], "axes": np.empty((0, 6)), "masses": [1.0], "centers": ONES[:1],
+    }  # fmt: skip
+    make: Any = compiled.core.HandStates
+    make(**given)
+    for name in ("shapes", "poses", "around_poses", "placements"):
         with pytest.raises(ValueError, match="one pose for each set"):
-            pairs.may_be_deep(poses[0], sets, poses[1], 5e-3)
+            make(**(given | {name: POSES}))
     with pytest.raises(ValueError, match="sets that exist"):
         compiled.core.BodyPairs(sets, [0], [1])
-    nothing: Any = None
     with pytest.raises(TypeError):
-        pairs.may_be_deep(POSES[:1], nothing, POSES, 5e-3)
+        make(**(given | {"around": None}))
 
 
 def program_arguments(**changes):

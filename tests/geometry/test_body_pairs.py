@@ -3,6 +3,7 @@
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
+from hand_loops import may_be_deep
 from scipy.spatial.transform import Rotation
 
 from graspless_pin import compiled
@@ -38,18 +39,14 @@ def left_by(form: str, bodies: PlacedBodies, around: PlacedBodies, pairs) -> set
     if form == "numpy":
         return set(map(tuple, deep_pairs(bodies, around, np.array(pairs), DEPTH).tolist()))
     assert compiled.core is not None
-    left, nothing = set(), PlacedBodies(BodyShapes((), ()), np.empty((0, 4, 4)))
+    left = set()
     for i, j in pairs:
-        first, second = parts(bodies, [i]), parts(around, [j])
-        if bodies is around:
-            both = parts(bodies, [i, j])
-            sets = solids_of(both.shapes).for_loops, solids_of(nothing.shapes).for_loops
-            loops = compiled.core.BodyPairs(sets[0], [0], [1])
-            deep = loops.may_be_deep(both.poses, sets[1], nothing.poses, DEPTH)
-        else:
-            sets = solids_of(first.shapes).for_loops, solids_of(second.shapes).for_loops
-            loops = compiled.core.BodyPairs(sets[0], [], [])
-            deep = loops.may_be_deep(first.poses, sets[1], second.poses, DEPTH)
+        both = bodies is around
+        own = parts(bodies, [i, j] if both else [i])
+        others = parts(around, [] if both else [j])
+        sets, beside = solids_of(own.shapes).for_loops, solids_of(others.shapes).for_loops
+        pair = compiled.core.BodyPairs(sets, *(([0], [1]) if both else ([], [])))
+        deep = may_be_deep(pair, sets, own.poses, beside, others.poses, DEPTH)
         if deep:
             left.add((i, j))
     return left

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 import pytest
+from hand_loops import hand_loops
 
 from graspless_pin import compiled
 from graspless_pin.geometry.hand import work_space
@@ -87,16 +88,20 @@ def test_a_work_space_serves_threads() -> None:
     np.testing.assert_array_equal(torques, weights)
 
 
-def chains_of(model: pin.Model) -> Any:
+def states_of(model: pin.Model, positions: np.ndarray, gravity: np.ndarray) -> tuple[Any, Any, Any]:
+    """Poses and columns of the joints in states, and the torques that carry the weight."""
     parents, placements, axes = joint_motions(SimpleNamespace(pinocchio_model=model))
     inertias = model.inertias.tolist()
-    return compiled.core.KinematicChains(
+    loops = hand_loops(
         parents=parents,
         placements=placements,
         axes=axes,
         masses=np.array([inertia.mass for inertia in inertias]),
         centers=np.array([inertia.lever for inertia in inertias]).reshape(-1, 3),
+        gravity=gravity,
     )
+    _, _, _, J, weights, _, T = loops.at(positions)
+    return T, J, weights
 
 
 def states(count: int) -> np.ndarray:
@@ -115,45 +120,18 @@ def as_pinocchio_takes(positions: np.ndarray) -> np.ndarray:
 @needs_loops
 @pytest.mark.parametrize("gravity", GRAVITIES, ids=str)
 def test_chains_are_pinocchios(gravity: np.ndarray) -> None:
-    chains, space, kept = chains_of(MODEL), WorkSpace(MODEL), []
-    for positions in states(8):
-        q = as_pinocchio_takes(positions)
-        expected, found = space.kinematics(q), chains.kinematics(positions)
-        kept.append((expected, found))
-        np.testing.assert_allclose(
-            chains.gravity_torques(positions, gravity),
-            space.gravity_torques(q, gravity),
-            rtol=0,
-            atol=1e-12,
-        )
-    for expected, found in kept:  # and the next ones do not write over them
-        for one, other in zip(found, expected, strict=True):
-            assert not one.flags.writeable
-            np.testing.assert_allclose(one, other, rtol=0, atol=1e-13)
+    space, positions = WorkSpace(MODEL), states(8)
+    for q, *found in zip(positions, *states_of(MODEL, positions, gravity), strict=True):
+        T, J, weights = found
+        expected = space.kinematics(as_pinocchio_takes(q))
+        np.testing.assert_allclose(T, expected.T_world_joint, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(J, expected.J, rtol=0, atol=1e-13)
+        torques = space.gravity_torques(as_pinocchio_takes(q), gravity)
+        np.testing.assert_allclose(weights, torques, rtol=0, atol=1e-12)
 
 
 @needs_loops
 def test_chains_may_be_no_joint() -> None:
-    chains = chains_of(pin.Model())
-    T, J = chains.kinematics(np.zeros(0))
-    np.testing.assert_array_equal(T, np.eye(4)[None])
-    assert J.shape == (6, 0)
-    assert chains.gravity_torques(np.zeros(0), GRAVITIES[0]).shape == (0,)
-
-
-@needs_loops
-def test_threads_may_share_chains() -> None:
-    chains, many = chains_of(MODEL), states(40)
-    expected = [chains.gravity_torques(one, GRAVITIES[0]) for one in many]
-    with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda one: chains.gravity_torques(one, GRAVITIES[0]), [*many] * 5))
-    np.testing.assert_array_equal(found, expected * 5)
-
-
-@needs_loops
-def test_what_does_not_fit_chains_is_refused() -> None:
-    chains = chains_of(MODEL)
-    with pytest.raises(ValueError, match="needs"):
-        chains.kinematics(np.zeros(MODEL.nv - 1))
-    with pytest.raises(ValueError, match="needs"):
-        chains.gravity_torques(np.zeros(MODEL.nv), np.zeros(2))
+    T, J, _ = states_of(pin.Model(), np.empty((1, 0)), np.zeros(3))
+    np.testing.assert_array_equal(T, np.eye(4)[None, None])
+    assert J.shape == (1, 6, 0)

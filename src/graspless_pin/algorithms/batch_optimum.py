@@ -303,7 +303,7 @@ def _start(loops: Any, start: WarmStart) -> Any:
     active, mode, motion = start.relaxation, start.mode, start.motion
     if active is None or mode is None or motion is None:
         return None
-    if len(active.x) != loops.n + 1 or len(motion) != 6 + loops.L:
+    if len(active.x) != loops.coordinate_count + 1 or len(motion) != 6 + loops.joint_count:
         return None
     return core.Start(
         loops, active.rows, active.at_bounds, active.upper, active.x, active.weights,
@@ -387,7 +387,9 @@ class LoadSweep:
         structure = structure_of(problem, problem.has_cone.astype(np.float64))
         kind = "ModePrograms" if turning else "LoadedStates"
         self._loops = _engine(kind, structure, objective, problem.joint_units)
-        self._may_begin = may_begin(problem, options) and self._loops.n <= _MOST_COLD_COORDINATES
+        self._may_begin = (
+            may_begin(problem, options) and self._loops.coordinate_count <= _MOST_COLD_COORDINATES
+        )
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
         self._turning, self._covers = turning, list[Any]()

@@ -4,20 +4,17 @@ Two sets are parted by a shift of at most some depth if their boxes, or the sphe
 the box around the other, are: then nothing else has to be measured.
 """
 
-from libc.math cimport fabs, sqrt
-
-cimport numpy as cnp
-
-
 cdef double _PARALLEL = 1e-6  # squared sine of the angle between two edges
 
 
-cdef class BodyPairs:
+cdef class BodyPairs(KeptArrays):
     """Some pairs of a body's sets, and each of them beside sets that stand around it."""
 
     cdef ConvexSets sets
     cdef Py_ssize_t count
-    cdef cnp.ndarray _ones, _twos, _centers
+    cdef cnp.npy_intp* ones
+    cdef cnp.npy_intp* twos
+    cdef double* centers
 
     def __init__(self, ConvexSets sets not None, ones, twos):
         """Take the sets.
@@ -28,20 +25,18 @@ cdef class BodyPairs:
             twos: (P,) the second set of each pair that counts.
         """
         cdef Py_ssize_t place
-        self.sets = sets
-        self._ones = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(ones, cnp.NPY_INTP, 1, 1)
-        self.count = self._ones.shape[0]
-        self._twos = as_integers(twos, self.count)
+        self.sets, self.count = sets, len(ones)
+        self.ones = self.numbers(as_integers(ones, self.count))
+        self.twos = self.numbers(as_integers(twos, self.count))
         for place in range(self.count):
-            if not (
-                0 <= numbers_of(self._ones)[place] < sets.count
-                and 0 <= numbers_of(self._twos)[place] < sets.count
-            ):
+            if not (0 <= self.ones[place] < sets.count and 0 <= self.twos[place] < sets.count):
                 raise ValueError("needs sets that exist")
-        self._centers = empty(sets.count, 3)
+        self.centers = self.room(3 * sets.count)
 
-    def may_be_deep(self, poses, ConvexSets others not None, others_poses, double depth):
-        """Return whether there is a pair, or a set beside one around it, that may be deep.
+    cdef bint any_deep(
+        self, const double* poses, ConvexSets others, const double* others_poses, double depth
+    ) noexcept:
+        """Whether there is a pair, or a set beside one around it, that may be deep.
 
         Args:
             poses: (K, 4, 4).
@@ -49,55 +44,31 @@ cdef class BodyPairs:
             others_poses: (M, 4, 4).
             depth: m, not negative.
         """
-        cdef cnp.ndarray T = as_poses(poses), there = as_poses(others_poses)
-        if T.shape[0] != self.sets.count or there.shape[0] != others.count:
-            raise ValueError("needs one pose for each set")
-        # The room for the centres is shared, hence the lock of Python is kept.
-        return self.any_deep(data(T), others, data(there), depth)
-
-    cdef bint any_deep(
-        self, const double* poses, ConvexSets others, const double* others_poses, double depth
-    ) noexcept:
-        """Whether there is such a pair of either kind."""
-        cdef Py_ssize_t place, k, m
-        self._place(poses)
+        cdef ConvexSets sets = self.sets
+        cdef Py_ssize_t place, i, k, m
+        cdef const double* there
+        cdef double center[3]
+        for k in range(sets.count):
+            move(poses + 16 * k, sets.centers + 3 * k, self.centers + 3 * k)
         for place in range(self.count):
-            if self._deep(
-                poses, numbers_of(self._ones)[place], numbers_of(self._twos)[place], depth
+            i, k = self.ones[place], self.twos[place]
+            if may_be_deep(
+                sets, i, poses + 16 * i, self.centers + 3 * i, sets, k, poses + 16 * k,
+                self.centers + 3 * k, depth,
             ):
                 return True
-        for k in range(self.sets.count):
-            for m in range(others.count):
-                if self._deep_beside(poses, k, others, others_poses, m, depth):
+        for m in range(others.count):
+            there = others_poses + 16 * m
+            move(there, others.centers + 3 * m, center)
+            for k in range(sets.count):
+                if _deep_in_plane(
+                    sets, k, poses + 16 * k, self.centers + 3 * k, others.planes + 4 * m, there,
+                    depth,
+                ) if others.kinds[m] == PLANE else may_be_deep(
+                    sets, k, poses + 16 * k, self.centers + 3 * k, others, m, there, center, depth
+                ):
                     return True
         return False
-
-    cdef void _place(self, const double* poses) noexcept:
-        cdef Py_ssize_t k
-        for k in range(self.sets.count):
-            move(poses + 16 * k, self.sets.centers + 3 * k, data(self._centers) + 3 * k)
-
-    cdef bint _deep(
-        self, const double* poses, Py_ssize_t i, Py_ssize_t j, double depth
-    ) noexcept:
-        cdef const double* centers = data(self._centers)
-        return _may_be_deep(
-            self.sets, i, poses + 16 * i, centers + 3 * i, self.sets, j, poses + 16 * j,
-            centers + 3 * j, depth,
-        )
-
-    cdef bint _deep_beside(
-        self, const double* poses, Py_ssize_t k, ConvexSets others, const double* others_poses,
-        Py_ssize_t m, double depth
-    ) noexcept:
-        cdef const double* T = poses + 16 * k
-        cdef const double* there = others_poses + 16 * m
-        cdef const double* own = data(self._centers) + 3 * k
-        cdef double center[3]
-        if others.kinds[m] == PLANE:
-            return _deep_in_plane(self.sets, k, T, own, others.planes + 4 * m, there, depth)
-        move(there, others.centers + 3 * m, center)
-        return _may_be_deep(self.sets, k, T, own, others, m, there, center, depth)
 
 
 cdef bint _deep_in_plane(
@@ -131,11 +102,11 @@ cdef bint _from_box_by(double reach, const double* local, const double* half) no
     return total > 0.0 and (reach <= 0.0 or total >= reach * reach)
 
 
-cdef bint _may_be_deep(
+cdef bint may_be_deep(
     ConvexSets ones, Py_ssize_t p, const double* T, const double* center, ConvexSets others,
     Py_ssize_t k, const double* T_other, const double* other_center, double depth
 ) noexcept nogil:
-    """Whether two bounded sets may overlap by more than a depth."""
+    """Whether two bounded sets may overlap by more than a depth; negative: be nearer than that."""
     cdef const double* half = ones.halves + 3 * p
     cdef const double* other_half = others.halves + 3 * k
     cdef double offset[3]

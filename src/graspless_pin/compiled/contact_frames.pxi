@@ -1,9 +1,5 @@
 """A problem in its contact frames: tangents, effects of unit forces, friction, margins, scales."""
 
-from libc.math cimport INFINITY, fabs, sqrt
-
-cimport numpy as cnp
-
 cdef double _NEARLY_PARALLEL = 0.99  # as in `cones`
 
 

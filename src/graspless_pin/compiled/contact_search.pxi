@@ -1,10 +1,5 @@
 """Convex sets, which of them may touch, and the contacts of spheres over faces."""
 
-from libc.math cimport fabs
-
-cimport numpy as cnp
-
-
 cpdef enum:
     OTHER = 0
     BALL = 1
@@ -14,11 +9,10 @@ cpdef enum:
 cdef double _ON_FACE = 1e-9  # m, as in `polytopes`
 
 
-cdef class ConvexSets:
+cdef class ConvexSets(KeptArrays):
     """K convex sets in the frames of their geometries, as `HandStates` takes them."""
 
     cdef Py_ssize_t count
-    cdef cnp.ndarray _kinds, _bodies, _centers, _halves, _reaches, _planes, _starts, _faces
     cdef cnp.npy_intp* kinds
     cdef cnp.npy_intp* bodies
     cdef cnp.npy_intp* starts
@@ -43,18 +37,15 @@ cdef class ConvexSets:
             faces: (F, 4) outward normals and offsets of the polytopes' faces.
         """
         cdef Py_ssize_t k
-        self._kinds = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(kinds, cnp.NPY_INTP, 1, 1)
-        self.count = self._kinds.shape[0]
-        self._bodies = as_integers(bodies, self.count)
-        self._centers = as_shaped(centers, self.count, 3)
-        self._halves = as_shaped(half_extents, self.count, 3)
-        self._reaches = as_vector(reaches, self.count)
-        self._planes = as_shaped(planes, self.count, 4)
-        self._starts = as_integers(starts, self.count + 1)
-        self.starts = numbers_of(self._starts)
-        self._faces = as_shaped(faces, self.starts[self.count], 4)
-        self.kinds = numbers_of(self._kinds)
-        self.bodies = numbers_of(self._bodies)
+        self.count = len(kinds)
+        self.kinds = self.numbers(as_integers(kinds, self.count))
+        self.bodies = self.numbers(as_integers(bodies, self.count))
+        self.centers = self.reals(as_shaped(centers, self.count, 3))
+        self.halves = self.reals(as_shaped(half_extents, self.count, 3))
+        self.reaches = self.reals(as_vector(reaches, self.count))
+        self.planes = self.reals(as_shaped(planes, self.count, 4))
+        self.starts = self.numbers(as_integers(starts, self.count + 1))
+        self.faces = self.reals(as_shaped(faces, self.starts[self.count], 4))
         if self.starts[0] != 0:
             raise ValueError("needs faces from the first one on")
         for k in range(self.count):
@@ -62,51 +53,6 @@ cdef class ConvexSets:
                 raise ValueError("needs bodies below K and starts that rise")
             if self.kinds[k] == POLYTOPE and self.starts[k] == self.starts[k + 1]:
                 raise ValueError("needs faces of every polytope")
-        self.centers, self.halves = data(self._centers), data(self._halves)
-        self.reaches, self.planes = data(self._reaches), data(self._planes)
-        self.faces = data(self._faces)
-
-
-cdef bint near_boxes(
-    ConvexSets ones, Py_ssize_t p, const double* T, ConvexSets others, Py_ssize_t k,
-    const double* T_other, const double* center, double tolerance
-) noexcept nogil:
-    """Whether no side of the boxes around two sets parts them; `center` is the other's, world."""
-    cdef double offset[3]
-    cdef double local[3]
-    cdef double R[9]
-    cdef double reach, along
-    cdef const double* half = ones.halves + 3 * p
-    cdef const double* other_half = others.halves + 3 * k
-    cdef int i, j
-    if others.kinds[k] == PLANE:
-        return True
-    for i in range(3):
-        offset[i] = center[i] - T[4 * i + 3]
-    turn_back(T, offset, local)
-    for i in range(3):
-        local[i] -= ones.centers[3 * p + i]
-        if fabs(local[i]) > half[i] + others.reaches[k] + tolerance:
-            return False
-    for i in range(3):
-        for j in range(3):
-            R[3 * i + j] = (
-                T[i] * T_other[j] + T[4 + i] * T_other[4 + j] + T[8 + i] * T_other[8 + j]
-            )
-    for i in range(3):
-        reach = half[i]
-        for j in range(3):
-            reach += fabs(R[3 * i + j]) * other_half[j]
-        if fabs(local[i]) - reach > tolerance:
-            return False
-    for j in range(3):
-        reach, along = other_half[j], 0.0
-        for i in range(3):
-            reach += fabs(R[3 * i + j]) * half[i]
-            along += R[3 * i + j] * local[i]
-        if fabs(along) - reach > tolerance:
-            return False
-    return True
 
 
 cdef bint _highest_face(

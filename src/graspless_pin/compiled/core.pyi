@@ -27,21 +27,11 @@ class ConvexSets:
 
 class BodyPairs:
     def __init__(self, sets: ConvexSets, ones: ArrayLike, twos: ArrayLike) -> None: ...
-    def may_be_deep(
-        self, poses: Array, others: ConvexSets, others_poses: Array, depth: float
-    ) -> bool: ...
-
-class KinematicChains:
-    def __init__(
-        self, *, parents: ArrayLike, placements: Array, axes: Array, masses: Array, centers: Array
-    ) -> None: ...
-    def kinematics(self, positions: Array) -> tuple[Array, Array]: ...
-    def gravity_torques(self, positions: Array, gravity: Array) -> Array: ...
 
 MOST_CONTACTS: int
 MOST_PAIRS: int
 
-class HandStates(KinematicChains):
+class HandStates:
     def __init__(
         self,
         *,
@@ -73,9 +63,9 @@ TORQUE: int
 SHARE: int
 
 class PaperPrograms:
-    M: int
-    L: int
-    n: int
+    contact_count: int
+    joint_count: int
+    coordinate_count: int
     def __init__(
         self,
         kind: int,

@@ -4,7 +4,13 @@
 Each file has one subject and takes what stands before it.
 """
 
+from libc.math cimport INFINITY, M_PI, atan2, cos, fabs, floor, fmax, fmin, isfinite, sin, sqrt
+from libc.stdlib cimport free, malloc, realloc
+from libc.string cimport memcmp, memcpy, memmove, memset
+
 cimport numpy as cnp
+
+import numpy as np
 
 cnp.import_array()
 

@@ -1,11 +1,5 @@
 """The simplex method on small dense linear programs that grow, shrink and are solved again."""
 
-from libc.math cimport INFINITY, fabs, fmax, isfinite
-from libc.string cimport memcpy
-
-cimport numpy as cnp
-
-
 cdef double _FEASIBLE = 1e-10  # a value outside its bounds by less is inside
 cdef double _OPTIMAL = 1e-12  # a cost below is none
 cdef double _SLACK = 1e-11  # by so much costs may turn round where that gives a larger pivot

@@ -1,10 +1,5 @@
 """A hand in many configurations: kinematics, weight, and its contacts that are spheres on faces."""
 
-from libc.string cimport memcpy
-
-cimport numpy as cnp
-
-
 cpdef enum:
     MOST_CONTACTS = 16
     MOST_PAIRS = 64
@@ -13,12 +8,24 @@ cpdef enum:
 cdef class HandStates(KinematicChains):
     """A hand, and an object that stays."""
 
-    cdef Py_ssize_t a, K, P
+    cdef Py_ssize_t independent_count
     cdef double tolerance, max_penetration
     cdef ConvexSets links, pieces, around
     cdef BodyPairs pairs
-    cdef cnp.ndarray _coupling, _offset, _lower, _upper, _gravity, _carriers, _shapes, _poses
-    cdef cnp.ndarray _at, _links, _times, _around_poses
+    cdef double* coupling
+    cdef double* offset
+    cdef double* lower
+    cdef double* upper
+    cdef double* gravity
+    cdef cnp.npy_intp* carriers
+    cdef double* placements_of_shapes
+    cdef double* piece_poses
+    cdef double* piece_centers
+    cdef double* around_poses
+    # Room for one state.
+    cdef double* positions
+    cdef double* shape_poses
+    cdef cnp.npy_intp* times
 
     def __init__(
         self, *, coupling, offset, lower, upper, gravity, carriers, shapes,
@@ -46,30 +53,30 @@ cdef class HandStates(KinematicChains):
             max_penetration: Largest overlap, m.
             joints: See `KinematicChains`.
         """
-        cdef Py_ssize_t k
+        cdef Py_ssize_t n, a, k
         KinematicChains.__init__(self, **joints)
-        self._coupling = as_reals(coupling, 2)
-        self.a = self._coupling.shape[1]
-        self._coupling = as_shaped(coupling, self.n, self.a)
-        self._offset, self._lower = as_vector(offset, self.n), as_vector(lower, self.n)
-        self._upper, self._gravity = as_vector(upper, self.n), as_vector(gravity, 3)
-        self.links, self.pieces, self.K, self.P = links, pieces, links.count, pieces.count
-        self._carriers, self._shapes = as_integers(carriers, self.K), as_poses(shapes)
-        self._poses = as_poses(poses)
-        self.pairs, self.around, self._around_poses = pairs, around, as_poses(around_poses)
-        if (
-            self._shapes.shape[0] != self.K or self._poses.shape[0] != self.P
-            or self._around_poses.shape[0] != around.count
-        ):
-            raise ValueError("needs one pose for each shape and piece")
-        if pairs is not None and pairs.sets.count != self.K:
+        n = self.joint_count
+        self.independent_count = a = np.shape(coupling)[1]
+        self.coupling = self.reals(as_shaped(coupling, n, a))
+        self.offset = self.reals(as_vector(offset, n))
+        self.lower, self.upper = self.reals(as_vector(lower, n)), self.reals(as_vector(upper, n))
+        self.gravity = self.reals(as_vector(gravity, 3))
+        self.links, self.pieces, self.around, self.pairs = links, pieces, around, pairs
+        self.carriers = self.numbers(as_integers(carriers, links.count))
+        self.placements_of_shapes = self.reals(as_poses(shapes, links.count))
+        self.piece_poses = self.reals(as_poses(poses, pieces.count))
+        self.around_poses = self.reals(as_poses(around_poses, around.count))
+        if pairs is not None and pairs.sets.count != links.count:
             raise ValueError("needs pairs of the hand's shapes")
-        for k in range(self.K):
-            if not 0 <= numbers_of(self._carriers)[k] <= self.n:
+        for k in range(links.count):
+            if not 0 <= self.carriers[k] <= n:
                 raise ValueError("needs joints that exist")
+        self.piece_centers = self.room(3 * pieces.count)
+        for k in range(pieces.count):
+            move(self.piece_poses + 16 * k, pieces.centers + 3 * k, self.piece_centers + 3 * k)
         self.tolerance, self.max_penetration = tolerance, max_penetration
-        self._at, self._links = empty(1, self.n + 1), empty3(self.K, 4, 4)
-        self._times = no_numbers(self.K)
+        self.positions, self.shape_poses = self.room(n), self.room(16 * links.count)
+        self.times = self.number_room(links.count)
 
     def at(self, q):
         """Find what loops need of configurations.
@@ -85,99 +92,84 @@ cdef class HandStates(KinematicChains):
             in what stands around than ``max_penetration``: False proves that it is not, wherever
             contacts have to be found; and (S, n + 1, 4, 4) poses of the joints, the base first.
         """
-        cdef cnp.ndarray states = as_reals(q, 2)
-        cdef Py_ssize_t count = states.shape[0], s
-        states = as_shaped(q, count, self.a)
-        cdef Py_ssize_t size = 16 * (self.n + 1)
-        cdef cnp.npy_intp shape[4]
-        shape[0], shape[1] = count, self.n + 1
-        shape[2] = shape[3] = 4
-        cdef cnp.ndarray poses = <cnp.ndarray>cnp.PyArray_EMPTY(4, shape, cnp.NPY_DOUBLE, 0)
-        shape[1] = MOST_CONTACTS
-        cdef cnp.ndarray counts = <cnp.ndarray>cnp.PyArray_EMPTY(1, shape, cnp.NPY_INTP, 0)
-        cdef cnp.ndarray shapes = <cnp.ndarray>cnp.PyArray_ZEROS(2, shape, cnp.NPY_INTP, 0)
-        cdef cnp.ndarray rows = empty3(count, MOST_CONTACTS, 6), J = empty3(count, 6, self.n)
-        cdef cnp.ndarray weights = empty(count, self.n)
-        cdef cnp.ndarray doubtful = <cnp.ndarray>cnp.PyArray_ZEROS(1, shape, cnp.NPY_BOOL, 0)
-        cdef cnp.npy_intp* found = numbers_of(counts)
-        cdef cnp.npy_intp* own = numbers_of(shapes)
+        cdef Py_ssize_t count = len(q), n = self.joint_count, size = 16 * (n + 1), s
+        cdef cnp.ndarray states = as_shaped(q, count, self.independent_count)
+        cdef cnp.ndarray poses = np.empty((count, n + 1, 4, 4)), weights = np.empty((count, n))
+        cdef cnp.ndarray counts = np.full(count, -1, np.intp), J = np.empty((count, 6, n))
+        cdef cnp.ndarray shapes = np.zeros((count, MOST_CONTACTS), np.intp)
+        cdef cnp.ndarray rows = np.empty((count, MOST_CONTACTS, 6))
+        cdef cnp.ndarray doubtful = np.full(count, self.pairs is not None)
         # The room for one state is shared, hence the lock of Python is kept.
         for s in range(count):
-            found[s] = -1
-            flags_of(doubtful)[s] = self.pairs is not None
-            if self._posed(data(states) + self.a * s):
-                memcpy(data(poses) + size * s, data(self._T), size * sizeof(double))
-                self.columns(data(self._T), data(J) + 6 * self.n * s)
+            if self._posed(data(states) + self.independent_count * s):
+                memcpy(data(poses) + size * s, self.joint_poses, size * sizeof(double))
+                self.columns(self.joint_poses, data(J) + 6 * n * s)
                 self.weights(
-                    data(self._T), data(J) + 6 * self.n * s, data(self._gravity),
-                    data(weights) + self.n * s,
+                    self.joint_poses, data(J) + 6 * n * s, self.gravity, data(weights) + n * s
                 )
                 self._place_shapes()
-                found[s] = self._contacts(
-                    own + MOST_CONTACTS * s, data(rows) + 6 * MOST_CONTACTS * s
+                numbers_of(counts)[s] = self._contacts(
+                    numbers_of(shapes) + MOST_CONTACTS * s, data(rows) + 6 * MOST_CONTACTS * s
                 )
                 if self.pairs is not None:
                     flags_of(doubtful)[s] = self.pairs.any_deep(
-                        data(self._links), self.around, data(self._around_poses),
-                        self.max_penetration,
+                        self.shape_poses, self.around, self.around_poses, self.max_penetration
                     )
         return counts, shapes, rows, J, weights, doubtful, poses
 
     cdef bint _posed(self, const double* q) noexcept:
         """Place the joints; False where one is outside its limits."""
-        cdef double* position = data(self._at)
+        cdef double* position = self.positions
         cdef Py_ssize_t j, k
-        for j in range(self.n):
-            position[j] = data(self._offset)[j]
-            for k in range(self.a):
-                position[j] += data(self._coupling)[self.a * j + k] * q[k]
-            if not data(self._lower)[j] <= position[j] <= data(self._upper)[j]:
+        for j in range(self.joint_count):
+            position[j] = self.offset[j]
+            for k in range(self.independent_count):
+                position[j] += self.coupling[self.independent_count * j + k] * q[k]
+            if not self.lower[j] <= position[j] <= self.upper[j]:
                 return False
-        self.place(position, data(self._T))
+        self.place(position, self.joint_poses)
         return True
 
     cdef void _place_shapes(self) noexcept:
         """Place the shapes on the joints."""
         cdef Py_ssize_t k
-        for k in range(self.K):
+        for k in range(self.links.count):
             chained(
-                data(self._T) + 16 * numbers_of(self._carriers)[k], data(self._shapes) + 16 * k,
-                data(self._links) + 16 * k,
+                self.joint_poses + 16 * self.carriers[k], self.placements_of_shapes + 16 * k,
+                self.shape_poses + 16 * k,
             )
 
     cdef Py_ssize_t _contacts(self, cnp.npy_intp* shapes, double* rows) noexcept:
         """Put shapes, positions and normals of contacts into places; their number, or -1."""
         cdef ConvexSets links = self.links, pieces = self.pieces
-        cdef cnp.npy_intp* times = numbers_of(self._times)
         cdef cnp.npy_intp hits[MOST_PAIRS]
-        cdef double* poses = data(self._links)
+        cdef double* poses = self.shape_poses
         cdef double center[3]
         cdef double gap
         cdef Py_ssize_t k, p, count = 0, found = 0, place
         cdef int touches
-        for k in range(self.K):
-            times[k] = 0
-        for k in range(self.K):
+        memset(self.times, 0, links.count * sizeof(cnp.npy_intp))
+        for k in range(links.count):
             move(poses + 16 * k, links.centers + 3 * k, center)
-            for p in range(self.P):
-                if near_boxes(
-                    pieces, p, data(self._poses) + 16 * p, links, k, poses + 16 * k, center,
-                    self.tolerance,
+            for p in range(pieces.count):
+                if links.kinds[k] == PLANE or may_be_deep(
+                    pieces, p, self.piece_poses + 16 * p, self.piece_centers + 3 * p, links, k,
+                    poses + 16 * k, center, -(self.tolerance + _ON_FACE),
                 ):
                     if count == MOST_PAIRS:
                         return -1
-                    hits[count] = k * self.P + p
+                    hits[count] = k * pieces.count + p
                     count += 1
-                    times[links.bodies[k]] += 1
+                    self.times[links.bodies[k]] += 1
         for place in range(count):
-            p, k = hits[place] % self.P, hits[place] // self.P
+            p, k = hits[place] % pieces.count, hits[place] // pieces.count
             if (
                 links.kinds[k] != BALL or pieces.kinds[p] != POLYTOPE
-                or times[links.bodies[k]] != 1 or found == MOST_CONTACTS
+                or self.times[links.bodies[k]] != 1 or found == MOST_CONTACTS
             ):
                 return -1
             touches = ball_on_face(
-                pieces, p, data(self._poses) + 16 * p, links.reaches[k], poses + 16 * k,
+                pieces, p, self.piece_poses + 16 * p, links.reaches[k], poses + 16 * k,
                 self.tolerance, self.max_penetration, rows + 6 * found, &gap,
             )
             if touches < 0:

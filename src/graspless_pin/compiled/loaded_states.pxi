@@ -1,35 +1,29 @@
 """Optima of states whose contacts stay while loads, friction and limits change, and their proof."""
 
-from libc.math cimport M_PI, cos, sqrt
-from libc.string cimport memcmp
-
-cimport numpy as cnp
-
-
 cdef class LoadedStates(ColdOptima):
     """A carrier for problems that differ in what bears on the same contacts."""
 
-    cdef void rub(self, const double* friction) noexcept:
+    cdef void set_friction(self, const double* friction) noexcept:
         """Put coefficients of friction into the cones, above zero where they were."""
-        cdef Py_ssize_t c, i, e, axis
+        cdef Py_ssize_t M = self.contact_count, n = self.coordinate_count, c, i, e, axis
         cdef double slope, size
-        if memcmp(self.mu, friction, self.M * sizeof(double)) == 0:
+        if memcmp(self.friction, friction, M * sizeof(double)) == 0:
             return
-        for i in range(self.M):
-            self.mu[i] = friction[i]
-            self.slopes[i] = friction[i] * cos(M_PI / self.edges)
-        for c in range(self.n):
+        for i in range(M):
+            self.friction[i] = friction[i]
+            self.slopes[i] = friction[i] * cos(M_PI / self.edge_count)
+        for c in range(n):
             if self.axes[c] % 3:
                 self.reach[c] = -friction[self.axes[c] // 3]
-                self.reach[self.n + c] = friction[self.axes[c] // 3]
-        for i in range(self.faces):
+                self.reach[n + c] = friction[self.axes[c] // 3]
+        for i in range(self.face_count):
             slope = self.slopes[self.axes[self.row_column[self.row_start[i]]] // 3]
             size = sqrt(1.0 + slope * slope)
             for e in range(self.row_start[i], self.row_start[i + 1]):
-                if self.row_column[e] < self.n:
+                if self.row_column[e] < n:
                     axis = self.axes[self.row_column[e]] % 3
                     self.row_value[e] = (
-                        self.directions[self.edges * (axis - 1) + i % self.edges]
+                        self.directions[self.edge_count * (axis - 1) + i % self.edge_count]
                         if axis else -slope
                     ) / size
         self.friction_count += 1
@@ -53,7 +47,8 @@ cdef class LoadedStates(ColdOptima):
         """
         cdef list kept = []
         self.hold(problem, kept)
-        cdef Py_ssize_t M = self.M, L = self.L, count = len(loads), width = 2 * M + 6 + 3 * L
+        cdef Py_ssize_t M = self.contact_count, L = self.joint_count, count = len(loads)
+        cdef Py_ssize_t width = 2 * M + 6 + 3 * L
         cdef cnp.ndarray rows = as_shaped(loads, count, width)
         cdef const double* row
         figures, torques = as_shaped(figures, count, 6), as_shaped(torques, count, L)
@@ -61,9 +56,9 @@ cdef class LoadedStates(ColdOptima):
             raise ValueError("needs states that exist")
         while begin < count:
             row = data(rows) + width * begin
-            self.rub(row)
+            self.set_friction(row)
             self.wrench, self.lower, self.upper = row + M, row + M + 6, row + M + 6 + L
-            self.gravity, self.most = row + M + 6 + 2 * L, row + M + 6 + 3 * L
+            self.gravity, self.largest_normal = row + M + 6 + 2 * L, row + M + 6 + 3 * L
             self.count_rows()
             if not self.tried(starts, cold):
                 break

@@ -1,12 +1,6 @@
 """Optima in modes that are known, by pivots from the last state's, and what they prove of all."""
 
-from libc.math cimport INFINITY, fabs
-from libc.string cimport memcpy, memset
-
-cimport numpy as cnp
-
-
-cdef double _SAME = 1e-12  # rows that differ by less are the same
+cdef double _SAME_ROW = 1e-12  # rows that differ by less are the same
 
 
 cdef class ModeCover:
@@ -40,29 +34,30 @@ cdef class ModePrograms(LoadedStates):
 
     cdef double* marginals
     cdef double* bounding
-    cdef double* best_x
+    cdef double* best_point
     cdef double best
     cdef Start best_start
     cdef list covers
     cdef DenseSimplex any_mode
     cdef bint is_bounded, by_cover
     cdef Py_ssize_t any_rows
-    cdef double* known
+    cdef double* known_rows
     cdef double enough, closed
     cdef object held
-    cdef Py_ssize_t rows_count, held_count, known_friction, known_R
+    cdef Py_ssize_t rows_count, held_count, known_friction, known_row_count
 
     def __init__(self, **shared):
         """Take what the problems share, see `ColdOptima`."""
         LoadedStates.__init__(self, **shared)
-        cdef Py_ssize_t n1 = self.n + 1
-        self.marginals = self.workspace(6 + 3 * self.L + self.s)
-        self.best_x, self.covers = self.workspace(n1), []
-        self.bounding = self.workspace(6 + 3 * self.L + self.s)
-        self.known = self.workspace((6 + 3 * self.L) * n1)
+        cdef Py_ssize_t n1 = self.coordinate_count + 1
+        cdef Py_ssize_t changing = 6 + 3 * self.joint_count
+        self.marginals = self.room(changing + self.fixed_count)
+        self.bounding = self.room(changing + self.fixed_count)
+        self.best_point, self.covers = self.room(n1), []
+        self.known_rows = self.room(changing * n1)
         self.enough, self.closed, self.held, self.by_cover = -1.0, 0.0, None, False
         self.rows_count = self.held_count = 0
-        self.known_friction = self.known_R = self.any_rows = -1
+        self.known_friction = self.known_row_count = self.any_rows = -1
 
     def decide(self, double enough, double closed, list covers not None):
         """Tell which margin is looked for, and what is known of all modes.
@@ -93,8 +88,7 @@ cdef class ModePrograms(LoadedStates):
         for place in range(len(starts)):
             start = starts[place]
             if start is not None and self._in_mode(start):
-                if place:
-                    starts.insert(0, starts.pop(place))
+                starts.insert(0, starts.pop(place))
                 self.by_cover = False
                 return True
             # Where a cover was needed for the last state, it mostly is for this one.
@@ -104,42 +98,40 @@ cdef class ModePrograms(LoadedStates):
         if self.by_cover:
             starts.insert(0, starts.pop(starts.index(self.best_start)))
             return True
-        start = self.begun() if cold else None
-        if start is None or not self.optimum(start, True):
-            return False
-        starts.insert(0, start)
-        del starts[_MOST_STARTS:]
-        return True
+        return cold and self.begins(starts)
 
     cdef void _see_rows(self) noexcept:
         """Put the rows that contacts and joints make into a place, and count where they change."""
-        cdef Py_ssize_t n1 = self.n + 1, count = (6 + self.p + self.L) * n1, k
-        cdef bint same = self.known_friction == self.friction_count and self.known_R == self.R
-        self.write_rows()
+        cdef Py_ssize_t n1 = self.coordinate_count + 1, k
+        cdef Py_ssize_t count = (self.row_count - self.fixed_count) * n1
+        cdef double* known = self.known_rows
+        cdef bint same = self.known_friction == self.friction_count
+        same = same and self.known_row_count == self.row_count
+        self.write_changing_rows()
         for k in range(count if same else 0):
-            if fabs(self.rows[k] - self.known[k]) > _SAME * (1.0 + fabs(self.known[k])):
+            if fabs(self.changing_rows[k] - known[k]) > _SAME_ROW * (1.0 + fabs(known[k])):
                 same = False
                 break
         if not same:
-            memcpy(self.known, self.rows, count * sizeof(double))
-            self.known_friction, self.known_R = self.friction_count, self.R
+            memcpy(known, self.changing_rows, count * sizeof(double))
+            self.known_friction, self.known_row_count = self.friction_count, self.row_count
             self.rows_count += 1
 
     cdef DenseSimplex _program(self):
         """The program with its rows as they are known; sides and bounds are set for each state."""
-        cdef Py_ssize_t n1 = self.n + 1, D = 6 + self.p, i, e
-        cdef cnp.ndarray rows = empty(self.R, n1), zero = empty1(self.R), cost = empty1(n1)
+        cdef Py_ssize_t n1 = self.coordinate_count + 1, i
+        cdef cnp.ndarray rows = np.zeros((self.row_count, n1)), zero = np.zeros(self.row_count)
+        cdef cnp.ndarray cost = np.zeros(n1)
         cdef DenseSimplex program
-        memset(data(rows), 0, self.R * n1 * sizeof(double))
-        memset(data(zero), 0, self.R * sizeof(double))
-        memset(data(cost), 0, n1 * sizeof(double))
-        data(cost)[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0
-        memcpy(data(rows), self.known, D * n1 * sizeof(double))
-        memcpy(data(rows) + self.T * n1, self.known + D * n1, self.L * n1 * sizeof(double))
-        for i in range(self.s):
-            for e in range(self.row_start[i], self.row_start[i + 1]):
-                data(rows)[(D + i) * n1 + self.row_column[e]] = self.row_value[e]
-        program = DenseSimplex(cost, empty1(n1), empty1(n1))
+        cdef double* row = data(rows)
+        data(cost)[n1 - 1] = self.cost()
+        for i in range(self.row_count - self.fixed_count):
+            memcpy(
+                row + n1 * self.row_of_changing(i), self.known_rows + n1 * i, n1 * sizeof(double)
+            )
+        for i in range(self.fixed_count):
+            add_fixed_row(self, i, 1.0, row + n1 * (6 + self.peak_count + i))
+        program = DenseSimplex(cost, np.zeros(n1), np.zeros(n1))
         program.add_rows(rows, zero, zero)
         return program
 
@@ -147,11 +139,11 @@ cdef class ModePrograms(LoadedStates):
         """Go to the optimum in the mode of a start; whether it is one of all modes, or enough."""
         cdef double goal, none
         cdef bint done
-        if start.R != self.R or start.n1 != self.n + 1 or start.W != self.W:
+        if not self.is_of(start):
             return False
-        if start.rows_count != self.rows_count:
-            start.simplex, start.rows_count = self._program(), self.rows_count
-        if not self._go_on(start.simplex, start.signs, self.x, self.w):
+        if start.rows_seen != self.rows_count:
+            start.simplex, start.rows_seen = self._program(), self.rows_count
+        if not self._go_on(start.simplex, start.signs, self.point, self.multipliers):
             return False
         done = self.is_proven()
         if not done and self.residual <= self.exact * max(1.0, fabs(self.value)):
@@ -161,7 +153,9 @@ cdef class ModePrograms(LoadedStates):
                 done = self.value <= none - goal or self.bound > none - goal
             if not done and self.value < self.best:
                 self.best, self.best_start = self.value, start
-                memcpy(self.best_x, self.x, (self.n + 1) * sizeof(double))
+                memcpy(
+                    self.best_point, self.point, (self.coordinate_count + 1) * sizeof(double)
+                )
             if not done:
                 done = self._bounded() and self.is_proven()
         return done and self._is_witnessed(start)
@@ -169,12 +163,12 @@ cdef class ModePrograms(LoadedStates):
     cdef bint _is_witnessed(self, Start start) noexcept:
         """Keep the forces, if a motion is behind the mode; it is looked at once for all states."""
         if start.witnessed == self.held_count:
-            memcpy(self.motion, start.motion, self.W * sizeof(double))
+            memcpy(self.motion, start.motion, self.effect_count * sizeof(double))
             self.keep_forces(start)
             return True
         if not self.is_behind(start, False):
             return False
-        memcpy(start.motion, self.motion, self.W * sizeof(double))
+        memcpy(start.motion, self.motion, self.effect_count * sizeof(double))
         start.witnessed = self.held_count
         return True
 
@@ -188,8 +182,8 @@ cdef class ModePrograms(LoadedStates):
                 continue
             if place:
                 self.covers.insert(0, self.covers.pop(place))
-            memcpy(self.x, self.best_x, (self.n + 1) * sizeof(double))
-            memset(self.w, 0, self.R * sizeof(double))
+            memcpy(self.point, self.best_point, (self.coordinate_count + 1) * sizeof(double))
+            memset(self.multipliers, 0, self.row_count * sizeof(double))
             self.judged()
             self.bound = bound
             return (
@@ -200,25 +194,25 @@ cdef class ModePrograms(LoadedStates):
 
     cdef double _bound_of(self, ModeCover cover, double enough) except? -1.0:
         """The lowest bound of the parts of a cover, or one that is not enough."""
-        cdef Py_ssize_t n1 = self.n + 1, part, c
+        cdef Py_ssize_t n1 = self.coordinate_count + 1, part, c
         cdef double lowest = INFINITY, sign
         cdef const double* signs
-        if cover.signs.shape[1] != self.M:
+        if cover.signs.shape[1] != self.contact_count:
             return -INFINITY
         if cover.rows_count != self.rows_count:
             cover.programs = [self._program() for part in range(cover.count)]
             cover.rows_count = self.rows_count
         for part in range(cover.count):
-            signs = data(cover.signs) + 2 * self.M * part
-            if not self._go_on(cover.programs[part], signs, self.x, self.w):
+            signs = data(cover.signs) + 2 * self.contact_count * part
+            if not self._go_on(cover.programs[part], signs, self.point, self.multipliers):
                 return -INFINITY
-            for c in range(self.n):
+            for c in range(self.coordinate_count):
                 if self.axes[c] % 3:
-                    sign = signs[2 * (self.axes[c] // 3) + self.axes[c] % 3 - 1]
+                    sign = sliding_sign(signs, self.axes[c])
                     self.bounds[c] = 0.0 if sign <= 0.0 else -INFINITY
                     self.bounds[n1 + c] = 0.0 if sign >= 0.0 else INFINITY
             self.judged()
-            for c in range(self.n):
+            for c in range(self.coordinate_count):
                 if self.axes[c] % 3:
                     self.bounds[c], self.bounds[n1 + c] = -INFINITY, INFINITY
             lowest = min(lowest, self.bound)
@@ -232,10 +226,10 @@ cdef class ModePrograms(LoadedStates):
             if self.any_rows != self.rows_count:
                 self.any_mode, self.any_rows = self._program(), self.rows_count
             # Its point goes where slopes are worked out next.
-            if not self._go_on(self.any_mode, NULL, self.d, self.bounding):
+            if not self._go_on(self.any_mode, NULL, self.slope, self.bounding):
                 return False
             self.is_bounded = True
-        memcpy(self.w, self.bounding, self.R * sizeof(double))
+        memcpy(self.multipliers, self.bounding, self.row_count * sizeof(double))
         return True
 
     cdef bint _go_on(
@@ -249,21 +243,21 @@ cdef class ModePrograms(LoadedStates):
             x: Takes the point.
             w: Takes the multipliers of all rows.
         """
-        cdef Py_ssize_t n1 = self.n + 1, c, i
+        cdef Py_ssize_t n1 = self.coordinate_count + 1, c, i
         cdef double sign
-        for i in range(self.R):
+        for i in range(self.row_count):
             program.lower[n1 + i] = self.side(i, False)
             program.upper[n1 + i] = self.side(i, True)
         for c in range(n1):
             program.lower[c], program.upper[c] = self.bounds[c], self.bounds[n1 + c]
-            if signs != NULL and c < self.n and self.axes[c] % 3:
-                sign = signs[2 * (self.axes[c] // 3) + self.axes[c] % 3 - 1]
+            if signs != NULL and c < self.coordinate_count and self.axes[c] % 3:
+                sign = sliding_sign(signs, self.axes[c])
                 if sign >= 0.0:
                     program.upper[c] = min(program.upper[c], 0.0)
                 if sign <= 0.0:
                     program.lower[c] = max(program.lower[c], 0.0)
         if program.optimum(x, self.marginals) != OPTIMAL:
             return False
-        for i in range(self.R):
+        for i in range(self.row_count):
             w[i] = -self.marginals[i]
         return True

@@ -1,37 +1,33 @@
 """Warm starts: what an optimum leaves behind for those of similar problems."""
 
-from libc.string cimport memset
-
-cimport numpy as cnp
-
-
-cdef class Start:
+cdef class Start(KeptArrays):
     """What is active at an optimum, the mode that admits it and a motion behind that mode."""
 
-    cdef Py_ssize_t R, D, S, s, n1, W, p, friction_count
+    cdef Py_ssize_t row_count, changing_count, fixed_count, slide_count, friction_count
+    cdef Py_ssize_t variable_count, effect_count
     # The program of the mode, of which rows, and the contacts that its motion was seen with.
     cdef DenseSimplex simplex
-    cdef Py_ssize_t rows_count, witnessed
+    cdef Py_ssize_t rows_seen, witnessed
     cdef readonly str solver
-    cdef list kept
+    # Active rows, those that each state changes first, and where the others are in the programs.
     cdef cnp.npy_intp* rows
-    cdef cnp.npy_intp* starts
-    cdef cnp.npy_intp* columns
-    cdef cnp.npy_intp* contacts
+    cdef cnp.npy_intp* fixed_rows
     cdef cnp.npy_bool* upper
-    cdef double* values
-    cdef double* gram
     cdef double* weights
-    cdef double* x
+    cdef double* point
+    # Products of the fixed rows with each other.
+    cdef double* gram
+    cdef cnp.npy_intp* contacts
     cdef double* signs
     cdef double* own_signs
     cdef double* motion
-    cdef double* A
-    cdef double* w
-    cdef double* b
-    cdef double* sides
-    cdef double* workspace
     cdef double judged[4]
+    # Room: (n + 1, D) changing rows, multipliers, sides and what is left of them.
+    cdef double* changing_rows
+    cdef double* multipliers
+    cdef double* sides
+    cdef double* left
+    cdef double* workspace
 
     def __init__(
         self, PaperPrograms programs not None, rows, at_bounds, upper, x, weights, Py_ssize_t count,
@@ -57,95 +53,58 @@ cdef class Start:
         Raises:
             ValueError: If the shapes do not fit.
         """
-        cdef Py_ssize_t n1 = programs.n + 1, p = count - 6 - programs.s - programs.L, r, h, m, k
-        cdef Py_ssize_t i, j, e, total = 0, T = count - programs.L
+        cdef Py_ssize_t M = programs.contact_count, L = programs.joint_count, W = 6 + L
+        cdef Py_ssize_t n1 = programs.coordinate_count + 1, first_torque = count - L
+        cdef Py_ssize_t first_fixed = first_torque - programs.fixed_count, r, m, k, i, q = 0
         cdef cnp.ndarray active = as_integers(rows, len(rows))
         cdef cnp.ndarray bounded = as_integers(at_bounds, len(at_bounds))
-        r, h = active.shape[0], bounded.shape[0]
-        m = r + h
+        r = active.shape[0]
+        m = r + bounded.shape[0]
         cdef cnp.ndarray top = as_flags(upper, m), given = as_vector(weights, m)
-        self.kept, self.R, self.s, self.solver = [], count, len(contacts), solver
-        self.rows_count = self.witnessed = -1
-        self.n1, self.W, self.p = n1, programs.W, p
-        if not 0 <= p <= 2 * programs.L:
+        self.row_count, self.slide_count, self.solver = count, len(contacts), solver
+        self.rows_seen = self.witnessed = -1
+        self.variable_count, self.effect_count = n1, W
+        if not 0 <= first_fixed - 6 <= 2 * L:
             raise ValueError("needs rows of these programs")
-        self.x = self.real(as_vector(x, n1).copy())
-        self.signs = self.real(as_shaped(signs, programs.M, 2).copy())
-        self.contacts = self.number(as_integers(contacts, self.s).copy())
-        self.own_signs = self.real(as_vector(own_signs, 2 * self.s).copy())
-        self.motion = self.real(as_vector(motion, programs.W).copy())
-        for k in range(self.s):
-            if not 0 <= self.contacts[k] < programs.M:
+        self.point = self.reals(as_vector(x, n1).copy())
+        self.signs = self.reals(as_shaped(signs, M, 2).copy())
+        self.contacts = self.numbers(as_integers(contacts, self.slide_count).copy())
+        self.own_signs = self.reals(as_vector(own_signs, 2 * self.slide_count).copy())
+        self.motion = self.reals(as_vector(motion, W).copy())
+        for k in range(self.slide_count):
+            if not 0 <= self.contacts[k] < M:
                 raise ValueError("needs contacts that exist")
         for k in range(4):
             self.judged[k] = judged_by[k]
-        self.rows = self.number(no_numbers(m + 1))
-        self.weights = self.real(empty1(m + 1))
-        flags = as_flags([False] * (m + 1), m + 1)
-        self.kept.append(flags)
-        self.upper = flags_of(flags)
-        self.D = self.S = 0
-        # Rows that each state changes come first.
+        self.rows, self.fixed_rows = self.number_room(m), self.number_room(m)
+        self.weights, self.upper = self.room(m), self.flags(as_flags([False] * m, m))
+        self.changing_count = 0
         for changes in (True, False):
             for k in range(m):
                 i = numbers_of(active)[k] if k < r else count + numbers_of(bounded)[k - r]
                 if not 0 <= i < count + n1 or (k < r and i >= count):
                     raise ValueError("needs rows and variables that exist")
-                if (i < 6 + p or T <= i < count) != changes:
+                if (i < first_fixed or first_torque <= i < count) != changes:
                     continue
-                self.rows[self.D + self.S] = i
-                self.weights[self.D + self.S] = data(given)[k]
-                self.upper[self.D + self.S] = flags_of(top)[k]
+                self.rows[q], self.weights[q] = i, data(given)[k]
+                self.upper[q] = flags_of(top)[k]
                 if changes:
-                    self.D += 1
-                    continue
-                j = i - 6 - p
-                total += 1 if i >= count else programs.row_start[j + 1] - programs.row_start[j]
-                self.S += 1
-        self.starts = self.number(no_numbers(self.S + 1))
-        self.columns = self.number(no_numbers(total + 1))
-        self.values = self.real(empty1(total + 1))
-        self.gram = self.real(empty(n1, n1))
-        total = 0
-        for k in range(self.S):
-            i = self.rows[self.D + k]
-            if i >= count:
-                self.columns[total], self.values[total] = i - count, 1.0
-                total += 1
-            else:
-                j = i - 6 - p
-                for e in range(programs.row_start[j], programs.row_start[j + 1]):
-                    self.columns[total] = programs.row_column[e]
-                    total += 1
-            self.starts[k + 1] = total
+                    self.changing_count += 1
+                else:
+                    i = i - first_fixed if i < count else programs.fixed_count + i - count
+                    self.fixed_rows[q - self.changing_count] = i
+                q += 1
+        self.fixed_count = m - self.changing_count
+        self.gram = self.reals(np.empty((n1, n1)))
         self.fit(programs)
-        self.A = self.real(empty1(self.D * n1 + 1))
-        self.w, self.b = self.real(empty1(m + 1)), self.real(empty1(m + 1))
-        self.sides = self.real(empty1(m + 1))
-        self.workspace = self.real(empty1(witness_workspace(self.s, programs.W)))
+        self.changing_rows = self.room(self.changing_count * n1)
+        self.multipliers, self.sides, self.left = self.room(m), self.room(m), self.room(m)
+        self.workspace = self.room(witness_workspace(self.slide_count, W))
 
     cdef void fit(self, PaperPrograms programs) noexcept:
         """Take the cones of the programs that it was made of, whose friction may have changed."""
-        cdef Py_ssize_t k, i, j, first
-        memset(self.gram, 0, self.n1 * self.n1 * sizeof(double))
-        for k in range(self.S):
-            i = self.rows[self.D + k]
-            if i < self.R:
-                first = programs.row_start[i - 6 - self.p] - self.starts[k]
-                for j in range(self.starts[k], self.starts[k + 1]):
-                    self.values[j] = programs.row_value[first + j]
-            for i in range(self.starts[k], self.starts[k + 1]):
-                for j in range(self.starts[k], i + 1):
-                    # Columns of a row rise.
-                    self.gram[self.n1 * self.columns[i] + self.columns[j]] += (
-                        self.values[i] * self.values[j]
-                    )
+        cdef Py_ssize_t k
+        memset(self.gram, 0, self.variable_count * self.variable_count * sizeof(double))
+        for k in range(self.fixed_count):
+            add_fixed_square(programs, self.fixed_rows[k], 1.0, self.gram)
         self.friction_count = programs.friction_count
-
-    cdef double* real(self, cnp.ndarray array):
-        self.kept.append(array)
-        return data(array)
-
-    cdef cnp.npy_intp* number(self, cnp.ndarray array):
-        self.kept.append(array)
-        return numbers_of(array)

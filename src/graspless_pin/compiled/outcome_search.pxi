@@ -1,10 +1,5 @@
 """Bounds over sets of outcomes, and forces that relax contact by contact."""
 
-from libc.math cimport INFINITY, M_PI, atan2, cos, fabs, floor, fmax, fmin, isfinite, sin, sqrt
-
-cimport numpy as cnp
-
-
 # States as `holding.bounds` numbers them.
 cdef enum:
     FREE = 0
@@ -29,38 +24,49 @@ cdef bint is_stuck(Py_ssize_t state, double half_width) noexcept nogil:
     return state == STICKING or half_width < 0.0
 
 
-cdef class Bounds:
+cdef class Bounds(KeptArrays):
     """What multipliers prove, see `holding.bounds.outcome_bound`, for one dynamics and loads."""
 
     cdef Py_ssize_t count, n
     cdef double tolerance, patch_tolerance, force_limit
-    cdef cnp.ndarray rows, load, mu, commanded, spread, own_spread, loads, reach, left, needed, pay
-    cdef cnp.ndarray aside, leaks
+    cdef double* rows
+    cdef double* load
+    cdef double* friction
+    cdef double* commanded
+    cdef double* spread
+    cdef double* own_spread
+    cdef double* loads
+    cdef double* aside
+    cdef double* leaks
+    cdef double* reach
+    cdef double* left
+    cdef double* needed
+    cdef double* pay
     cdef bint is_whole
 
     def __init__(
         self, rows, load, friction, commanded, spread, commanded_spread, loads,
         double tolerance, double patch_tolerance, double force_limit, aside, leaks,
     ):
-        cdef cnp.ndarray matrix = as_reals(rows, 3)
-        cdef Py_ssize_t k
-        self.count, self.n = matrix.shape[0], matrix.shape[2]
-        self.rows = as_blocks(matrix, self.count, 3, self.n)
-        self.load, self.mu = as_vector(load, self.n), as_vector(friction, self.count)
-        self.commanded = as_vector(commanded, self.count)
-        self.spread = as_vector(spread, self.n)
-        self.own_spread = as_vector(commanded_spread, self.count)
-        self.loads = as_vector(loads, self.count)
-        self.aside, self.leaks = as_vector(aside, self.n), as_vector(leaks, self.count)
-        self.is_whole = inner(data(self.aside), data(self.aside), self.n) == 0.0
+        cdef Py_ssize_t n = len(load), count = len(rows), k
+        self.count, self.n = count, n
+        self.rows = self.reals(as_blocks(rows, count, 3, n))
+        self.load = self.reals(as_vector(load, n))
+        self.friction = self.reals(as_vector(friction, count))
+        self.commanded = self.reals(as_vector(commanded, count))
+        self.spread = self.reals(as_vector(spread, n))
+        self.own_spread = self.reals(as_vector(commanded_spread, count))
+        self.loads = self.reals(as_vector(loads, count))
+        self.aside = self.reals(as_vector(aside, n))
+        self.leaks = self.reals(as_vector(leaks, count))
+        self.is_whole = inner(self.aside, self.aside, n) == 0.0
         self.tolerance, self.force_limit = tolerance, force_limit
         self.patch_tolerance = patch_tolerance
-        self.reach, self.left = empty1(self.count), empty1(self.n)
-        self.needed, self.pay = empty1(self.count), empty1(self.count)
-        for k in range(self.count):
-            data(self.reach)[k] = sqrt(
-                inner(data(self.rows) + (3 * k + 1) * self.n,
-                      data(self.rows) + (3 * k + 1) * self.n, 2 * self.n)
+        self.reach, self.left = self.room(count), self.room(n)
+        self.needed, self.pay = self.room(count), self.room(count)
+        for k in range(count):
+            self.reach[k] = sqrt(
+                inner(self.rows + (3 * k + 1) * n, self.rows + (3 * k + 1) * n, 2 * n)
             )
 
     def bound(self, states, center, half_width, motion, normal, tangential, p, q):
@@ -134,34 +140,34 @@ cdef class Bounds:
         """
         cdef Py_ssize_t k, j, n = self.n, marked = 0
         cdef const double* own
-        cdef double* v = data(self.left)
+        cdef double* v = self.left
         cdef double c[3]
-        cdef double bound = inner(motion, data(self.load), n), gain, low, high, arc, nu, wrong
-        cdef double rise = inner(motion, data(self.spread), n), slack = 0.0, power
+        cdef double bound = inner(motion, self.load, n), gain, low, high, arc, nu, wrong
+        cdef double rise = inner(motion, self.spread, n), slack = 0.0, power
         cdef double size, along, best, beta, ball, unpaid, square, least, leak = 0.0
         cdef bint held
         for k in range(self.count):
-            own = data(self.rows) + 3 * k * n
-            held = isfinite(data(self.commanded)[k])
+            own = self.rows + 3 * k * n
+            held = isfinite(self.commanded[k])
             arc = M_PI if is_stuck(states[k], half_width[k]) else half_width[k]
             for j in range(3):
                 c[j] = inner(own + j * n, motion, n) + (0.0 if q == NULL else q[3 * k + j])
-            gain = -data(self.mu)[k] * least_product(c[1], c[2], center[k], arc)
+            gain = -self.friction[k] * least_product(c[1], c[2], center[k], arc)
             if not held:
                 gain += c[0]
-            low = data(self.commanded)[k] if held else data(self.loads)[k]
-            high = data(self.commanded)[k] if held else self.force_limit
+            low = self.commanded[k] if held else self.loads[k]
+            high = self.commanded[k] if held else self.force_limit
             if states[k] != OPEN:
                 bound += gain * (high if gain > 0.0 else low)
-                leak += self.force_limit * data(self.leaks)[k]
-            rise += gain * data(self.own_spread)[k]
+                leak += self.force_limit * self.leaks[k]
+            rise += gain * self.own_spread[k]
         if q == NULL and self.is_whole and bound > enough:
             return INFINITY
         for j in range(n):
             v[j] = p[j] - motion[j]
         for k in range(self.count):
-            own = data(self.rows) + 3 * k * n
-            held = isfinite(data(self.commanded)[k])
+            own = self.rows + 3 * k * n
+            held = isfinite(self.commanded[k])
             nu = 0.0 if held else normal[k]
             if states[k] == FREE or states[k] == OPEN:
                 nu = fmax(nu, 0.0)
@@ -172,24 +178,23 @@ cdef class Bounds:
                 wrong = sqrt(kappa[2 * k] * kappa[2 * k] + kappa[2 * k + 1] * kappa[2 * k + 1])
                 slack += wrong * (self.patch_tolerance if half_width[k] < 0.0 else 1.0)
                 continue
-            arc = M_PI if is_stuck(states[k], half_width[k]) else half_width[k]
-            wrong = -least_product(kappa[2 * k], kappa[2 * k + 1], center[k], arc)
+            wrong = -least_product(kappa[2 * k], kappa[2 * k + 1], center[k], half_width[k])
             if wrong > 0.0:
-                low = data(self.commanded)[k] if held else data(self.loads)[k]
-                power = data(self.mu)[k] * (low + fmin(data(self.own_spread)[k], 0.0))
+                low = self.commanded[k] if held else self.loads[k]
+                power = self.friction[k] * (low + fmin(self.own_spread[k], 0.0))
                 if states[k] == OPEN:
                     power = 0.0
-                data(self.needed)[marked] = wrong / power if power != 0.0 else INFINITY
-                data(self.pay)[marked] = wrong * data(self.reach)[k]
+                self.needed[marked] = wrong / power if power != 0.0 else INFINITY
+                self.pay[marked] = wrong * self.reach[k]
                 marked += 1
         bound += self.tolerance * slack + fmax(rise, 0.0)
         # Slips are paid for by a larger beta, or by their length.
-        size, along, best = sqrt(inner(v, v, n)), inner(v, data(self.load), n), INFINITY
-        bound += inner(v, data(self.aside), n) + inner(motion, data(self.aside), n)
-        square = inner(data(self.load), data(self.load), n) + 4.0 * leak
+        size, along, best = sqrt(inner(v, v, n)), inner(v, self.load, n), INFINITY
+        bound += inner(v, self.aside, n) + inner(motion, self.aside, n)
+        square = inner(self.load, self.load, n) + 4.0 * leak
         least = size / fmax(sqrt(square), 1e-9)
         for k in range(-1, marked):
-            beta = least if k < 0 else data(self.needed)[k]
+            beta = least if k < 0 else self.needed[k]
             if k >= 0 and not least < beta < INFINITY:
                 continue
             ball = 0.0
@@ -197,8 +202,8 @@ cdef class Bounds:
                 ball = 0.25 * (size * size / beta + 2.0 * along + beta * square)
             unpaid = 0.0
             for j in range(marked):
-                if data(self.needed)[j] > beta:
-                    unpaid += data(self.pay)[j]
+                if self.needed[j] > beta:
+                    unpaid += self.pay[j]
             best = fmin(best, ball + unpaid)
         return bound + best
 

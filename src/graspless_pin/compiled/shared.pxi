@@ -4,10 +4,6 @@ Arrays of other types or layouts than contiguous doubles are copied; shapes that
 refused with a ValueError.
 """
 
-from libc.math cimport sqrt
-
-cimport numpy as cnp
-
 cdef inline cnp.ndarray as_reals(object values, int ndim):
     """The values as a contiguous array of doubles with a number of dimensions; 0: with any."""
     if (
@@ -28,11 +24,11 @@ cdef inline cnp.ndarray as_shaped(object values, Py_ssize_t rows, Py_ssize_t col
     return array
 
 
-cdef inline cnp.ndarray as_poses(object values):
-    """The values as a contiguous (K, 4, 4) array of doubles."""
+cdef inline cnp.ndarray as_poses(object values, Py_ssize_t count):
+    """The values as a contiguous (count, 4, 4) array of doubles."""
     cdef cnp.ndarray array = as_reals(values, 3)
-    if array.shape[1] != 4 or array.shape[2] != 4:
-        raise ValueError("needs shape (K, 4, 4)")
+    if array.shape[0] != count or array.shape[1] != 4 or array.shape[2] != 4:
+        raise ValueError(f"needs one pose for each set or joint: ({count}, 4, 4)")
     return array
 
 
@@ -80,30 +76,40 @@ cdef inline cnp.npy_intp* numbers_of(cnp.ndarray array) noexcept nogil:
     return <cnp.npy_intp*>cnp.PyArray_DATA(array)
 
 
-cdef inline cnp.ndarray no_numbers(Py_ssize_t length):
-    cdef cnp.npy_intp shape = length
-    return <cnp.ndarray>cnp.PyArray_ZEROS(1, &shape, cnp.NPY_INTP, 0)
-
-
 cdef inline cnp.ndarray empty1(Py_ssize_t length):
     cdef cnp.npy_intp shape = length
     return <cnp.ndarray>cnp.PyArray_EMPTY(1, &shape, cnp.NPY_DOUBLE, 0)
-
-
-cdef inline cnp.ndarray empty3(Py_ssize_t count, Py_ssize_t rows, Py_ssize_t columns):
-    cdef cnp.npy_intp shape[3]
-    shape[0], shape[1], shape[2] = count, rows, columns
-    return <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
 
 
 cdef inline double* data(cnp.ndarray array) noexcept nogil:
     return <double*>cnp.PyArray_DATA(array)
 
 
-cdef inline cnp.ndarray empty(Py_ssize_t rows, Py_ssize_t columns):
-    cdef cnp.npy_intp shape[2]
-    shape[0], shape[1] = rows, columns
-    return <cnp.ndarray>cnp.PyArray_EMPTY(2, shape, cnp.NPY_DOUBLE, 0)
+cdef class KeptArrays:
+    """What keeps the arrays that its loops go through by pointers."""
+
+    cdef list kept
+
+    def __cinit__(self):
+        self.kept = []
+
+    cdef double* reals(self, cnp.ndarray array):
+        self.kept.append(array)
+        return data(array)
+
+    cdef cnp.npy_intp* numbers(self, cnp.ndarray array):
+        self.kept.append(array)
+        return numbers_of(array)
+
+    cdef cnp.npy_bool* flags(self, cnp.ndarray array):
+        self.kept.append(array)
+        return flags_of(array)
+
+    cdef double* room(self, Py_ssize_t count):
+        return self.reals(empty1(max(count, 1)))
+
+    cdef cnp.npy_intp* number_room(self, Py_ssize_t count):
+        return self.numbers(np.zeros(max(count, 1), np.intp))
 
 
 cdef inline double dot(const double* a, const double* b) noexcept nogil:

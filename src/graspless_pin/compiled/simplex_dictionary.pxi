@@ -4,13 +4,6 @@ A pivot goes over all of a dictionary, which for some hundred rows and some doze
 few microseconds.
 """
 
-from libc.math cimport INFINITY, fabs, fmax, isfinite
-from libc.stdlib cimport free, malloc, realloc
-from libc.string cimport memcpy, memmove, memset
-
-cimport numpy as cnp
-
-
 cdef inline bint is_pivot(double entry) noexcept nogil:
     """Whether an entry of a table is large enough for a pivot."""
     return fabs(entry) > 1e-9
@@ -190,7 +183,7 @@ cdef class Dictionary:
 
     def program(self):
         """Return (m, n) R, (n + m,) lower and upper bounds of variables, then rows, and (n,) c."""
-        cdef cnp.ndarray rows = empty(self.m, self.n), low = empty1(self.n + self.m)
+        cdef cnp.ndarray rows = np.empty((self.m, self.n)), low = empty1(self.n + self.m)
         cdef cnp.ndarray high = empty1(self.n + self.m), cost = empty1(self.n)
         memcpy(data(rows), self.rows, self.m * self.n * sizeof(double))
         memcpy(data(low), self.lower, (self.n + self.m) * sizeof(double))

@@ -1,11 +1,5 @@
 """Virtual motions: their map, scaled, and those that slide with given signs."""
 
-from libc.math cimport INFINITY, sqrt
-from libc.string cimport memcpy, memset
-
-cimport numpy as cnp
-
-
 cdef void scaled_of(
     Py_ssize_t rows, Py_ssize_t n, const double* values, double* size, double* out
 ) noexcept nogil:

@@ -1,11 +1,5 @@
 """Optima of Algorithms 1 and 2 by a warm start from the active set of a similar problem, proven."""
 
-from libc.math cimport fabs, isfinite
-from libc.string cimport memcpy, memset
-
-cimport numpy as cnp
-
-
 cdef Py_ssize_t _MOST_STARTS = 8
 
 FIGURES = ("margin", "value", "bound", "gap", "residual", "unit")
@@ -17,8 +11,8 @@ cdef class WarmOptima(PaperPrograms):
 
     cdef double damping, exact, close, cutoff
     cdef int corrections
-    cdef double* y
-    cdef double* G
+    cdef double* point_change
+    cdef double* normal_equations
     cdef double* forces
     cdef double* map
     cdef double* scaled
@@ -41,40 +35,36 @@ cdef class WarmOptima(PaperPrograms):
             shared: See `PaperPrograms`.
         """
         PaperPrograms.__init__(self, **shared)
-        cdef Py_ssize_t n = self.n
+        cdef Py_ssize_t n1 = self.coordinate_count + 1, M = self.contact_count
         self.damping, self.corrections, self.exact = damping, corrections, exact
         self.close, self.cutoff = close, cutoff
-        self.y, self.G = self.workspace(n + 1), self.workspace((n + 1) * (n + 1))
-        self.forces = self.workspace(3 * self.M)
-        self.map = self.workspace(3 * self.M * self.W)
-        self.scaled = self.workspace(3 * self.M * self.W)
-        self.scale, self.motion = self.workspace(self.W), self.workspace(self.W)
-        self.signs = self.workspace(2 * self.M)
+        self.point_change, self.normal_equations = self.room(n1), self.room(n1 * n1)
+        self.forces, self.signs = self.room(3 * M), self.room(2 * M)
+        self.map = self.room(3 * M * self.effect_count)
+        self.scaled = self.room(3 * M * self.effect_count)
+        self.scale, self.motion = self.room(self.effect_count), self.room(self.effect_count)
 
     cdef bint refined(self, Start start) noexcept:
-        """Find point and multipliers for the active rows of an earlier optimum."""
-        cdef Py_ssize_t n1 = self.n + 1, W = self.W, D = start.D, S = start.S, c, q, i, j, e
-        cdef double trace = 0.0, turned, last, factor_of
+        """Find point and multipliers for the active rows of an earlier optimum.
+
+        With all active rows A and their sides b, A x = b and A^T w = -c: least squares by damped
+        normal equations, and iterative refinement.
+        """
+        cdef Py_ssize_t n1 = self.coordinate_count + 1, D = start.changing_count, c, q, i, j, _
+        cdef Py_ssize_t count = D + start.fixed_count
+        cdef double trace = 0.0, share
         cdef const double* column
-        cdef double* G = self.G
-        cdef double* A = start.A
-        cdef double* w = start.w
-        cdef double* b = start.b
-        cdef double* sides = start.sides
-        for q in range(D + S):
-            sides[q] = self.side(start.rows[q], start.upper[q])
-            if not isfinite(sides[q]):
+        cdef double* G = self.normal_equations
+        cdef double* A = start.changing_rows
+        cdef double* w = start.multipliers
+        cdef double* b = start.left
+        cdef double* x = self.point
+        for q in range(count):
+            start.sides[q] = self.side(start.rows[q], start.upper[q])
+            if not isfinite(start.sides[q]):
                 return False
         for q in range(D):
-            i, factor_of, last = start.rows[q], 1.0, 0.0
-            if i >= self.T:
-                i = 6 + i - self.T
-            elif i >= 6:
-                factor_of, last = self.share[i - 6], -self.level[i - 6]
-                i = 6 + self.joint[i - 6] % self.L
-            for c in range(n1 - 1):
-                A[D * c + q] = factor_of * self.B[W * c + i]
-            A[D * (n1 - 1) + q] = last
+            self.write_changing_row(start.rows[q], A + q, D)
         for i in range(n1):
             for j in range(i + 1):
                 G[n1 * i + j] = start.gram[n1 * i + j] + inner(A + D * i, A + D * j, D)
@@ -83,61 +73,60 @@ cdef class WarmOptima(PaperPrograms):
             G[n1 * i + i] += self.damping * trace
         if not factor(G, n1):
             return False
-        memcpy(w, start.weights, (D + S) * sizeof(double))
-        memcpy(self.x, start.x, n1 * sizeof(double))
+        memcpy(w, start.weights, count * sizeof(double))
+        memcpy(x, start.point, n1 * sizeof(double))
         for _ in range(self.corrections):
             # What is left of the sides, and the slope of the Lagrangian.
-            memcpy(b, sides, (D + S) * sizeof(double))
+            memcpy(b, start.sides, count * sizeof(double))
             for c in range(n1):
-                column, turned = A + D * c, self.x[c]
+                column, share = A + D * c, x[c]
                 for q in range(D):
-                    b[q] -= column[q] * turned
-                self.d[c] = inner(column, w, D)
-            self.d[n1 - 1] += -1.0 if self.kind == MARGIN else 1.0
-            for q in range(S):
-                for e in range(start.starts[q], start.starts[q + 1]):
-                    b[D + q] -= start.values[e] * self.x[start.columns[e]]
-                    self.d[start.columns[e]] += w[D + q] * start.values[e]
+                    b[q] -= column[q] * share
+                self.slope[c] = inner(column, w, D)
+            self.slope[n1 - 1] += self.cost()
+            for q in range(start.fixed_count):
+                b[D + q] -= fixed_row_at(self, start.fixed_rows[q], x)
+                add_fixed_row(self, start.fixed_rows[q], w[D + q], self.slope)
             for c in range(n1):
-                self.y[c] = inner(A + D * c, b, D)
-            for q in range(S):
-                for e in range(start.starts[q], start.starts[q + 1]):
-                    self.y[start.columns[e]] += b[D + q] * start.values[e]
-            solve_factored(G, n1, self.d)
-            solve_factored(G, n1, self.y)
+                self.point_change[c] = inner(A + D * c, b, D)
+            for q in range(start.fixed_count):
+                add_fixed_row(self, start.fixed_rows[q], b[D + q], self.point_change)
+            solve_factored(G, n1, self.slope)
+            solve_factored(G, n1, self.point_change)
             for c in range(n1):
-                column, turned = A + D * c, self.d[c]
+                column, share = A + D * c, self.slope[c]
                 for q in range(D):
-                    w[q] -= column[q] * turned
-                self.x[c] += self.y[c]
-            for q in range(S):
-                for e in range(start.starts[q], start.starts[q + 1]):
-                    w[D + q] -= start.values[e] * self.d[start.columns[e]]
-        memset(self.w, 0, self.R * sizeof(double))
-        for q in range(D + S):
-            if start.rows[q] >= self.R:
-                self.x[start.rows[q] - self.R] = sides[q]
+                    w[q] -= column[q] * share
+                x[c] += self.point_change[c]
+            for q in range(start.fixed_count):
+                w[D + q] -= fixed_row_at(self, start.fixed_rows[q], self.slope)
+        memset(self.multipliers, 0, self.row_count * sizeof(double))
+        for q in range(count):
+            if start.rows[q] >= self.row_count:
+                x[start.rows[q] - self.row_count] = start.sides[q]
             else:
-                self.w[start.rows[q]] = w[q]
+                self.multipliers[start.rows[q]] = w[q]
         return True
+
+    cdef bint is_of(self, Start start) noexcept:
+        """Whether a start is of a program with as many rows and variables."""
+        return (
+            start.row_count == self.row_count and start.effect_count == self.effect_count
+            and start.variable_count == self.coordinate_count + 1
+        )
 
     cdef bint optimum(self, Start start, bint has_map) noexcept:
         """Find and prove the optimum that an earlier one leads to."""
-        cdef Py_ssize_t c, contact
-        cdef double friction
-        if start.R != self.R or start.n1 != self.n + 1 or start.W != self.W:
+        cdef Py_ssize_t c
+        if not self.is_of(start):
             return False
         if start.friction_count != self.friction_count:
             start.fit(self)
         if not self.refined(start):
             return False
-        for c in range(self.n):
-            contact, friction = self.axes[c] // 3, self.x[c]
-            if (
-                self.axes[c] % 3 and friction != 0.0
-                and friction * start.signs[2 * contact + self.axes[c] % 3 - 1] >= 0.0
-            ):
-                self.x[c] = 0.0
+        for c in range(self.coordinate_count):
+            if self.axes[c] % 3 and self.point[c] * sliding_sign(start.signs, self.axes[c]) >= 0.0:
+                self.point[c] = 0.0
         return self.is_proven() and self.is_behind(start, has_map)
 
     cdef bint is_proven(self) noexcept:
@@ -153,31 +142,36 @@ cdef class WarmOptima(PaperPrograms):
     cdef bint is_behind(self, Start start, bint has_map) noexcept:
         """Find the motion of an earlier optimum; whether it is behind its mode. Keep the forces."""
         if not has_map:
-            map_of(
-                self.M, self.L, self.points, self.normals, self.tangents, self.J, self.map
-            )
-            scaled_of(3 * self.M, self.W, self.map, self.scale, self.scaled)
-        if start.s:
+            self.write_map()
+        if start.slide_count:
             if not witness_of(
-                self.M, self.W, self.scaled, start.s, start.contacts, start.own_signs,
-                start.motion, 0, start.judged[0], <int>start.judged[1], start.judged[2],
-                start.judged[3], start.workspace,
-                self.signs, self.motion,
+                self.contact_count, self.effect_count, self.scaled, start.slide_count,
+                start.contacts, start.own_signs, start.motion, 0, start.judged[0],
+                <int>start.judged[1], start.judged[2], start.judged[3], start.workspace, self.signs,
+                self.motion,
             ):
                 return False
         else:
-            memcpy(self.motion, start.motion, self.W * sizeof(double))
+            memcpy(self.motion, start.motion, self.effect_count * sizeof(double))
         self.keep_forces(start)
         return True
 
+    cdef void write_map(self) noexcept:
+        """Put the map of virtual motions, and the same scaled, into places."""
+        map_of(
+            self.contact_count, self.joint_count, self.points, self.normals, self.tangents,
+            self.jacobian, self.map,
+        )
+        scaled_of(3 * self.contact_count, self.effect_count, self.map, self.scale, self.scaled)
+
     cdef void keep_forces(self, Start start) noexcept:
         """Take the forces of the point, to which an earlier optimum has led."""
-        cdef Py_ssize_t c, contact
-        memset(self.forces, 0, 3 * self.M * sizeof(double))
-        for c in range(self.n):
-            for contact in range(3):
-                self.forces[3 * (self.axes[c] // 3) + contact] += (
-                    self.force * self.x[c] * self.frames[3 * self.axes[c] + contact]
+        cdef Py_ssize_t c, k
+        memset(self.forces, 0, 3 * self.contact_count * sizeof(double))
+        for c in range(self.coordinate_count):
+            for k in range(3):
+                self.forces[3 * (self.axes[c] // 3) + k] += (
+                    self.force * self.point[c] * self.frames[3 * self.axes[c] + k]
                 )
         self.served = start
 
@@ -199,15 +193,26 @@ cdef class WarmOptima(PaperPrograms):
             signs of the mode, and the solver of the start that led to it. None if none does.
         """
         cdef list kept = []
-        cdef Py_ssize_t place
         self.hold(problem, kept)
-        if not self.posed():
-            return None
+        cdef Py_ssize_t place = self.serving(starts) if self.posed() else -1
+        return None if place < 0 else (place, self.result())
+
+    cdef Py_ssize_t serving(self, list starts) except -2:
+        """The place of the first start that leads to the optimum; -1: none does."""
+        cdef Py_ssize_t place
         for place in range(len(starts)):
-            start = starts[place]
-            if start is not None and self.optimum(start, False):
-                return place, self.result()
-        return None
+            if starts[place] is not None and self.optimum(starts[place], False):
+                return place
+        return -1
+
+    cdef bint begins(self, list starts) except -1:
+        """Find the optimum otherwise, and put what it leaves behind before the starts."""
+        cdef Start start = self.begun()
+        if start is None or not self.optimum(start, True):
+            return False
+        starts.insert(0, start)
+        del starts[_MOST_STARTS:]
+        return True
 
     cdef bint tried(self, list starts, bint cold) except -1:
         """Find the optimum that one of several earlier ones leads to; else that found otherwise.
@@ -216,50 +221,42 @@ cdef class WarmOptima(PaperPrograms):
             starts: As in `warm_optimum`; that which served comes first afterwards.
             cold: Whether to look for one otherwise.
         """
-        cdef Py_ssize_t place
         if not self.posed():
             return False
-        for place in range(len(starts)):
-            start = starts[place]
-            if start is not None and self.optimum(start, False):
-                if place:
-                    starts.insert(0, starts.pop(place))
-                return True
-        start = self.begun() if cold else None
-        if start is None or not self.optimum(start, True):
-            return False
-        starts.insert(0, start)
-        del starts[_MOST_STARTS:]
+        cdef Py_ssize_t place = self.serving(starts)
+        if place < 0:
+            return cold and self.begins(starts)
+        starts.insert(0, starts.pop(place))
         return True
 
     cdef void write_figures(self, double* figures, double* torques, Py_ssize_t rows) noexcept:
         """Write the `FIGURES` and the torques; the first rows of forces act on joints."""
-        cdef Py_ssize_t k, j
+        cdef Py_ssize_t k, j, L = self.joint_count
         figures[0] = margin_of(
-            self.M, self.forces, self.normals, self.tangents, self.slopes, self.has_cone, self.most,
-            self.edges, self.directions,
+            self.contact_count, self.forces, self.normals, self.tangents, self.slopes,
+            self.has_cone, self.largest_normal, self.edge_count, self.directions,
         )
-        figures[1], figures[4] = self.value, self.residual
-        figures[5] = -self.unit if self.kind == MARGIN else self.unit
+        figures[1], figures[4], figures[5] = self.value, self.residual, self.cost() * self.unit
         figures[2], figures[3] = self.bound * figures[5], (self.value - self.bound) * self.unit
-        for j in range(self.L):
+        for j in range(L):
             torques[j] = self.gravity[j]
         for k in range(rows):
-            for j in range(self.L):
-                torques[j] += self.forces[k] * self.J[self.L * k + j]
+            for j in range(L):
+                torques[j] += self.forces[k] * self.jacobian[L * k + j]
 
     def result(self):
         """What was found of the last problem, as `warm_optimum` returns it."""
         cdef Start start = self.served
-        cdef Py_ssize_t k
+        cdef Py_ssize_t k, M = self.contact_count
         if start is None:
             raise ValueError("no optimum was found")
         return (
-            _copied(self.forces, 3 * self.M).reshape(self.M, 3), self.unit,
-            _copied(self.x, self.n + 1), self.value, self.bound, self.residual,
-            _copied(self.w, self.R), _copied(self.motion, self.W), _copied(self.scale, self.W),
-            [start.contacts[k] for k in range(start.s)],
-            _copied(start.signs, 2 * self.M).reshape(self.M, 2), start.solver,
+            _copied(self.forces, 3 * M).reshape(M, 3), self.unit,
+            _copied(self.point, self.coordinate_count + 1), self.value, self.bound, self.residual,
+            _copied(self.multipliers, self.row_count), _copied(self.motion, self.effect_count),
+            _copied(self.scale, self.effect_count),
+            [start.contacts[k] for k in range(start.slide_count)],
+            _copied(start.signs, 2 * M).reshape(M, 2), start.solver,
         )
 
     def optima_of_states(
@@ -290,26 +287,23 @@ cdef class WarmOptima(PaperPrograms):
         cdef cnp.ndarray weights = as_reals(states[4], 2), mask = as_reals(moves, 2)
         cdef cnp.ndarray numbers = as_integers(order, len(order)), about = as_vector(center, 3)
         cdef cnp.ndarray carrier = as_integers(carriers, len(carriers)), given = as_reals(axes, 2)
-        cdef cnp.ndarray points = as_shaped(problem.positions, self.M, 3).copy()
-        cdef cnp.ndarray normals = as_shaped(problem.normals, self.M, 3).copy()
-        cdef cnp.ndarray tangents = as_blocks(problem.tangents, self.M, 3, 2).copy()
-        cdef cnp.ndarray J = empty(3 * self.M, self.L)
-        cdef Py_ssize_t H = carrier.shape[0], L = self.L, total = weights.shape[0], number, k, j
-        cdef Py_ssize_t count = 0, most = rows.shape[1]
+        cdef Py_ssize_t M = self.contact_count, L = self.joint_count, H = carrier.shape[0]
+        cdef Py_ssize_t total = weights.shape[0], count = 0, most = rows.shape[1], number, k, j
+        cdef cnp.ndarray points = as_shaped(problem.positions, M, 3).copy()
+        cdef cnp.ndarray normals = as_shaped(problem.normals, M, 3).copy()
+        cdef cnp.ndarray tangents = as_blocks(problem.tangents, M, 3, 2).copy()
+        cdef cnp.ndarray jacobian = np.empty((3 * M, L))
         cdef const double* row
-        if (
-            H > min(self.M, most) or rows.shape[2] != 6 or weights.shape[1] != L
-            or mask.shape[1] != L
-        ):
+        if H > min(M, most) or weights.shape[1] != L or mask.shape[1] != L:
             raise ValueError("needs states of these contacts")
         rows, columns = as_blocks(rows, total, most, 6), as_blocks(columns, total, 6, L)
         figures, torques = as_shaped(figures, total, 6), as_shaped(torques, total, L)
         for k in range(H):
             if not 0 <= numbers_of(carrier)[k] < mask.shape[0]:
                 raise ValueError("needs joints that exist")
-        memset(data(J), 0, 3 * self.M * L * sizeof(double))
+        memset(data(jacobian), 0, 3 * M * L * sizeof(double))
         self.points, self.normals, self.tangents = data(points), data(normals), data(tangents)
-        self.J = data(J)
+        self.jacobian = data(jacobian)
         while count < numbers.shape[0]:
             number = numbers_of(numbers)[count]
             if not 0 <= number < total:
@@ -321,7 +315,7 @@ cdef class WarmOptima(PaperPrograms):
                     data(normals)[3 * k + j] = row[3 + j]
                 jacobian_of(
                     L, data(columns) + 6 * L * number, data(mask) + L * numbers_of(carrier)[k], row,
-                    data(J) + 3 * L * k,
+                    data(jacobian) + 3 * L * k,
                 )
             tangents_of(H, data(normals), given.shape[0], data(given), data(tangents))
             self.gravity = data(weights) + L * number
