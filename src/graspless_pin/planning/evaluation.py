@@ -48,7 +48,7 @@ class StateStatus(Enum):
     HAND_THROUGH_ITSELF = "links of the hand are deep in each other"
 
     @classmethod
-    def of(cls, finding: Finding) -> StateStatus:
+    def of_finding(cls, finding: Finding) -> StateStatus:
         """Return the status of a state with a serious finding, see `state_findings`."""
         return cls[finding.code.name]
 

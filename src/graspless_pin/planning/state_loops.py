@@ -31,8 +31,8 @@ from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configurations
+from graspless_pin.planning.contact_starts import StartsByContacts
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus, WarmAnswer
-from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import CONE_MODELS
@@ -118,7 +118,7 @@ def refusals(
         checks: What is looked for.
     """
     for one in state_findings(scene, checks):
-        yield StateStatus.of(one), one.message
+        yield StateStatus.of_finding(one), one.message
     deep = at.overlap(scene) if checks.collisions else ""
     if deep:
         yield StateStatus.OVERLAP, deep
@@ -138,7 +138,7 @@ class StateLoops:
         configurations: Configurations,
         options: SolveOptions,
         checks: StateChecks,
-        starts: WarmStarts,
+        starts: StartsByContacts,
     ) -> None:
         """Take the states, how they are solved, and where what was learned is kept."""
         self._at = configurations
@@ -232,7 +232,7 @@ class StateLoops:
         if alike is None or (self._checks.need_hand and not shapes):
             return None
         bodies, carriers, problem = alike
-        starts = self._starts.of(bodies, problem, objective)
+        starts = self._starts.for_contacts(bodies, problem, objective)
         if not starts.is_due():
             return None
         figures, torques = np.empty((1, 6)), np.empty(states.weights.shape)
@@ -298,7 +298,7 @@ class StateLoops:
         if alike is None:
             return 0
         bodies, carriers, problem = alike
-        starts = self._starts.of(bodies, problem, objective)
+        starts = self._starts.for_contacts(bodies, problem, objective)
         if not starts.is_due():
             return 0
         order = order[begin:]
@@ -331,7 +331,7 @@ class AttachedLoops(StateLoops):
     def learn(self, scene: Scene | None = None, problem: QuasistaticProblem | None = None) -> None:  # noqa: ARG002
         """Take what served last, or was left behind by a search since."""
         for objective, sweep in list(self._sweeps.items()):
-            starts = self._starts.of(self._at.touching.bodies, self._problem, objective)
+            starts = self._starts.for_contacts(self._at.touching.bodies, self._problem, objective)
             sweep.learn(self._problem, starts.best)
 
     def answer(self, states: PlainStates, objective: Objective) -> None:

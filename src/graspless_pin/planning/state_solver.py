@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from graspless_pin.algorithms.batch_optimum import WarmOptimum
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import CLOSED
 from graspless_pin.algorithms.warm_search import reaches_margin
@@ -19,9 +20,9 @@ from graspless_pin.planning.attached_states import (
     turned_solution,
 )
 from graspless_pin.planning.configurations import Configurations
+from graspless_pin.planning.contact_starts import StartsByContacts
 from graspless_pin.planning.evaluation import Evaluation, StateStatus, WarmAnswer
 from graspless_pin.planning.state_loops import AttachedLoops, StateLoops, is_reached, refusals
-from graspless_pin.planning.warm_starts import WarmStarts, WarmState
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
@@ -82,7 +83,7 @@ class StateSolver:
         self.objective = objective
         self.options = options
         self.checks = checks
-        self._starts = WarmStarts()
+        self._starts = StartsByContacts()
         loops = AttachedLoops if isinstance(configurations, AttachedConfigurations) else StateLoops
         self.loops = loops(configurations, options, checks, self._starts)
 
@@ -110,7 +111,8 @@ class StateSolver:
         scene, problem, faults = self.posed(q, T_world_object, twist, clear=clear)
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
-        return self._evaluation(scene, self._optimum(scene, problem, self.objective))
+        shared = self._shared(scene, problem)
+        return self._evaluation(scene, shared, self._found(scene, shared, self.objective))
 
     def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
         """Return the whole answer for one state: see `Evaluator.evaluate`."""
@@ -127,18 +129,19 @@ class StateSolver:
         alike = ("whole",) * self.configurations.motors_carry
         there = turned_problem(problem, None if R is None else R.T)
         found = self._found(scene, there, self.objective, alike)
-        if isinstance(found, WarmState):
-            return self._evaluation(scene, WarmState(problem, turned_optimum(found.optimum, R)))
-        return self._evaluation(scene, turned_solution(found, problem, R))
+        if isinstance(found, TorqueSolution):
+            return self._evaluation(scene, problem, turned_solution(found, problem, R))
+        return self._evaluation(scene, problem, turned_optimum(found, R))
 
-    def _evaluation(self, scene: Scene, found: WarmState | TorqueSolution) -> Evaluation:
+    def _evaluation(
+        self, scene: Scene, problem: QuasistaticProblem, found: WarmOptimum | TorqueSolution
+    ) -> Evaluation:
         """Return the answer for a state that a warm start or a search has solved."""
-        if isinstance(found, WarmState):
-            problem, optimum = found
-            margin = problem.margin_of(optimum.forces)
-            torques = problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques
+        if not isinstance(found, TorqueSolution):
+            margin = problem.margin_of(found.forces)
+            torques = problem.jacobian.T @ found.forces.ravel() + problem.gravity_torques
             rules, names, units = self.options.rules, problem.joint_names, problem.joint_units
-            answer = WarmAnswer(self.objective, rules, optimum, margin, torques, names, units)
+            answer = WarmAnswer(self.objective, rules, found, margin, torques, names, units)
             return Evaluation(StateStatus.FOUND, "", scene, answer)
         if found.found:
             return Evaluation(StateStatus.FOUND, "", scene, found)
@@ -159,7 +162,14 @@ class StateSolver:
         Returns:
             The margin, -inf where there are no torques, and `StateStatus.FOUND` if it is enough.
         """
-        return margin_and_status(self._optimum(scene, problem, Margin()), required)
+        shared = self._shared(scene, problem)
+        found = self._found(scene, shared, Margin())
+        if isinstance(found, TorqueSolution):
+            force = found.problem.scales.force
+            return status_of_margin(found, force, found.certificate.bound, required)
+        enough = is_reached(found.value, found.unit, required)
+        status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
+        return shared.margin_of(found.forces), status
 
     def reaches(
         self, q: Any, T_world_object: Any, twist: Any, margin: float, *, clear: bool | None = None
@@ -194,10 +204,10 @@ class StateSolver:
         if faults or problem is None:
             return not faults
         shared, objective, options = self._shared(scene, problem), Margin(), self.options
-        starts = self._starts.of(scene.contacts.bodies, shared, objective)
+        starts = self._starts.for_contacts(scene.contacts.bodies, shared, objective)
         found = starts.optimum(shared, objective, options)
         if found is not None:
-            return is_reached(found.optimum.value, found.optimum.unit, margin)
+            return is_reached(found.value, found.unit, margin)
         reached, learned = reaches_margin(shared, margin, options, starts.best, self._rest(scene))
         starts.learn(learned)
         self.loops.learn(scene, problem)
@@ -261,12 +271,6 @@ class StateSolver:
         row = self.configurations.row(q)
         return None if row is None else self.loops.posed(row[None], objective)
 
-    def _optimum(
-        self, scene: Scene, problem: QuasistaticProblem, objective: Objective
-    ) -> WarmState | TorqueSolution:
-        """Return the optimum of the problem that states with the same contacts share."""
-        return self._found(scene, self._shared(scene, problem), objective)
-
     def _shared(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
         """Return the problem as states with the same contacts share it, but for loads.
 
@@ -281,7 +285,7 @@ class StateSolver:
         problem: QuasistaticProblem,
         objective: Objective,
         alike: tuple[str, ...] = (),
-    ) -> WarmState | TorqueSolution:
+    ) -> WarmOptimum | TorqueSolution:
         """Return the optimum that a warm start leads to, or what a search finds and teaches.
 
         Args:
@@ -290,7 +294,7 @@ class StateSolver:
             objective: What is optimised.
             alike: What else is alike where warm starts serve.
         """
-        starts = self._starts.of((*scene.contacts.bodies, *alike), problem, objective)
+        starts = self._starts.for_contacts((*scene.contacts.bodies, *alike), problem, objective)
         found = starts.optimum(problem, objective, self.options)
         if found is not None:
             return found
@@ -305,19 +309,6 @@ class StateSolver:
 def _is_clear(known: PlainStates | None) -> bool:
     """Return whether loops have proven that the hand is deep in nothing."""
     return known is not None and not known.doubtful[0]
-
-
-def margin_and_status(
-    found: WarmState | TorqueSolution, required: float
-) -> tuple[float, StateStatus]:
-    """Return the margin of an optimum, and what is said of it: see `StateSolver.margin_of`."""
-    if isinstance(found, WarmState):
-        problem, optimum = found
-        enough = is_reached(optimum.value, optimum.unit, required)
-        status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
-        return problem.margin_of(optimum.forces), status
-    force = found.problem.scales.force
-    return status_of_margin(found, force, found.certificate.bound, required)
 
 
 def status_of_margin(

@@ -16,7 +16,7 @@ from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
 from graspless_pin.findings import Finding
-from graspless_pin.planning.warm_starts import WarmStarts
+from graspless_pin.planning.contact_starts import StartsByContacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import CONE_MODELS
@@ -117,7 +117,7 @@ class SampleBlock:
     def __init__(self, study: Study) -> None:
         """Begin with nothing learned of a study's samples."""
         self._study = study
-        self._starts = WarmStarts()
+        self._starts = StartsByContacts()
         self._kind: _Kind | None = None
         self._run: list[tuple[int, StatedSample]] = []
         self._optima: dict[tuple[Any, ...], LoadSweep] = {}
@@ -170,7 +170,7 @@ class SampleBlock:
         loads, count = np.array([stated.loads for _, stated in run]), len(run)
         figures, torques = np.empty((count, 6)), np.empty((count, problem.joint_count))
         begin = 0
-        starts = self._starts.of(bodies, problem, kind.objective)
+        starts = self._starts.for_contacts(bodies, problem, kind.objective)
         while begin < count:
             optima.learn(problem, starts.best)
             end = optima.advance(problem, loads, begin, figures, torques)
@@ -250,7 +250,7 @@ def _evaluated(
     for number, sample in samples:
         if study.block > 1 and number // study.block != at:
             yield from block.rest()
-            at, block, starts = number // study.block, SampleBlock(study), WarmStarts()
+            at, block, starts = number // study.block, SampleBlock(study), StartsByContacts()
         try:
             scene, of_hands[number] = study.posed_at(sample, parts)
             apart = alone or (scene is not None and scene.uncertainty is not None)
@@ -285,7 +285,7 @@ def _row(
     number: int,
     scene: Scene,
     found: tuple[Finding, ...],
-    starts: WarmStarts | None,
+    starts: StartsByContacts | None,
 ) -> Row:
     """Return the row of one sample, which begins with what was learned; a failure is one, too.
 
@@ -327,7 +327,7 @@ def failure_row(number: int, why: Failure, error: str) -> Row:
     return {"sample": number, "status": why.value, "found": False, "error": error}
 
 
-def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None) -> Row:
+def _results(study: Study, number: int, scene: Scene, starts: StartsByContacts | None) -> Row:
     compute = study.entry.compute
     solution = _solution(study, scene, starts)
     if study.record is not None:
@@ -367,13 +367,13 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
     return row
 
 
-def _solution(study: Study, scene: Scene, starts: WarmStarts | None) -> TorqueSolution:
+def _solution(study: Study, scene: Scene, starts: StartsByContacts | None) -> TorqueSolution:
     limits = _limits(study)
     if starts is None:
         return scene.solve(None, **limits)
     objective, how = scene.asked(**limits)
     problem, rest = scene.problem(), rest_model_of(scene) if how.strong else None
-    known = starts.of((how.rules, *scene.contacts.bodies), problem, objective)
+    known = starts.for_contacts((how.rules, *scene.contacts.bodies), problem, objective)
     return known.solved(problem, objective, how, rest).of_source(scene)
 
 

@@ -1,8 +1,8 @@
-"""What was learned of states serves in others with the same contacts."""
+"""Warm starts by contacts: what was learned of states serves in others with the same contacts."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from graspless_pin.algorithms.batch_optimum import (
     WarmOptimum,
@@ -20,22 +20,10 @@ from graspless_pin.solution import TorqueSolution
 if TYPE_CHECKING:
     from graspless_pin.holding.small_motions import RestModel
 
-_MOST_KEPT = 256
+_MOST_CONTACT_SETS = 256
 _MOST_MISSES = 8
-_MOST_ALIKE = 8
+_MOST_STARTS = 8
 """Warm starts of one set of contacts: trying one costs a tenth of a solver's answer."""
-
-
-class WarmState(NamedTuple):
-    """A state whose optimum a warm start led to.
-
-    Attributes:
-        problem: Its problem.
-        optimum: The optimum.
-    """
-
-    problem: QuasistaticProblem
-    optimum: WarmOptimum
 
 
 class ContactStarts:
@@ -61,8 +49,8 @@ class ContactStarts:
 
     def optimum(
         self, problem: QuasistaticProblem, objective: Objective, options: SolveOptions
-    ) -> WarmState | None:
-        """Return the optimum that something learned leads to.
+    ) -> WarmOptimum | None:
+        """Return the optimum that something learned leads to; None: nothing does.
 
         Args:
             problem: The problem.
@@ -76,7 +64,7 @@ class ContactStarts:
         optimum, place = found
         if place:
             self._starts = (starts[place], *starts[:place], *starts[place + 1 :])
-        return WarmState(problem, optimum)
+        return optimum
 
     def searched(
         self,
@@ -111,13 +99,13 @@ class ContactStarts:
         found = self.optimum(problem, objective, options)
         if found is None:
             return self.searched(problem, objective, options, rest)
-        return solution_of_optimum(problem, objective, options.rules, found.optimum)
+        return solution_of_optimum(problem, objective, options.rules, found)
 
     def learn(self, learned: WarmStart) -> None:
         """Keep what a search has left behind."""
         others = [start for start in self._starts if start.structure is not None]
         self._learned = learned
-        self._starts = (learned, *others[: _MOST_ALIKE - 1])
+        self._starts = (learned, *others[: _MOST_STARTS - 1])
 
     def new_for_loops(self) -> WarmStart | None:
         """Return what a search has learned since the last time; None: nothing."""
@@ -137,14 +125,14 @@ class ContactStarts:
         self.misses = 0 if found else self.misses + 1
 
 
-class WarmStarts:
-    """Warm starts by contacts. Threads may share them."""
+class StartsByContacts:
+    """What was learned, by contacts. Threads may share it."""
 
     def __init__(self) -> None:
         """Begin with nothing learned."""
-        self._known: dict[tuple[Any, ...], ContactStarts] = Bounded(_MOST_KEPT)
+        self._known: dict[tuple[Any, ...], ContactStarts] = Bounded(_MOST_CONTACT_SETS)
 
-    def of(
+    def for_contacts(
         self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
     ) -> ContactStarts:
         """Return what is learned of the contacts of a problem.
