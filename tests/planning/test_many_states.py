@@ -147,7 +147,7 @@ def test_neither_order_nor_chunks_change_the_answers(monkeypatch):
     expected = Evaluator(evaluator.scene).evaluate_many(**states)
     order = np.random.default_rng(1).permutation(40)
     back = np.argsort(order)
-    monkeypatch.setattr(many_states, "_CHUNK", 7)
+    monkeypatch.setattr(many_states, "_STATES_AT_ONCE", 7)
     seen: list[tuple[int, int]] = []
 
     turned = evaluator.evaluate_many(

@@ -7,13 +7,12 @@ from graspless_pin.planning.configuration_gradient import (
 from graspless_pin.planning.edges import MotionFault, MotionMargins, StateValidity
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
-from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.many_states import EvaluatedStates
 from graspless_pin.planning.path import ContactChange, PathProfile, Waypoint, evaluate_path
 from graspless_pin.planning.path_files import joint_trajectory, read_path_csv, write_path_csv
 from graspless_pin.planning.path_timing import PathTiming, TimingLimit, fastest_timing
 from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
-from graspless_pin.planning.placing import place_hand
+from graspless_pin.planning.placing import HandPlacement, PlacedHand, place_hand
 from graspless_pin.planning.placing_candidates import PlacingFault
 from graspless_pin.planning.placing_plan import PlacingAim
 from graspless_pin.planning.squeeze_window import (

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, repeat
 from time import thread_time
 from typing import Any, NamedTuple
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.search_state import CLOSED
-from graspless_pin.caching import Derived
 from graspless_pin.child_process import kept_processes, usable_cores
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
+from graspless_pin.planning.shared_work import shared_work
 from graspless_pin.planning.state_loops import COVERAGES, StateFigures
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import (
@@ -41,14 +38,14 @@ Progress = Callable[[int, int], object]
 Arrays = tuple[NDArray[Any], ...]
 """Arrays with an entry for each of some states."""
 
-_CHUNK = 1000
+_STATES_AT_ONCE = 1000
 """States that are computed in one go: tens of milliseconds, long beside the way to a process."""
-_FIRST = 100, 400
+_FIRST_STATES = 100, 400
 """States that are computed here before processes are asked for: the first ones learn, too."""
 _WORTH_A_PROCESS = 2.0
 """Processor time (s) of work for which a process is used: it takes a second of it to start."""
-_MOST_SOLVERS = 4
-_BLOCK = 4096
+_POSES_AT_ONCE = 4096
+"""Poses that are checked in one go: their products stay in the cache."""
 _DIMENSIONS = {"q": 2, "T_world_object": 3, "twist": 2}
 """Of what has an entry for each state."""
 
@@ -137,8 +134,8 @@ def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray
 
 
 def _check_rigid(poses: FloatArray) -> None:
-    for start in range(0, len(poses), _BLOCK):
-        block = poses[start : start + _BLOCK]
+    for start in range(0, len(poses), _POSES_AT_ONCE):
+        block = poses[start : start + _POSES_AT_ONCE]
         R = block[:, :3, :3]
         off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(axis=(1, 2))
         doubtful = (off > 0.5 * RIGIDITY_TOLERANCE) | (np.linalg.det(R) < 0.0)
@@ -190,7 +187,7 @@ def _found(
     """Yield chunks and what is found of them, in order."""
     done = 0
     if workers is None or workers == 1:
-        for size in chain(_FIRST if workers is None else (), repeat(_CHUNK)):
+        for size in chain(_FIRST_STATES if workers is None else (), repeat(_STATES_AT_ONCE)):
             chunk, begin = slice(done, min(done + size, states.total)), thread_time()
             found = compute(solver, states.part(chunk))
             pace = (thread_time() - begin) / size
@@ -214,48 +211,12 @@ def _found_by_processes(
     workers: int,
 ) -> Iterator[tuple[slice, Arrays]]:
     """Yield chunks from a state on and what processes find of them, in order."""
-    size = min(_CHUNK, max(1, -(-(states.total - begin) // (4 * workers))))
+    size = min(_STATES_AT_ONCE, max(1, -(-(states.total - begin) // (4 * workers))))
     ends = [*range(begin, states.total, size), states.total]
     chunks = [slice(*ends[k : k + 2]) for k in range(len(ends) - 1)] or [slice(0, 0)]
-    processes, token = kept_processes(), _token_of(solver)
-
-    def found(chunk: slice) -> Arrays:
-        child = processes.taken(_found_there)
-        part = states.part(chunk)
-        try:
-            there = child.call(_found_there, compute, token, None, part)
-            if there is None:
-                there = child.call(_found_there, compute, token, solver, part)
-            return there
-        finally:
-            processes.give_back(child)
-
-    with ThreadPoolExecutor(workers, thread_name_prefix="graspless-states") as threads:
-        try:
-            yield from zip(chunks, threads.map(found, chunks), strict=True)
-        finally:
-            threads.shutdown(wait=True, cancel_futures=True)
-
-
-_token_of: Derived[StateSolver, str] = Derived(lambda _: uuid4().hex, most=math.inf)
-"""What tells a solver from all others, in any process."""
-_SOLVERS: dict[str, StateSolver] = {}
-"""Those that this process was sent, by token: what they have learned serves the next chunk."""
-
-
-def _found_there(
-    compute: Callable[[StateSolver, StateArrays], Arrays],
-    token: str,
-    solver: StateSolver | None,
-    states: StateArrays,
-) -> Arrays | None:
-    """Return what is found of states in another process; None: the solver is not there yet."""
-    if solver is not None:
-        if len(_SOLVERS) >= _MOST_SOLVERS:
-            del _SOLVERS[next(iter(_SOLVERS))]
-        _SOLVERS[token] = solver
-    known = _SOLVERS.get(token)
-    return None if known is None else compute(known, states)
+    parts = [states.part(chunk) for chunk in chunks]
+    found = shared_work(compute, solver, parts, workers, kept_processes())
+    yield from zip(chunks, found, strict=True)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

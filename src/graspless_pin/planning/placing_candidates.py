@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Self
@@ -49,12 +49,12 @@ from graspless_pin.solution import UNDECIDED, Status
 
 _CLEAR_OF_OBJECT = 2e-4  # m, of the open hand
 _APPROACHES = 4  # times that an arm tries to be clear, as near as it gets to where it should be
-_OFF, _ASKEW = 0.03, 0.5  # m, rad: farther from there it is out of reach
+_PALM_OFF, _PALM_TURNED = 0.03, 0.5  # m, rad: farther from there it is out of reach
 _CENTERINGS = 12
 _CENTERED = 2e-5  # m
 _CONE_EDGES = 8  # of the cones whose forces may squeeze
-_BALANCED = 1e-6  # share of the squeeze
-NODES = 200
+_SQUEEZE_ERROR = 1e-6  # share of the squeeze
+CANDIDATE_NODES = 200
 """Most nodes of the search for a candidate's torques."""
 
 
@@ -107,12 +107,6 @@ class TriedCandidate:
     error: str = ""
 
 
-def try_candidates(plan: PlacingPlan, numbers: Sequence[int]) -> Iterator[TriedCandidate]:
-    """Yield what becomes of some candidates."""
-    for number in numbers:
-        yield try_candidate(plan, number)
-
-
 def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
     """Try one candidate; it depends on the plan and its number alone."""
     try:
@@ -161,16 +155,11 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
         return TriedCandidate(number, judged)
     found = ClosedHand(tuple(draws), displacements, positions, *judged)
     fault = None
-    if plan.aim is PlacingAim.CARRY and not carries(found, plan.margin):
+    if plan.aim is PlacingAim.CARRY and not found.carrying_margin >= plan.margin:
         fault = PlacingFault.CANNOT_CARRY
     elif found.margin < plan.margin:
         fault = PlacingFault.MARGIN_TOO_SMALL
     return TriedCandidate(number, fault, found)
-
-
-def carries(closed: ClosedHand, margin: float) -> bool:
-    """Return whether the hand carries the object by itself with a margin, N."""
-    return closed.carrying_margin >= margin
 
 
 def _judged(
@@ -189,10 +178,10 @@ def _judged(
     alone = scene if not scene.supports else scene.with_changes(supports=(), motion=None)
     if grips and not squeezed(alone.problem(), alone.contacts.bodies):
         return PlacingFault.NOTHING_OPPOSES
-    carrying = alone.solve("margin", node_limit=NODES)
+    carrying = alone.solve("margin", node_limit=CANDIDATE_NODES)
     if plan.aim is PlacingAim.CARRY and not carrying.found:
         return PlacingFault.CANNOT_CARRY
-    solution = carrying if alone is scene else scene.solve("margin", node_limit=NODES)
+    solution = carrying if alone is scene else scene.solve("margin", node_limit=CANDIDATE_NODES)
     if not solution.found:
         if solution.status is Status.LOAD_TOO_LARGE:
             return PlacingFault.LOAD_TOO_LARGE
@@ -217,7 +206,7 @@ def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
     squeeze = nonnegative_squares(
         np.vstack([wrenches, np.ones(wrenches.shape[1])]), np.append(np.zeros(6), 1.0)
     )
-    if squeeze is None or np.linalg.norm(wrenches @ squeeze) > _BALANCED * squeeze.sum():
+    if squeeze is None or np.linalg.norm(wrenches @ squeeze) > _SQUEEZE_ERROR * squeeze.sum():
         return False
     shares = squeeze.reshape(len(bodies), -1).sum(axis=1)
     return len({bodies[index] for index in np.flatnonzero(shares).tolist()}) > 1
@@ -296,7 +285,7 @@ def _stance(
     wanted = T @ hand.tree.kinematics(hand.positions).T_world_joint[part.arm.joint]
     positions, there = brought_palm(hand, part.arm, wanted, rng)
     turn = Rotation.from_matrix(wanted[:3, :3].T @ there[:3, :3]).magnitude()
-    if np.linalg.norm(wanted[:3, 3] - there[:3, 3]) > _OFF or turn > _ASKEW:
+    if np.linalg.norm(wanted[:3, 3] - there[:3, 3]) > _PALM_OFF or turn > _PALM_TURNED:
         return None
     return hand.with_configuration(positions), np.eye(4)
 

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.caching import Bounded
 from graspless_pin.findings import Finding, Severity, gravest_first
-from graspless_pin.planning.hand_placement import HandPlacement
-from graspless_pin.planning.placing import place_hand
+from graspless_pin.planning.placing import HandPlacement, place_hand
 from graspless_pin.problem.checks import JointUnit
 from graspless_pin.scene.body_building import SceneParts
 from graspless_pin.scene.keys import Tree
