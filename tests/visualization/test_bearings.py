@@ -73,8 +73,8 @@ def test_the_scale_is_that_of_the_arrows(solved):
     ],
 )
 def test_scales_in_words(scale: float, size: float, words: str):
-    assert str(ForceScale.of(scale, size)) == words
-    assert ForceScale.of(scale, size).metres_per_newton == pytest.approx(scale)
+    assert str(ForceScale.fitting(scale, size)) == words
+    assert ForceScale.fitting(scale, size).metres_per_newton == pytest.approx(scale)
 
 
 def test_the_words_of_a_contact_are_its_figures(solved):

@@ -36,9 +36,9 @@ ToState = Callable[[Any], tuple[Any, Any] | None]
 """From variables to (a,) positions of joints and a pose (4, 4) or ``RigidTransform``; either may
 be None: as in the scene. Both are of floats or ``AutoDiffXd``, as the variables are."""
 
-_MOST_KEPT = 256
-_OUTSIDE = 1e-6  # rad or m that a bound may be broken by: what optimisers leave
-_SAME_PLACE = 1e-6  # m, and of the entries of rotations
+_MOST_STATES = 256
+_BEYOND_BOUND = 1e-6  # rad or m that a bound may be broken by: what optimisers leave
+_LINK_OFF = 1e-6  # m, and of the entries of rotations
 
 
 class PinnedFunctions:
@@ -103,7 +103,7 @@ class PinnedFunctions:
         self._center = scene.object.center_of_mass
         self._gap_count = len(first.gaps)
         self._torque_count = 0 if scene.hand is None else len(scene.hand.actuated_joint_names)
-        self._states: dict[bytes, PinnedState | None] = Bounded(_MOST_KEPT)
+        self._states: dict[bytes, PinnedState | None] = Bounded(_MOST_STATES)
 
     def gaps(self, variables: Any) -> Any:
         """Return the (P,) gaps of the pins, m: see `PinnedState.gaps`."""
@@ -153,7 +153,7 @@ class PinnedFunctions:
         """Return the state of a configuration; None: a joint is outside its limits."""
         if q is not None:
             inside = np.clip(q, *self.evaluator.joint_limits)
-            if np.abs(inside - q).max(initial=0.0) > _OUTSIDE:
+            if np.abs(inside - q).max(initial=0.0) > _BEYOND_BOUND:
                 return None
             q = inside
         key = b"".join([one.tobytes() for one in (q, T) if one is not None])
@@ -285,7 +285,7 @@ def _check_links(plant: Any, hand: Hand) -> None:
         there = plant.GetBodyByName(own, *instances)
         T = plant.EvalBodyPoseInWorld(context, there).GetAsMatrix4()
         off = np.abs(T - hand.pose_of(link))[:3]
-        if off.max() > _SAME_PLACE:
+        if off.max() > _LINK_OFF:
             raise ArgumentError(
                 "plant",
                 f"has link {link!r} {np.linalg.norm(off[:, 3]):.3g} m from where the scene has it, "

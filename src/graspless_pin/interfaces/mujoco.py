@@ -30,11 +30,11 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.stated import Load
 from graspless_pin.simulation.scene_document import NO_WORD_FOR, scene_to_mjcf
 
-_PRESSED = 1e-2
+_PAST_LIMIT = 1e-2
 """rad or m by which MuJoCo's soft limits let joints pass."""
-_IN_PLACE = 1e-12
+_SAME_FRAME = 1e-12
 """m, and of directions: a shape's frame that differs by less from its body's is that."""
-_APART = 1e-4
+_LINK_OFF = 1e-4
 """m, and of directions: links that are farther from where MuJoCo has them are told."""
 
 
@@ -63,7 +63,7 @@ def object_of(at: ModelState) -> ManipulatedObject:
         shape, T_body_shape = body_shape(at.source, geom)
         placed.append((shape, invert(T) @ at.pose_of(int(model.geom_bodyid[geom])) @ T_body_shape))
     shape = placed[0][0]
-    if len(placed) > 1 or not np.allclose(placed[0][1], np.eye(4), rtol=0.0, atol=_IN_PLACE):
+    if len(placed) > 1 or not np.allclose(placed[0][1], np.eye(4), rtol=0.0, atol=_SAME_FRAME):
         shapes, poses = zip(*placed, strict=True)
         shape = Compound(shapes, np.array(poses))
     return ManipulatedObject.from_shape(
@@ -144,7 +144,7 @@ def hand_of(
     joints = {source.joint(joint): joint for joint in range(at.model.njnt)}
     addresses = [at.model.jnt_qposadr[joints[name]] for name in hand.control.joints]
     q, (low, high) = at.data.qpos[addresses], hand.tree.ranges
-    pressed = (np.maximum(low - q, q - high) <= _PRESSED) & (low <= high)
+    pressed = (np.maximum(low - q, q - high) <= _PAST_LIMIT) & (low <= high)
     hand = hand.with_configuration(np.where(pressed, np.clip(q, low, high), q))
     _compare(at, hand)
     return hand
@@ -160,7 +160,7 @@ def _compare(at: ModelState, hand: Hand) -> None:
         if name in hand.link_names
     }
     name = max(apart, key=lambda one: apart[one], default="")
-    if name and apart[name] > _APART:
+    if name and apart[name] > _LINK_OFF:
         at.tell(name, f"link {name!r} is {1e3 * apart[name]:.2g} mm or mrad from where "
               "MuJoCo has it", "its joints are past their limits, or do not follow the joints "
               "that they are coupled to")  # fmt: skip

@@ -233,7 +233,7 @@ class ModelState:
             )
 
 
-_NAMED = 4
+_MOST_NAMED = 4
 """Geoms in one message."""
 
 
@@ -266,10 +266,10 @@ class PairFriction:
             )
         if self._beyond_sliding:
             names = sorted(self._beyond_sliding)
-            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+            more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
             self._at.tell(
                 ", ".join(names),
-                f"contacts with {', '.join(names[:_NAMED])}{more} have torsional or rolling "
+                f"contacts with {', '.join(names[:_MOST_NAMED])}{more} have torsional or rolling "
                 "friction (condim above 3)",
                 "sliding friction alone counts",
             )

@@ -38,7 +38,7 @@ ToState = Callable[[Any], tuple[Configuration | None, ArrayLike | None] | None]
 Breakpoints = Callable[[Any, Any], Sequence[float]]
 """From two states of OMPL to fractions of the motion between them."""
 
-_MOST_KEPT = 100_000
+_MOST_MOTIONS = 100_000
 
 
 class EvaluatedSpace:
@@ -79,8 +79,8 @@ class EvaluatedSpace:
         self._space = information.getStateSpace()
         self._places = range(len(evaluator.joint_names))
         self._between, self._one_at_a_time = information.allocState(), Lock()
-        self._valid: dict[Any, bool] = Bounded(_MOST_KEPT)
-        self._margins: dict[Any, tuple[FloatArray, FloatArray]] = Bounded(_MOST_KEPT)
+        self._valid: dict[Any, bool] = Bounded(_MOST_MOTIONS)
+        self._margins: dict[Any, tuple[FloatArray, FloatArray]] = Bounded(_MOST_MOTIONS)
         _SPACES.add(self)
 
     @property

@@ -32,7 +32,7 @@ __all__ = ["pose_from_message", "waypoints_from_trajectory"]
 _MESSAGE = FileKind("ROS message", 16, lambda message: ArgumentError("trajectory", message))
 _NANO = 1e-9
 _SAME_TIME = 1e-6  # s
-_UNIT = 1e-3
+_NORM_ERROR = 1e-3
 
 
 def waypoints_from_trajectory(
@@ -147,7 +147,7 @@ def pose_from_message(message: Any, name: str = "pose") -> FloatArray:
         values = [_part(part, axis, f"{name}.{key}") for axis in axes]
         parts.append(finite_array(f"{name}.{key}", values, (len(axes),)))
     length = float(np.linalg.norm(parts[1]))
-    if abs(length - 1.0) > _UNIT:
+    if abs(length - 1.0) > _NORM_ERROR:
         raise ArgumentError(
             f"{name}.{keys[1]}",
             f"has the length {length:g}; a quaternion x, y, z, w of a rotation has 1",

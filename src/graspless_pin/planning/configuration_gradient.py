@@ -78,7 +78,7 @@ class ProblemRates:
         }
         return ProblemRates(**parts)
 
-    def of(self, by: Gradients) -> FloatArray:
+    def chained(self, by: Gradients) -> FloatArray:
         """Return (k,) what derivatives by the data come to."""
         return sum(
             (
@@ -149,7 +149,7 @@ def problem_rates(
     )
 
 
-_TURN = 1e-6
+_TURN_STEP = 1e-6
 _RADIUS_ERROR = 1e-3
 
 
@@ -265,10 +265,10 @@ def frame_turns(
     second = projected_tangents(normal[None], tangent_axes)[0, :, 1]
     spins = []
     for step in change.T:
-        ends = normal + _TURN * np.array([step, -step])
+        ends = normal + _TURN_STEP * np.array([step, -step])
         ends /= np.linalg.norm(ends, axis=1, keepdims=True)
         beside = projected_tangents(ends, tangent_axes)[:, :, 0]
-        spins.append(second @ (beside[0] - beside[1]) / (2.0 * _TURN))
+        spins.append(second @ (beside[0] - beside[1]) / (2.0 * _TURN_STEP))
     return shortest + np.outer(normal, spins)
 
 
@@ -360,7 +360,7 @@ def configuration_gradient(
     coupling = scene.hand.tree.coupling
     rates = problem_rates(scene, columns, problem.joint_count, contacts.among(len(problem.normals)))
     values, *others = [
-        rates.of(gradients_at(data.solution, point)) @ coupling.S
+        rates.chained(gradients_at(data.solution, point)) @ coupling.S
         for point in (data.point, *data.alternatives)
     ]
     points = scene.contacts.points

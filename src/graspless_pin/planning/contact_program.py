@@ -12,13 +12,13 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.solvers.simplex import Simplex
 
-LOST = 1e-6
+MARGIN_SLACK = 1e-6
 """Of the load: margins and balances may be off by so much."""
-_NEAR = 1e-3
+_NEAR_SIDE = 1e-3
 """Of the ranges of u and x: corners that are left out of a polygon."""
-_SAME = 1e-9
+_SAME_CORNER = 1e-9
 """Of them: corners that are one."""
-_DEEPEST = 8
+_MOST_HALVINGS = 8
 """Halvings of a side of a polygon."""
 _MOST_ACCELERATION = 1e4
 """Along the path, rad/s^2: where nothing else limits it."""
@@ -85,7 +85,7 @@ class ContactProgram:
         steps = np.roll(corners, -1, axis=0) - corners
         out = np.column_stack([steps[:, 1], -steps[:, 0]])
         rows = np.vstack(
-            [axes, out[np.linalg.norm(steps / np.maximum(box, 1e-300), axis=1) > _SAME]]
+            [axes, out[np.linalg.norm(steps / np.maximum(box, 1e-300), axis=1) > _SAME_CORNER]]
         )
         return rows, (rows @ np.array(corners).T).max(axis=1)
 
@@ -109,26 +109,26 @@ class ContactProgram:
         scale = problem.scales.force
         units = np.concatenate([np.ones(3), np.full(3, problem.scales.length)])
         unbalanced = np.abs(problem.W @ forces + load) / units
-        if unbalanced.max() > LOST * max(scale, float(np.abs(load / units).max())):
+        if unbalanced.max() > MARGIN_SLACK * max(scale, float(np.abs(load / units).max())):
             return -np.inf, ()
         local = forces.reshape(-1, 3)
         pressed = np.einsum("ij,ij->i", problem.normals, local)
         rooms = np.minimum(pressed, problem.max_normal_force - pressed)
         rooms = np.minimum(rooms, problem.room_in_cones(local))
         margin = float(rooms.min())
-        return margin, tuple(np.flatnonzero(rooms <= margin + LOST * scale).tolist())
+        return margin, tuple(np.flatnonzero(rooms <= margin + MARGIN_SLACK * scale).tolist())
 
     def _between(
-        self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _DEEPEST
+        self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _MOST_HALVINGS
     ) -> list[FloatArray]:
         """Return the corners between two that follow each other counterclockwise."""
         side = (second - first) / box
         length = float(np.linalg.norm(side))
-        if length <= _NEAR or not depth:
+        if length <= _NEAR_SIDE or not depth:
             return []
         out = np.array([side[1], -side[0]]) / length
         corner = self._farthest(out / box)
-        if corner is None or out @ ((corner - first) / box) <= _NEAR:
+        if corner is None or out @ ((corner - first) / box) <= _NEAR_SIDE:
             return []
         return [
             *self._between(first, corner, box, depth - 1),

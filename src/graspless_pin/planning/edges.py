@@ -139,7 +139,7 @@ def _clearance(scene: Scene) -> Clearance:
     return least_clearance(scene.hand, scene.supports, moved, depth, gap)
 
 
-_AT_REST = 1e-9
+_STILL_STEP = 1e-9
 """Steps shorter than this, m and rad, are rounding."""
 _SMALL_TURN = 1e-4
 
@@ -222,7 +222,7 @@ def segment_twist(
     # Displacement of the centre of mass: the screw seen from there.
     step = T_to[:3, :3] @ center_of_mass + T_to[:3, 3] - center
     turn = Rotation.from_matrix(R).as_rotvec()
-    if max(np.linalg.norm(step), np.linalg.norm(turn)) <= _AT_REST:
+    if max(np.linalg.norm(step), np.linalg.norm(turn)) <= _STILL_STEP:
         return np.zeros(6)
     angle = float(np.linalg.norm(turn))
     factor = 1.0 / 12.0
@@ -236,7 +236,7 @@ def segment_twist(
 
 RESOLUTION = 1e-3, 0.01
 """m, rad."""
-_COARSER = 8
+_COARSE_STEP = 8
 """States are looked at so many resolutions apart where contacts are the same."""
 
 
@@ -350,7 +350,7 @@ class Edge:
             raise ArgumentError("resolution", f"needs two positive numbers, m and rad: {steps}")
         units = np.where(np.array(at.joint_units) == "m", *steps) if at.joint_units else 1.0
         shares = np.concatenate([np.array(self._screw.lengths) / steps, np.abs(self._way) / units])
-        self._count = math.ceil(shares.max() / _COARSER)
+        self._count = math.ceil(shares.max() / _COARSE_STEP)
         self.narrow = 1.0 / shares.max() if self._count else np.inf
         self._seen: dict[float, EdgeState] = {}
 

@@ -18,7 +18,7 @@ from graspless_pin.programs.objectives import Objective
 _REST = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
 _FRICTION_USED = 0.9
 """Of the coefficients: what joints that follow let contacts use, where balance leaves them that."""
-_HALVINGS = 8
+_SHARE_HALVINGS = 8
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def torques_that_follow(
     found, (low, high) = within(1.0), (_FRICTION_USED, 1.0)
     if found is None:
         return torques
-    for _ in range(_HALVINGS):  # the least share, so that torques do not jump
+    for _ in range(_SHARE_HALVINGS):  # the least share, so that torques do not jump
         middle = 0.5 * (low + high)
         nearer = within(middle)
         low, high = (middle, high) if nearer is None else (low, middle)

@@ -28,9 +28,9 @@ _JOINT = "position_"
 _UNITS = ("_rad", "_m")
 _SEPARATORS = {";": "semicolons", "\t": "tabs"}
 _STATED_UNIT = re.compile(r"\s*[\[(]\s*(deg|degrees|°|rad|m|cm|mm|s|ms)\s*[\])]\s*$")
-_ALIKE = 0.8
+_LIKE_COLUMN = 0.8
 """Of a column that is read: one that is not there, and was probably meant."""
-_UNIT_LENGTH = 1e-3
+_NORM_ERROR = 1e-3
 """By how much the norm of a rounded quaternion may differ from 1."""
 
 
@@ -113,7 +113,7 @@ def _check_names(path: str | Path, names: Sequence[str]) -> None:
     for name in names:
         stated = _STATED_UNIT.search(name)
         plain = "_".join(name[: stated.start()].split()) if stated else name
-        near = nearest_name(f"{plain}_{stated[1]}" if stated else plain, missing, _ALIKE)
+        near = nearest_name(f"{plain}_{stated[1]}" if stated else plain, missing, _LIKE_COLUMN)
         if stated is not None:
             of_joint = f"{_JOINT}{plain.removeprefix(_JOINT)}"
             ending = "_m" if stated[1] in ("m", "cm", "mm") else "_rad"
@@ -124,7 +124,7 @@ def _check_names(path: str | Path, names: Sequence[str]) -> None:
             )
         start, _, rest = name.partition("_")
         if f"{start}_" != _JOINT and name.endswith(_UNITS):
-            near = near or (nearest_name(start, [_JOINT], _ALIKE) and f"{_JOINT}{rest}")
+            near = near or (nearest_name(start, [_JOINT], _LIKE_COLUMN) and f"{_JOINT}{rest}")
         if near is not None and name not in (_TIME, *_POSE):
             raise ArgumentError("path", f"'{path}': column {name!r}: did you mean {near!r}?")
 
@@ -170,7 +170,7 @@ def _number(
 def _poses(path: str | Path, cells: Sequence[Mapping[str, float]]) -> list[FloatArray]:
     table = np.array([[row[name] for name in _POSE] for row in cells])
     lengths = np.linalg.norm(table[:, 3:], axis=1)
-    off = np.abs(lengths - 1.0) > _UNIT_LENGTH
+    off = np.abs(lengths - 1.0) > _NORM_ERROR
     if off.any():
         row = int(np.argmax(off))
         raise ArgumentError(

@@ -21,7 +21,7 @@ from graspless_pin.geometry.hand.joint_columns import STILL, motions_at
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
-from graspless_pin.planning.contact_program import LOST, ContactProgram, motor_limits
+from graspless_pin.planning.contact_program import MARGIN_SLACK, ContactProgram, motor_limits
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 from graspless_pin.records import Record
@@ -30,9 +30,9 @@ from graspless_pin.scene.fields import checked_scene, place_of
 from graspless_pin.scene.load_wrenches import object_wrench
 from graspless_pin.suggestions import names_in_words
 
-_FASTEST = 1e3
+_FASTEST_PATH = 1e3
 """Along the path, rad/s: where no joint that moves has a limit."""
-_AT_LIMIT = 1e-3
+_NEAR_LIMIT = 1e-3
 """Of a limit, or of the box around the polygon: what is nearer limits."""
 
 
@@ -181,7 +181,7 @@ def fastest_timing(
     positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
     along = _points(at, program, (positions, slopes, bends), limits)
     nothing = np.full(len(where), np.nan)
-    most_lost = LOST * problem.scales.force
+    most_lost = MARGIN_SLACK * problem.scales.force
     blank = PathTiming(
         "", names, nothing, nothing, positions, np.nan * slopes, np.nan * slopes, nothing,
         (TimingLimit.NOTHING,) * len(where), ((),) * len(where), at.scene.contacts.bodies,
@@ -271,9 +271,9 @@ def _lost(
     def hold(limits: tuple[FloatArray, FloatArray]) -> bool:
         program = ContactProgram(problem, limits, margin)
         if point.kinds:
-            least = margin - LOST * problem.scales.force
+            least = margin - MARGIN_SLACK * problem.scales.force
             return program.margin(point.wrench, point.torques, 0.0, 0.0)[0] >= least
-        return program.polygon(point.wrench, point.torques, _FASTEST**2) is not None
+        return program.polygon(point.wrench, point.torques, _FASTEST_PATH**2) is not None
 
     who = "no torques within the motors' limits"
     if torques is not None:
@@ -314,7 +314,7 @@ def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingL
     for point, x in zip(ends, squared, strict=True):
         sizes = np.abs(point.rows) @ np.abs([u, x]) + np.abs(point.sides)
         left = point.sides - point.rows @ [u, x]
-        reached |= {point.kinds[k] for k in np.flatnonzero(left <= _AT_LIMIT * sizes)}
+        reached |= {point.kinds[k] for k in np.flatnonzero(left <= _NEAR_LIMIT * sizes)}
     return next((one for one in TimingLimit if one in reached), TimingLimit.NOTHING)
 
 
@@ -374,7 +374,7 @@ def _point(
         of_path: (a, 3) their accelerations, likewise.
     """
     with np.errstate(divide="ignore"):
-        most = float(np.min(limits.velocity / np.abs(of_path[:, 1]), initial=_FASTEST)) ** 2
+        most = float(np.min(limits.velocity / np.abs(of_path[:, 1]), initial=_FASTEST_PATH)) ** 2
     polygon = program.polygon(wrench, motors, most)
     if polygon is None:
         return _PathPoint(wrench, motors, joints, np.empty((0, 2)), np.empty(0), ())

@@ -84,10 +84,10 @@ class _Rates(NamedTuple):
     weight: FloatArray
     smooth: bool
 
-    def of(self, by: Gradients) -> FloatArray:
+    def chained(self, by: Gradients) -> FloatArray:
         """Return (a + 6 + B + 1,) what derivatives by the problem's data come to."""
         weight = by.external_wrench @ self.weight
-        return np.concatenate([self.moving.of(by), by.friction @ self.surfaces, [weight]])
+        return np.concatenate([self.moving.chained(by), by.friction @ self.surfaces, [weight]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,7 +169,7 @@ class PinnedState(Brief):
     def _each(self, points: Sequence[OptimalPoint]) -> FloatArray:
         """(N, a + 6 + B + 1) what each of N choices of forces and multipliers gives."""
         rates = self._known_rates
-        found = [rates.of(gradients_at(self.evaluation.solution, at)) for at in points]
+        found = [rates.chained(gradients_at(self.evaluation.solution, at)) for at in points]
         size = rates.moving.spins.shape[-1] + rates.surfaces.shape[1] + 1
         return np.array(found).reshape(-1, size)
 

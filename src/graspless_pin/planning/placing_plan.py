@@ -27,12 +27,18 @@ from graspless_pin.scene.entry_findings import box_around
 _POSTURES = 24
 _OPENING = 0.3, 1.0  # share of the way to the open ends
 _DEPTH = 0.2, 1.1  # where on the way from palm to meeting point the object's point is
-_INNER = 0.5  # share of the object's box in which its points are
-_TILT = 0.25  # rad
-_ALIGNED = 0.5  # share of draws whose fingers close along a normal of the object
-_ACROSS = 0.7  # cosine between a normal and a given approach, above which it is not closed along
-_TURN, _SHIFT, _BEND = 0.15, 0.007, 0.1  # rad, m, share of the way to open: of a variation
-_TURNED = 0.5  # share of variations that turn: flat fingers that lie on a face may stay there
+_INNER_BOX = 0.5  # share of the object's box in which its points are
+_APPROACH_TILT = 0.25  # rad
+_ALIGNED_SHARE = 0.5  # share of draws whose fingers close along a normal of the object
+_ACROSS_APPROACH = (
+    0.7  # cosine between a normal and a given approach, above which it is not closed along
+)
+_VARIED_TURN, _VARIED_SHIFT, _VARIED_BEND = (
+    0.15,
+    0.007,
+    0.1,
+)  # rad, m, share of the way to open: of a variation
+_TURNED_SHARE = 0.5  # share of variations that turn: flat fingers that lie on a face may stay there
 
 
 class PlacingAim(StrEnum):
@@ -235,7 +241,7 @@ def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) 
     R = _turned(plan, posture, rng)
     direction = R @ posture.axis if plan.direction is None else plan.direction
     low, high = box_around(plan.scene.object)
-    inside = 0.5 * (low + high) + rng.uniform(-0.5, 0.5, 3) * _INNER * (high - low)
+    inside = 0.5 * (low + high) + rng.uniform(-0.5, 0.5, 3) * _INNER_BOX * (high - low)
     point = plan.point
     if point is None:
         point = transformed(plan.scene.object.T_world_object, inside)
@@ -246,10 +252,10 @@ def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) 
 
 def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generator) -> FloatArray:
     """Return a random (3, 3) turn of the hand; half of them close along a normal of the object."""
-    if rng.random() < _ALIGNED:
+    if rng.random() < _ALIGNED_SHARE:
         areas = plan.areas
         if plan.direction is not None:
-            areas = np.where(np.abs(plan.normals @ plan.direction) < _ACROSS, areas, 0.0)
+            areas = np.where(np.abs(plan.normals @ plan.direction) < _ACROSS_APPROACH, areas, 0.0)
         if areas.sum() > 0.0:
             normal = rng.choice(plan.normals, p=areas / areas.sum())
             if plan.direction is None:
@@ -262,7 +268,7 @@ def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generato
     if direction is None:
         drawn = rng.normal(size=3)
         direction = drawn / np.linalg.norm(drawn)
-    tilt = Rotation.from_rotvec(rng.normal(size=3) * _TILT)
+    tilt = Rotation.from_rotvec(rng.normal(size=3) * _APPROACH_TILT)
     roll = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi) * direction)
     facing = Rotation.align_vectors(direction[None], posture.axis[None])[0]
     return (roll * facing * tilt).as_matrix()
@@ -271,11 +277,11 @@ def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generato
 def _varied(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator) -> Draw:
     """Return a draw near another one."""
     posture = plan.parts[index].postures[draw.posture]
-    way = rng.normal(size=3) * _TURN * (rng.random() < _TURNED)
+    way = rng.normal(size=3) * _VARIED_TURN * (rng.random() < _TURNED_SHARE)
     turn = Rotation.from_rotvec(way).as_matrix()
     center = plan.scene.object.center_of_mass_world
-    change = turned_about(center, turn, rng.normal(size=3) * _SHIFT)
-    bend = _BEND * rng.normal(size=len(draw.opened)) * (posture.opened - posture.closed)
+    change = turned_about(center, turn, rng.normal(size=3) * _VARIED_SHIFT)
+    bend = _VARIED_BEND * rng.normal(size=len(draw.opened)) * (posture.opened - posture.closed)
     ends = np.sort([posture.closed, posture.opened], axis=0)
     opened = np.clip(draw.opened + bend, *ends)
     direction = draw.direction if plan.direction is not None else turn @ draw.direction

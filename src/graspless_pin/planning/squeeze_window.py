@@ -40,12 +40,12 @@ from graspless_pin.scene import Scene
 _REST = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
 _NO_SQUEEZE = 1e-6
 """Of the contact forces: less than this inside them is no squeeze."""
-_WITHIN = 1e-6
+_LIMIT_SLACK = 1e-6
 """Of a limit, or of the load: what torques may exceed it by, or margins be below zero."""
 _MOST_NAMED = 3
-_WIDEST = 100.0
+_FARTHEST_AMOUNT = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
-_FINEST = 1e-6
+_FINEST_END = 1e-6
 """Of the width that is looked at: ends are told no finer, however narrow the window is."""
 
 
@@ -261,7 +261,7 @@ def squeeze_window(
     lower = upper = None
     if found[middle].holds:
         brackets = [_bracket(found[middle::-1]), _bracket(found[middle:])]
-        lower, upper = _ends(line, brackets, share, _FINEST * (high - low))
+        lower, upper = _ends(line, brackets, share, _FINEST_END * (high - low))
     return SqueezeWindow(
         read_only(way),
         lower,
@@ -348,8 +348,8 @@ class _Line:
         way, torque = self._direction[moves], self._torques[moves]
         lower, upper = self._problem.lower_torque[moves], self._problem.upper_torque[moves]
         room = np.concatenate([(upper - torque) / way, (lower - torque) / way])
-        high = float(room[room >= 0.0].min(initial=_WIDEST))
-        low = float(room[room <= 0.0].max(initial=-_WIDEST))
+        high = float(room[room >= 0.0].min(initial=_FARTHEST_AMOUNT))
+        low = float(room[room <= 0.0].max(initial=-_FARTHEST_AMOUNT))
         return max(low, lowest), high
 
     def at(self, amount: float) -> _Point:
@@ -365,7 +365,7 @@ class _Line:
             normal = (self._problem.normals * best.contact_forces).sum(axis=1)
             pressed = float(normal[by_joints].sum())
         # Torques that follow lie at the edge of what balances: rounding makes nothing less of it.
-        if -_WITHIN * self._problem.scales.force < margin < 0.0:
+        if -_LIMIT_SLACK * self._problem.scales.force < margin < 0.0:
             margin = 0.0
         return _Point(amount, torques, self._verdict_on(torques), margin, pressed)
 
@@ -377,7 +377,7 @@ class _Line:
             self._problem.upper_torque, self._direction, strict=True,
         ):  # fmt: skip
             limit = high if amount * way > 0.0 else low
-            if way and isfinite(limit) and abs(torque - limit) <= _WITHIN * abs(limit):
+            if way and isfinite(limit) and abs(torque - limit) <= _LIMIT_SLACK * abs(limit):
                 return name
         return ""
 

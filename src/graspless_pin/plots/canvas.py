@@ -16,8 +16,8 @@ from graspless_pin.intake.text import printable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_ROOM = 0.08  # above the largest value, of all
-_LONGEST = 40  # letters; beyond, the axes have no room left
+_ROOM_ABOVE = 0.08  # above the largest value, of all
+_LONGEST_NAME = 40  # letters; beyond, the axes have no room left
 
 
 def axes_for(ax: Axes | None, *, size: tuple[float, float] = (6.4, 4.0), **options: Any) -> Axes:
@@ -49,8 +49,8 @@ def plain_text(name: str) -> str:
     in their middle, and what cannot be printed is written as its code.
     """
     letters = printable(" ".join(name.split()))
-    if len(letters) > _LONGEST:
-        half = _LONGEST // 2
+    if len(letters) > _LONGEST_NAME:
+        half = _LONGEST_NAME // 2
         letters = f"{letters[:half]}…{letters[1 - half :]}"
     return letters.replace("$", r"\$")
 
@@ -85,7 +85,7 @@ def from_zero(axes: Axes, values: ArrayLike) -> None:
     finite = np.asarray(values, dtype=float)
     finite = finite[np.isfinite(finite)]
     low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
-    room = _ROOM * (high - low) or 1.0
+    room = _ROOM_ABOVE * (high - low) or 1.0
     axes.set_ylim(low - room if low < 0.0 else 0.0, high + room)
     plain_axis(axes.yaxis)
 

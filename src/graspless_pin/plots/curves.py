@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 _IN_PLANE = 1e-9
-_FEWEST = 3
+_FEWEST_WAYS = 3
 
 
 def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
@@ -52,8 +52,8 @@ def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
                [-0.,  0., -1.,  0.,  0.,  0.]])
     """
     plane = _plane(first, second)
-    if count < _FEWEST:
-        raise ArgumentError("count", f"is {count}; a polar plot needs at least {_FEWEST}")
+    if count < _FEWEST_WAYS:
+        raise ArgumentError("count", f"is {count}; a polar plot needs at least {_FEWEST_WAYS}")
     angles = 2.0 * np.pi * np.arange(count) / count
     directions = np.zeros((count, 6))
     directions[:, plane[0]], directions[:, plane[1]] = np.cos(angles), np.sin(angles)
@@ -91,11 +91,11 @@ def disturbance_polar(
         raise NoSolutionError(f"There is no disturbance margin ({margin.status.message}).")
     others = np.delete(margin.directions, plane, axis=1)
     chosen = np.flatnonzero((np.abs(others) <= _IN_PLANE).all(axis=1))
-    if len(chosen) < _FEWEST:
+    if len(chosen) < _FEWEST_WAYS:
         raise ArgumentError(
             "margin",
             f"has {len(chosen)} directions in the plane of {first} and {second}; a polar plot "
-            f"needs at least {_FEWEST}: give disturbance_margin plane_directions({first!r}, "
+            f"needs at least {_FEWEST_WAYS}: give disturbance_margin plane_directions({first!r}, "
             f"{second!r})",
         )
     angles = np.arctan2(margin.directions[chosen, plane[1]], margin.directions[chosen, plane[0]])
@@ -207,7 +207,7 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
     axes.set_xlabel(f"change of torques, in multiples of {way}")
     axes.set_ylabel(label)
     from_zero(axes, values)
-    room = _SIDE * (window.amounts[-1] - window.amounts[0])
+    room = _ROOM_BESIDE * (window.amounts[-1] - window.amounts[0])
     axes.set_xlim(window.amounts[0] - room, window.amounts[-1] + room)
     if window.lower is not None and window.upper is not None:
         axes.axvspan(window.lower.amount, window.upper.amount, color=blue, alpha=0.1, linewidth=0.0)
@@ -234,8 +234,8 @@ def _plane(first: str, second: str) -> list[int]:
     return [COMPONENTS.index(first), COMPONENTS.index(second)]
 
 
-_FOOT = 0.02
-_SIDE = 0.24
+_MARK_HEIGHT = 0.02
+_ROOM_BESIDE = 0.24
 """Of the width: what the ends are called stands there."""
 
 
@@ -376,7 +376,7 @@ def _mark_path(axes: Axes, profile: PathProfile) -> None:
     lost = profile.times[list(profile.failures)]
     axes.plot(
         lost,
-        np.full(len(lost), _FOOT),
+        np.full(len(lost), _MARK_HEIGHT),
         "x",
         color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
         transform=axes.get_xaxis_transform(),

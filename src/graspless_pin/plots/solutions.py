@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
 
-_BAR = 0.5
-_BEYOND = 1.15
-_ROOM = 0.02
+_RANGE_BAR = 0.5
+_ROOM_BEYOND = 1.15
+_ROOM_AT_ENDS = 0.02
 
 
 def normal_force_ranges(
@@ -72,12 +72,14 @@ def normal_force_ranges(
     axes = axes_for(ax, size=(6.4, 1.2 + 0.3 * len(lower)))
     rows = np.arange(len(lower))
     finite = upper[np.isfinite(upper)]
-    edge = _BEYOND * float(max(finite.max(initial=0.0), lower.max(), 1e-9))
+    edge = _ROOM_BEYOND * float(max(finite.max(initial=0.0), lower.max(), 1e-9))
     blue = LIGHT.roles[Role.NORMAL_FORCE]
     ends = np.where(np.isfinite(upper), upper, edge)
-    axes.barh(rows, ends - lower, left=lower, height=_BAR, color=blue, alpha=0.35, label="range")
+    axes.barh(
+        rows, ends - lower, left=lower, height=_RANGE_BAR, color=blue, alpha=0.35, label="range"
+    )
     # A determinate force has a range without width.
-    axes.vlines(lower, rows - 0.5 * _BAR, rows + 0.5 * _BAR, color=blue, linewidth=2.0)
+    axes.vlines(lower, rows - 0.5 * _RANGE_BAR, rows + 0.5 * _RANGE_BAR, color=blue, linewidth=2.0)
     free = np.isinf(upper)
     axes.plot(
         ends[free], rows[free], ">", color=blue, label="unbounded" if free.any() else "_unbounded"
@@ -88,7 +90,7 @@ def normal_force_ranges(
     axes.set_yticks(rows, [f"contact {row}" for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     # From zero, and so that a bar or mark at the right end is seen whole.
-    axes.set_xlim(-_ROOM * edge, (1.0 + _ROOM) * edge)
+    axes.set_xlim(-_ROOM_AT_ENDS * edge, (1.0 + _ROOM_AT_ENDS) * edge)
     unproven = "" if bounds.proven[:, 0].all() else ", as far as reached"
     axes.set_xlabel(f"normal force $f_n$ [N]{unproven}")
     plain_axis(axes.xaxis)
@@ -160,8 +162,8 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
 
 DIRECTED = (Quantity.CENTER, Quantity.PUSH, Quantity.MOMENT)
 """What may be off in one direction or another."""
-_LEVEL = 1e-6  # of a unit vector
-_MOST = 12.0
+_OFF_LEVEL = 1e-6  # of a unit vector
+_WIDEST_CIRCLE = 12.0
 """Of the least: what goes farther leaves the circle, or the least could not be seen."""
 
 
@@ -217,7 +219,7 @@ def tolerance_plot(
     way = np.zeros(3) if one.direction is None else one.direction
     words = f"least: {scale * one.borne:.3g} {unit}"
     at, mark = ([np.arctan2(*(level @ way)[::-1])], [scale * one.failing]), "o"
-    if abs(way @ up) > _LEVEL:
+    if abs(way @ up) > _OFF_LEVEL:
         words += f" along {_components(way)}"
         at, mark = ([], []), "None"
     if one.contacts:
@@ -226,7 +228,7 @@ def tolerance_plot(
     axes.plot(*at, mark, color=LIGHT.roles[Role.FRICTION_AT_LIMIT], linestyle="none", label=words)
     names = [_name(way) for way in (*level, *-level)]
     axes.set_xticks(np.arange(4) * np.pi / 2.0, names)
-    top = min(1.08 * float(radii.max()), _MOST * float(radii.min()) or np.inf)
+    top = min(1.08 * float(radii.max()), _WIDEST_CIRCLE * float(radii.min()) or np.inf)
     axes.set_ylim(0.0, top or 1.0)
     axes.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
     plain_axis(axes.yaxis)
@@ -242,7 +244,7 @@ def tolerance_plot(
 def _name(way: FloatArray) -> str:
     """Return the name of a unit vector: a world axis, or its components."""
     axis = int(np.abs(way).argmax())
-    if abs(way[axis]) > 1.0 - _LEVEL:
+    if abs(way[axis]) > 1.0 - _OFF_LEVEL:
         return f"{'+' if way[axis] > 0.0 else '−'}{'xyz'[axis]}"
     return _components(way)
 
@@ -254,7 +256,7 @@ def _components(way: FloatArray) -> str:
 _ROOM_AROUND = 1.2
 _ROUND = 96
 _ARROW = 0.9
-_MOVES = 1e-9
+_LEAST_SPEED = 1e-9
 _NOTHING = np.zeros((0, 2))
 
 
@@ -397,7 +399,7 @@ def _draw_sliding(axes: Axes, solution: TorqueSolution, contact: int, length: fl
         role, velocity = Role.VIRTUAL_SLIDING, virtual_velocities(solution)[contact]
     along = problem.tangents[contact].T @ velocity
     speed = float(np.linalg.norm(along))
-    if speed <= _MOVES:
+    if speed <= _LEAST_SPEED:
         return
     axes.annotate(
         "",

@@ -142,9 +142,9 @@ HOLDING_GAIN = 1e2
 """N m/rad: joints with this feedback stand still."""
 _OUT_OF_REACH = 1e-3
 """Of the largest singular value: gaps that are closed only by turning far stay open."""
-_LEVER, _LAST = 0.05, 0.1
+_LEVER, _TURN = 0.05, 0.1
 """m, and how readily the object turns beside joints: it moves where they cannot close a gap."""
-_PRESSED = 1e-6
+_START_OVERLAP = 1e-6
 """m by which links that move overlap the object at the start: more than closing leaves open."""
 FIXTURE = "fixture"
 """Name of the weld that holds the object before its release."""
@@ -320,10 +320,10 @@ def _closing(
     where one of them arrives first. Where friction bears most of a torque, a tip that does not
     touch may even go along the object and off. The object moves where joints cannot close a gap.
     """
-    share = np.concatenate([np.full(3, _LAST * _LEVER), np.full(3, _LAST), moves.astype(float)])
+    share = np.concatenate([np.full(3, _TURN * _LEVER), np.full(3, _TURN), moves.astype(float)])
     approach = contact_jacobian(problem)[:, 0] * share
     gaps = -np.array(contacts.arrays.distances)
-    gaps[approach[:, 6:].any(axis=1)] -= _PRESSED
+    gaps[approach[:, 6:].any(axis=1)] -= _START_OVERLAP
     steps, *_ = np.linalg.lstsq(approach, gaps, rcond=_OUT_OF_REACH)
     return share * np.asarray(steps, dtype=float)
 

@@ -197,13 +197,13 @@ HELD = 1e-3, float(np.radians(0.5))
 MOVED = 5e-3, float(np.radians(2.0))
 """m, rad: what has moved went farther than one of them."""
 
-_GONE = 10.0  # times that, and nothing new is to be seen
-_RESTING = 0.1
+_FAR_AWAY = 10.0  # times that, and nothing new is to be seen
+_RESTING_SHARE = 0.1
 """Of what is held: what goes less far in the last quarter of the time rests."""
-_STEPS = 20  # from one look at the object to the next
-_LOOK = _STEPS * TIME_STEP  # s
+_STEPS_PER_LOOK = 20  # from one look at the object to the next
+_LOOK_TIME = _STEPS_PER_LOOK * TIME_STEP  # s
 _LOOKS_OF_FORCES = 20
-_LONGEST = 600.0  # s
+_LONGEST_RUN = 600.0  # s
 
 
 class LoadingProtocol(StrEnum):
@@ -331,9 +331,9 @@ def simulate(
     """
     factor = real_number("friction_factor", friction_factor, 0.0)
     force = finite_array("push", push, (3,))
-    span = real_number("seconds", seconds, _LOOK)
-    if span > _LONGEST:
-        raise ArgumentError("seconds", f"is {span:g}; it must be at most {_LONGEST:g}")
+    span = real_number("seconds", seconds, _LOOK_TIME)
+    if span > _LONGEST_RUN:
+        raise ArgumentError("seconds", f"is {span:g}; it must be at most {_LONGEST_RUN:g}")
     how = choice(LoadingProtocol, "protocol", protocol)
     load_mujoco()  # before anything else is done
     problem = scene.problem()
@@ -380,9 +380,9 @@ def _run(
     forces: deque[Mapping[str, float]] = deque([world.normal_forces()], _LOOKS_OF_FORCES)
     touched_first = forces[0].keys()
     moved_after = None
-    for look in range(1, round(seconds / _LOOK) + 1):
-        world.step(_STEPS)
-        times.append(look * _LOOK)
+    for look in range(1, round(seconds / _LOOK_TIME) + 1):
+        world.step(_STEPS_PER_LOOK)
+        times.append(look * _LOOK_TIME)
         poses.append(world.object_pose())
         moves.append(world.joint_moves())
         changes.append(change_of_pose(manipulated, poses[-1]))
@@ -390,7 +390,7 @@ def _run(
         size = max(np.divide(changes[-1], MOVED).tolist())
         if size > 1.0 and moved_after is None:
             moved_after = times[-1]
-        if size > _GONE:
+        if size > _FAR_AWAY:
             break
     distance, rotation = np.max(changes, axis=0).tolist()
     touched = sorted({body for look in forces for body in look})
@@ -427,7 +427,7 @@ def _rests(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:
     *_, last = poses
     quarter = poses[-max(len(poses) // 4, 2) :]
     moves = [np.divide(_change(manipulated, last, T), HELD).max() for T in quarter]
-    return max(moves) < _RESTING
+    return max(moves) < _RESTING_SHARE
 
 
 def _outcome(displacement: float, rotation: float, *, rests: bool) -> SimulatedOutcome:

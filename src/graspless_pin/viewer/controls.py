@@ -27,10 +27,10 @@ PLACES = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 ALONG = "object/along"
 """Whether the object stays in the plane of the first half-space: 1 or 0."""
 _JOINT = "joint/"
-_SHIFT = 100.0  # mm
-_TURN = 180.0  # degrees
-_TILT = 45.0  # degrees
-_LEVEL = 1e-6
+_MOST_SHIFT = 100.0  # mm
+_MOST_TURN = 180.0  # degrees
+_MOST_TILT = 45.0  # degrees
+_LEVEL_SINE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def controls_of(scene: Scene) -> tuple[Control, ...]:
     found.append(Control("mass", "mass [kg]", "Load", 5.0 * step, 4.0 * mass, step, mass))
     name, angle = _slope(scene)
     angle = round(angle, 2)
-    low, high = max(angle - _TILT, 0.0 if angle > 0.0 else -_TILT), angle + _TILT
+    low, high = max(angle - _MOST_TILT, 0.0 if angle > 0.0 else -_MOST_TILT), angle + _MOST_TILT
     label = "tilt [°]" if name is None else f"angle of {name} [°]"
     found.append(Control("slope", label, "Load", low, high, 0.1, angle))
     if scene.given_contacts is None:
@@ -169,7 +169,10 @@ def place_of(values: Mapping[str, float], group: str) -> tuple[FloatArray, Float
 
 def placed_values(group: str, shift: FloatArray, turn: FloatArray) -> dict[str, float]:
     """Return the values that state a shift (m) and a rotation vector (rad), within their ranges."""
-    place = [*np.clip(1000.0 * shift, -_SHIFT, _SHIFT), *np.clip(np.degrees(turn), -_TURN, _TURN)]
+    place = [
+        *np.clip(1000.0 * shift, -_MOST_SHIFT, _MOST_SHIFT),
+        *np.clip(np.degrees(turn), -_MOST_TURN, _MOST_TURN),
+    ]
     return {group + name: round(float(x), 2) for name, x in zip(PLACES, place, strict=True)}
 
 
@@ -187,7 +190,7 @@ def support_frame(scene: Scene) -> FloatArray:
 def _place_controls(group: str, folder: str) -> list[Control]:
     labels = [f"shift along {axis} [mm]" for axis in "xyz"]
     labels += [f"turn about {axis} [°]" for axis in "xyz"]
-    reaches = [_SHIFT] * 3 + [_TURN] * 3
+    reaches = [_MOST_SHIFT] * 3 + [_MOST_TURN] * 3
     return [
         Control(group + name, label, folder, -reach, reach, 0.1, 0.0)
         for name, label, reach in zip(PLACES, labels, reaches, strict=True)
@@ -290,4 +293,4 @@ def _tilt_axis(scene: Scene) -> FloatArray:
     if support is not None:
         axis = np.cross(_up(scene), support.T_world_support[:3, 2])
     length = float(np.linalg.norm(axis))
-    return axis / length if length > _LEVEL else np.array([0.0, 1.0, 0.0])
+    return axis / length if length > _LEVEL_SINE else np.array([0.0, 1.0, 0.0])

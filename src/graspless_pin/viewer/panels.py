@@ -24,7 +24,7 @@ from graspless_pin.viewer.controls import ALONG, HAND_PLACE, OBJECT_PLACE, Contr
 from graspless_pin.viewer.scene_process import Settings, SettingsAnswer
 from graspless_pin.visualization import DARK, LIGHT, Picture, Role
 
-_FULL = 0.999
+_AT_LIMIT = 0.999
 # At the right there is room for the panel's scroll bar.
 _TEXT = "font-size:13px;line-height:1.4;padding:0 14px 0 6px;overflow-wrap:anywhere"
 _MUTED = "opacity:0.75"
@@ -115,7 +115,7 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
     for index, name in enumerate(problem.joint_names):
         torque = float(solution.torques[index])
         low, high = _axis(problem.lower_torque[index], problem.upper_torque[index], widest)
-        full = np.isfinite(shares[index]) and shares[index] >= _FULL
+        full = np.isfinite(shares[index]) and shares[index] >= _AT_LIMIT
         color = palette.roles[Role.FRICTION_AT_LIMIT if full else Role.NORMAL_FORCE]
         rows.append(
             f'<div style="display:grid;grid-template-columns:38% 1fr 22%;gap:6px;'

@@ -24,8 +24,8 @@ _NARROW = 700  # px: below it panels lie over the lower part of the page
 _NARROW_BOX = 0.03, 0.02, 0.97, 0.4
 """Left, top, right and bottom of what panels leave free there, as shares of the page."""
 _PANELS = 650  # px
-_STAYS = 1e-3  # of its distance: a camera that has not been moved
-_DOWN = 0.9
+_UNMOVED_CAMERA = 1e-3  # of its distance: a camera that has not been moved
+_FACING_DOWN = 0.9
 NUMBERS = "contact numbers"
 """The layer of the contacts' numbers."""
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
@@ -87,7 +87,7 @@ class Stage:
             if camera.client.client_id not in self._looks:
                 return
             view, size, place = self._looks[camera.client.client_id]
-            near = _STAYS * float(np.linalg.norm(place - self._first.center))
+            near = _UNMOVED_CAMERA * float(np.linalg.norm(place - self._first.center))
             at_start, stays = (
                 bool(np.linalg.norm(camera.position - there) < near)
                 for there in (self._start, place)
@@ -206,7 +206,7 @@ def _without_undersides(mesh: Mesh, floors: FloatArray) -> NDArray[np.int64]:
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    down = normals @ floors.T < -_DOWN * lengths
+    down = normals @ floors.T < -_FACING_DOWN * lengths
     return mesh.faces[~down.any(axis=1)]
 
 
@@ -224,7 +224,7 @@ def _aim(camera: Any, picture: Picture) -> None:
     camera.far = 100.0 * distance
 
 
-_FRAME = 0.08  # s
+_FRAME_TIME = 0.08  # s
 _STILL_FRAMES = 10  # at the motion's end
 OUTCOME, SLIDING = "what can happen", "virtual sliding"
 """The motions that there may be."""
@@ -301,7 +301,7 @@ class Player:
     def _run(self) -> None:
         """Play frame by frame until the page is stopped."""
         frame = 0
-        while not self._stopped.wait(_FRAME):
+        while not self._stopped.wait(_FRAME_TIME):
             with self._lock, self._server.atomic():
                 moving = self._moving
                 if moving is not None and self._play.value:

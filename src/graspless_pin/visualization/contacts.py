@@ -182,7 +182,7 @@ def with_contacts(
         forces = found.contact_forces
         states = [contact_state(problem, forces, index) for index in range(len(points))]
         at_limit = [state in ("sliding", "at its limit") for state in states]
-        chosen = default_force_scale(found, size) if force_scale is None else force_scale
+        chosen = _fitting_scale(forces, size) if force_scale is None else force_scale
         meshes += _forces(problem, forces, at_limit, points, chosen, _SHAFT * size)
         meshes += _velocities(Role.VIRTUAL_SLIDING, virtual_velocities(found), points, size)
         picture = with_force_scale(picture, chosen, size)
@@ -273,13 +273,8 @@ def with_outcome(
     return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
 
 
-def default_force_scale(solution: TorqueSolution, size: float) -> float:
-    """Metres per newton at which the largest contact force fits an object of this radius (m)."""
-    return _fitting_scale(solution.contact_forces, size)
-
-
 def _fitting_scale(forces: FloatArray, size: float) -> float:
-    """Return the scale of round figures with which the largest force just fits."""
+    """Return metres per newton, of round figures, with which the largest force just fits."""
     largest = float(np.linalg.norm(forces, axis=1).max())
     if largest <= 0.0:
         return 0.0

@@ -39,14 +39,14 @@ from graspless_pin.visualization.picture import (
 )
 from graspless_pin.visualization.primitives import Solid, ball_surface, bar_surface, with_bearings
 
-_COUNT = 72
-_LEVEL = 1e-6  # of a change
+_BOUNDARY_ANGLES = 72
+_OFF_PLANE = 1e-6  # of a change
 # Lengths as shares of the size of the object.
 _BALL = 0.045
 _RIM = 0.012
-_FARTHEST = 1.1
-_LEAST = 1e-3
-_OPACITY = 0.85
+_FARTHEST_REGION = 1.1
+_LEAST_REGION = 1e-3
+_REGION_OPACITY = 0.85
 
 
 def level_boundary(one: Tolerance, level: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -56,11 +56,13 @@ def level_boundary(one: Tolerance, level: FloatArray) -> tuple[FloatArray, Float
         one: A tolerance with a boundary.
         level: (2, 3) unit vectors that span the plane, the first at angle 0.
     """
-    angles = 2.0 * np.pi * np.arange(_COUNT) / _COUNT
+    angles = 2.0 * np.pi * np.arange(_BOUNDARY_ANGLES) / _BOUNDARY_ANGLES
     if one.boundary is not None:  # each corner that lies in the plane, too
         along = one.boundary @ level.T
         sizes = np.linalg.norm(one.boundary, axis=1)
-        corners = along[(sizes > 0.0) & (np.linalg.norm(along, axis=1) > (1.0 - _LEVEL) * sizes)]
+        corners = along[
+            (sizes > 0.0) & (np.linalg.norm(along, axis=1) > (1.0 - _OFF_PLANE) * sizes)
+        ]
         turned = np.arctan2(corners[:, 1], corners[:, 0]) % (2.0 * np.pi)
         angles = np.unique(np.append(angles, turned).round(9))
     return angles, one.along(_ways(angles, level))
@@ -86,10 +88,10 @@ def with_tolerances(
     meshes = [Mesh(str(role), role, *ball_surface(origin, _BALL * size))]
     level = across_gravity(tolerances.weight)
     angles, radii = level_boundary(found[0], level)
-    if float(radii.max()) > _LEAST * size:
-        role, within = Role.CENTER_REGION, radii < _FARTHEST * size
-        ends = origin + np.minimum(radii, _FARTHEST * size)[:, None] * _ways(angles, level)
-        meshes.append(Mesh(f"{role}/inside", role, *_fan(origin, ends), _OPACITY))
+    if float(radii.max()) > _LEAST_REGION * size:
+        role, within = Role.CENTER_REGION, radii < _FARTHEST_REGION * size
+        ends = origin + np.minimum(radii, _FARTHEST_REGION * size)[:, None] * _ways(angles, level)
+        meshes.append(Mesh(f"{role}/inside", role, *_fan(origin, ends), _REGION_OPACITY))
         rim = [
             bar_surface(ends[k - 1], ends[k], _RIM * size)
             for k in np.flatnonzero(within & np.roll(within, 1)).tolist()

@@ -23,8 +23,8 @@ from graspless_pin.visualization.drawing import draw_bodies, object_radius
 from graspless_pin.visualization.picture import Picture, Role
 
 _TIMES = 31
-_WAY = 0.6  # of the object's radius: how far a point of it goes
-_TURN = 0.6  # rad, of object and joints
+_OUTCOME_WAY = 0.6  # of the object's radius: how far a point of it goes
+_OUTCOME_TURN = 0.6  # rad, of object and joints
 _SLID, _SLID_TURN = 0.35, 0.4  # the same of virtual slidings and small motions
 _GROWN = 30.0  # times as large as it begins: how far a small motion is shown
 _STILL = (Role.HAND, Role.SUPPORT, Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
@@ -189,7 +189,10 @@ def _duration(motion: DynamicOutcome, size: float) -> float:
     """Return when the motion has been seen, s."""
     turning = [float(np.linalg.norm(motion.object_acceleration[3:]))]
     turning += np.abs(motion.joint_accelerations).tolist()
-    ways = (_WAY * size, motion.point_acceleration), *((_TURN, rate) for rate in turning)
+    ways = (
+        (_OUTCOME_WAY * size, motion.point_acceleration),
+        *((_OUTCOME_TURN, rate) for rate in turning),
+    )
     return min(float(np.sqrt(2.0 * way / rate)) for way, rate in ways if rate > 0.0)
 
 

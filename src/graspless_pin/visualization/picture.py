@@ -71,7 +71,7 @@ _LABELS = {
 }
 _UNITS = {1.0: "1 m", 1e-2: "1 cm", 1e-3: "1 mm", 1e-6: "1 µm"}
 _PREFIXES = {1e6: "MN", 1e3: "kN", 1.0: "N", 1e-3: "mN", 1e-6: "µN", 1e-9: "nN"}
-_LEAST, _MOST = 0.01, 1e4  # N, said without a prefix
+_LEAST_PLAIN, _MOST_PLAIN = 0.01, 1e4  # N, said without a prefix
 _UNITS_IN_SIZE = 2.0
 HIDDEN_AT_FIRST = frozenset({Role.TOTAL_FORCE, Role.EXTERNAL_FORCE})
 """Layers that are shown when they are asked for: what other arrows sum up to."""
@@ -89,7 +89,7 @@ class ForceScale(NamedTuple):
     force: float
 
     @classmethod
-    def of(cls, metres_per_newton: float, size: float) -> ForceScale:
+    def fitting(cls, metres_per_newton: float, size: float) -> ForceScale:
         """Return a scale, with a length that goes into the size of the object (m)."""
         fits = [unit for unit in _UNITS if _UNITS_IN_SIZE * unit <= size]
         unit = max(fits, default=min(_UNITS))
@@ -104,7 +104,7 @@ class ForceScale(NamedTuple):
         """Return it in words, such as "1 cm = 5 N"."""
         prefixes = [prefix for prefix in _PREFIXES if prefix <= self.force]
         prefix = max(prefixes, default=min(_PREFIXES))
-        prefix = 1.0 if _LEAST <= self.force < _MOST else prefix
+        prefix = 1.0 if _LEAST_PLAIN <= self.force < _MOST_PLAIN else prefix
         return f"{_UNITS[self.length]} = {self.force / prefix:.3g} {_PREFIXES[prefix]}"
 
 
@@ -188,11 +188,11 @@ class Picture(Record):
 
 _FORWARD, _HEIGHT = 0.35, 0.5
 _TOO_SHORT = 1e-9
-_LOW, _STEP = np.radians(10.0), np.radians(1.0)
+_LOWEST_VIEW, _VIEW_STEP = np.radians(10.0), np.radians(1.0)
 # Only what is nearer to the middle than this is framed, in radii: of hands, whose arms are context,
 # and of all else; the slab of a half-space, 1.3 of the object's radii to each side, lies within.
 _HAND_FRAMED, _FRAMED = 1.05, 2.3
-_ROOM = 1.08
+_FRAME_ROOM = 1.08
 
 
 def up_against(force: FloatArray) -> FloatArray:
@@ -273,16 +273,16 @@ def preset_views(
 
 
 def _raised(
-    level: FloatArray, up: FloatArray, floors: FloatArray, tilt: float = _LOW
+    level: FloatArray, up: FloatArray, floors: FloatArray, tilt: float = _LOWEST_VIEW
 ) -> FloatArray:
     """Return a direction at an angle above the level, or as far above as is in front of floors."""
     level = level - (level @ up) * up
     level /= np.linalg.norm(level)
     while True:
         way = np.cos(tilt) * level + np.sin(tilt) * up
-        if tilt >= 0.5 * np.pi or (floors[:, :3] @ way >= np.sin(_LOW)).all():
+        if tilt >= 0.5 * np.pi or (floors[:, :3] @ way >= np.sin(_LOWEST_VIEW)).all():
             return way
-        tilt += _STEP
+        tilt += _VIEW_STEP
 
 
 def framing(
@@ -313,7 +313,7 @@ def framing(
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * [1.0, 1.0, 0.0]
     x, y, z = (seen - middle).T
     slope = np.tan(0.5 * field_of_view)
-    distance = float(np.max(np.maximum(np.abs(x) / aspect, np.abs(y)) * _ROOM / slope + z))
+    distance = float(np.max(np.maximum(np.abs(x) / aspect, np.abs(y)) * _FRAME_ROOM / slope + z))
     return picture.center + middle @ axes, distance
 
 

@@ -156,7 +156,7 @@ def with_force_scale(picture: Picture, metres_per_newton: float, size: float) ->
     """
     if metres_per_newton <= 0.0:
         return picture
-    scale = ForceScale.of(metres_per_newton, size)
+    scale = ForceScale.fitting(metres_per_newton, size)
     times = max((k for k in _STEPS if k * scale.length <= _LONGEST * size), default=1)
     right = np.cross(picture.up, picture.view_from)
     right /= np.linalg.norm(right)
