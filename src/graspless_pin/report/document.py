@@ -32,7 +32,7 @@ from graspless_pin.report.robust import robust_data
 from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
 from graspless_pin.report.verify import Check, verify_document
 from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES, written
-from graspless_pin.report.verify.outcome import GUARANTEED
+from graspless_pin.report.verify.outcome import Claim
 from graspless_pin.report.verify.reading import read_problem
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.tree import proven_violation
@@ -385,8 +385,6 @@ _CLAIMS = (
     Status.INFEASIBLE_IN_MODE,
     Status.INFEASIBLE_MODE,
 )
-_OF_OPTIMUM = "optimal "
-"""How the checks begin of what proves that nothing is better."""
 
 
 def accepted(
@@ -423,7 +421,7 @@ def accepted(
         refused = [one for one in checks if one.passed is not True and one not in of_rest]
         if solution.guarantee is not None and solution.guarantee.verdict is None:
             # Of several members joined: each has a verdict of its own.
-            refused = [one for one in refused if one.name != GUARANTEED]
+            refused = [one for one in refused if one.claim is not Claim.GUARANTEE]
         solution = _without(solution, refused, lost)
     return solution, verdict
 
@@ -432,7 +430,7 @@ def _without(
     solution: TorqueSolution, refused: Sequence[Check], lost: Sequence[Check]
 ) -> TorqueSolution:
     """Return a solution without what its checks do not prove, those of rest apart."""
-    if solution.found and refused and all(one.name.startswith(_OF_OPTIMUM) for one in refused):
+    if solution.found and refused and all(one.claim is Claim.OPTIMUM for one in refused):
         return replace(solution, status=Status.LIMIT_REACHED)
     if not refused and not (lost and solution.status is Status.STRONG):
         return solution

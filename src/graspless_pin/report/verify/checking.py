@@ -30,8 +30,8 @@ from graspless_pin.report.verify.forces import (
     residual,
 )
 from graspless_pin.report.verify.outcome import (
-    GUARANTEED,
     Check,
+    Claim,
     Verification,
     agrees,
     given,
@@ -73,7 +73,9 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
     verdict = stated.get("stability")
     says = verdict and verdict["status"]
     if status in FOUND_STATES:
-        return [holds(GUARANTEED, says == "strong", f"verdict: {says}"), *_cost(stated, problem)]
+        detail, sure = f"verdict: {says}", says == "strong"
+        told = holds("the torques are guaranteed", sure, detail, Claim.GUARANTEE)
+        return [told, *_cost(stated, problem)]
     checks = [given("the best case", "of torques that are not stated")]
     if status == "infeasible_strong":
         # Without joints there is one set of torques alone.
@@ -286,16 +288,17 @@ class _Checker:
             checks.append(within("gap is closed", abs(value - bound), met, unit))
         if self.status != "strong":
             checks += self._duality(forces, value, unit)
-        what = "optimal" if self.status not in _WITH_GAP else "bound"
+        what, claim = ("bound", None) if self.status in _WITH_GAP else ("optimal", Claim.OPTIMUM)
         name = f"{what} over all modes" if self.has_modes else f"{what} over all friction"
         name = _IN_ITS_MODE if self.status == "optimal_in_mode" else name
         if not self.complete:
-            return [*checks, self._incomplete(name), self._within_mode(value, selected, signs)]
+            within_mode = self._within_mode(value, selected, signs)
+            return [*checks, self._incomplete(name, claim), within_mode]
         root = root_of(problem, self.status, (selected, signs))
         proof = TreeWalk(problem, self._proven_reach()).walk(self.proof["nodes"], root)
         good = not proof.failure and proof.bound >= bound - met
         shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
-        return [*checks, holds(name, good, shown.rstrip())]
+        return [*checks, holds(name, good, shown.rstrip(), claim)]
 
     def _proven_reach(self) -> float:
         return min(self.certificate["force_reach"], float(self.problem.limit.max()))
@@ -324,14 +327,14 @@ class _Checker:
         ]
 
     def _within_mode(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
-        stated = self.proof.get("mode_multipliers")
-        if stated is None:
-            return Check(_IN_ITS_MODE, passed=None, detail="no multipliers in the document")
-        free = State.one_mode(self.problem, selected, signs).friction
-        bound, strays = self._proven(stated.stated, "mode_multipliers", free)
-        gap = value - bound
-        good = gap <= tolerances.objective(self.problem, value, bound) and not strays
-        return Check(_IN_ITS_MODE, passed=good or None, detail=f"proven gap {gap:.1e}")
+        stated, good = self.proof.get("mode_multipliers"), False
+        detail = "no multipliers in the document"
+        if stated is not None:
+            free = State.one_mode(self.problem, selected, signs).friction
+            bound, strays = self._proven(stated.stated, "mode_multipliers", free)
+            gap, met = value - bound, tolerances.objective(self.problem, value, bound)
+            good, detail = gap <= met and not strays, f"proven gap {gap:.1e}"
+        return Check(_IN_ITS_MODE, good or None, detail, claim=Claim.OPTIMUM)
 
     # not found
 
@@ -386,8 +389,9 @@ class _Checker:
 
     # both
 
-    def _incomplete(self, name: str) -> Check:
-        return Check(name, None, self.proof["missing"][:200] or "the document holds no proof")
+    def _incomplete(self, name: str, claim: Claim | None = None) -> Check:
+        missing = self.proof["missing"][:200] or "the document holds no proof"
+        return Check(name, None, missing, claim=claim)
 
 
 _IN_ITS_MODE = "optimal within its mode"

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
-GUARANTEED = "the torques are guaranteed"
-"""The check that the verdict on torques says so."""
 _MARKS = {True: "ok", False: "FAILED", None: "not proven here"}
+
+
+class Claim(Enum):
+    """A claim of an answer that can be given up while the rest of it stands."""
+
+    OPTIMUM = "no answer is better"
+    GUARANTEE = "the verdict on the torques says that they are guaranteed"
 
 
 @dataclass(frozen=True)
@@ -20,12 +26,14 @@ class Check:
         passed: Whether it holds; None where the document holds no proof of it.
         detail: The figure that decided.
         given: Whether it is what all checks start from: nothing in the document proves it.
+        claim: What it alone decides of; None: that the answer is one.
     """
 
     name: str
     passed: bool | None
     detail: str
     given: bool = False
+    claim: Claim | None = None
 
     @property
     def mark(self) -> str:
@@ -89,9 +97,9 @@ def given(name: str, detail: str) -> Check:
     return Check(name, passed=True, detail=detail, given=True)
 
 
-def holds(name: str, passed: object, detail: str) -> Check:
+def holds(name: str, passed: object, detail: str, claim: Claim | None = None) -> Check:
     """Return the line of a statement that is so or not."""
-    return Check(name, passed=bool(passed), detail=detail)
+    return Check(name, passed=bool(passed), detail=detail, claim=claim)
 
 
 def within(name: str, value: float, tolerance: float, unit: str) -> Check:

@@ -20,7 +20,7 @@ import numpy as np
 from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.fields import Part, stacked
 from graspless_pin.report.verify.forces import against_mode, residual
-from graspless_pin.report.verify.outcome import GUARANTEED, Check, agrees, given, holds, within
+from graspless_pin.report.verify.outcome import Check, Claim, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Forces, Problem
 from graspless_pin.report.verify.reading import read_mode, read_problem
 from graspless_pin.report.verify.values import (
@@ -108,7 +108,7 @@ def uncertainty_checks(
     if "stability" not in nested:  # each member has a verdict of its own, which is not there
         proven = [
             replace(one, passed=None, detail="verdicts on members are not in the document")
-            if one.name == GUARANTEED
+            if one.claim is Claim.GUARANTEE
             else one
             for one in proven
         ]
