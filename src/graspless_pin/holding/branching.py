@@ -144,23 +144,29 @@ class _Node:
 
 
 @dataclass(frozen=True, eq=False)
-class Branched:
-    """How far branching came.
+class Searched:
+    """How far a search through all sets of outcomes came.
 
     Attributes:
-        tree: The proof; None where it is not finished.
-        motion: (M, 3) scaled forces of a moving outcome, where one was met.
-        nodes: Nodes of which a linear program was asked for.
-        left: Nodes that were left.
+        tree: The proof that nothing moves, or that nothing moves otherwise than declared; None
+            where it is not finished.
+        motion: (M, 3) scaled forces of an outcome that does, where one was met.
+        nodes: Sets of which linear programs were asked for.
+        left: Sets that were left.
+        programs: Linear programs solved.
+        resisting: Under a declared motion, the states of the contacts in the first set that was
+            left, where one was.
     """
 
     tree: OutcomeSet | None
     motion: FloatArray | None
     nodes: int
     left: int
+    programs: int
+    resisting: tuple[ContactState, ...] = ()
 
 
-def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], bool]) -> Branched:
+def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], bool]) -> Searched:
     """Prove that nothing moves, or find what does.
 
     Args:
@@ -175,7 +181,8 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     search, nodes, given_up = TreeSearch([root]), 0, 0
     for _, node in search:
         if is_over(nodes):
-            return Branched(None, None, nodes, 1 + len(search) + given_up)
+            left = 1 + len(search) + given_up
+            return Searched(None, None, nodes, left, relaxation.programs)
         if not node.is_closed:
             node, is_covered = _closed(dynamics, node)
             if is_covered:
@@ -201,12 +208,13 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             y, forces = relaxed.y + aside, relaxed.forces
             motion = _near(dynamics, relaxed, y)
             if motion is not None:
-                return Branched(None, motion, nodes, len(search))
+                return Searched(None, motion, nodes, len(search), relaxation.programs)
         node.children = _children(dynamics, node.states, relaxation, y, forces, patches)
         if not node.children:
             given_up += 1
         search.add(reversed(node.children))
-    return Branched(None if given_up else root.finished(), None, nodes, given_up)
+    tree = None if given_up else root.finished()
+    return Searched(tree, None, nodes, given_up, relaxation.programs)
 
 
 def _closed(dynamics: Dynamics, node: _Node) -> tuple[_Node, bool]:

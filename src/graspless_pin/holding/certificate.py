@@ -12,7 +12,7 @@ free along the span.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -67,19 +67,14 @@ def balance(
         torques: (L,) of the motors.
         friction_limits: (M,) N, friction that each contact bears at most; None: mu f_n.
     """
-    jacobian, load = in_loads(problem, torques)
-    count = problem.contact_count
-    if friction_limits is not None and not friction_limits.any():
-        found = pushed(jacobian[:, 0], load)
-        if found is not None:
-            return found
-    most = (
-        np.full(count, np.nan)
-        if friction_limits is None
-        else friction_limits / problem.scales.force
-    )
-    enough = BALANCE_TOLERANCE if friction_limits is None else _HOPELESS
-    return least_residual(jacobian, load, free_friction(problem), most, enough)
+    (jacobian, load), friction = in_loads(problem, torques), free_friction(problem)
+    if friction_limits is None:
+        return least_residual(jacobian, load, friction, BALANCE_TOLERANCE)
+    found = None if friction_limits.any() else pushed(jacobian[:, 0], load)
+    if found is not None:
+        return found
+    most = friction_limits / problem.scales.force
+    return least_residual(jacobian, load, friction, _HOPELESS, most)
 
 
 def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -215,6 +210,14 @@ def proven_loads(
     return tuple(proofs), relaxation.programs
 
 
+def at_least(forces: FloatArray, loads: Iterable[LoadProof]) -> FloatArray:
+    """Return normal forces (M,), N, or what is proven where that is larger."""
+    forces = forces.copy()
+    for one in loads:
+        forces[one.contact] = max(forces[one.contact], one.force)
+    return forces
+
+
 def bearing_forces(
     problem: QuasistaticProblem, torques: FloatArray, forces: FloatArray
 ) -> FloatArray:
@@ -292,9 +295,9 @@ class LoadLine:
         """
         jacobian, load = in_loads(self.problem, self.torques)
         step, friction = self.in_loads, self.problem.friction
-        multiple, none, proof = most, np.full(len(jacobian), np.nan), None
+        multiple, proof = most, None
         for _ in range(_MOST_STEPS):
-            found = least_residual(jacobian, load + multiple * step, friction, none, np.inf)
+            found = least_residual(jacobian, load + multiple * step, friction, np.inf)
             if found is None:
                 break
             if found.is_rest:
@@ -410,8 +413,5 @@ class LoadLine:
 
     def _newtons(self, loads: Sequence[tuple[LoadProof, ...]]) -> FloatArray:
         """Return the (M,) smallest of the normal forces that several sets of proofs prove, N."""
-        forces = np.zeros((len(loads), self.problem.contact_count))
-        for row, proofs in zip(forces, loads, strict=True):
-            for one in proofs:
-                row[one.contact] = one.force
-        return forces.min(axis=0)
+        none = np.zeros(self.problem.contact_count)
+        return np.min([at_least(none, proofs) for proofs in loads], axis=0)

@@ -26,9 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import States, least_along
-from graspless_pin.holding.branching import NEAR, slip_range, split
+from graspless_pin.holding.branching import NEAR, Searched, slip_range, split
 from graspless_pin.holding.dynamics import Dynamics
-from graspless_pin.holding.relaxation import arc_rows, around, cone_planes, cone_tangents
+from graspless_pin.holding.relaxation import (
+    arc_rows,
+    around,
+    cone_planes,
+    cone_tangents,
+    plane_rows,
+)
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet
 from graspless_pin.problem.checks import FloatArray
@@ -67,9 +73,8 @@ class KeptPrograms:
         given[np.arange(len(held)), 3 * held] = 1.0
         given[:, -1] = -dynamics.commanded[held]
         self._simplex.add_rows(given, np.zeros(len(held)), np.zeros(len(held)))
-        for contact in range(count):
-            planes = cone_planes(dynamics.friction[contact], around(_DIRECTIONS))
-            self._add_planes(np.full(_DIRECTIONS, contact), planes)
+        planes = [cone_planes(friction, around(_DIRECTIONS)) for friction in dynamics.friction]
+        self._add_planes(np.repeat(np.arange(count), _DIRECTIONS), np.vstack(planes))
         self._shared = self._simplex.row_count
         self._edges: list[tuple[int, FloatArray]] = []
 
@@ -147,11 +152,9 @@ class KeptPrograms:
             tangential[contact] += rows[self._shared + row] * direction
         return DualBound(np.zeros(len(self._dynamics.load)), rows[:count].copy(), tangential)
 
-    def _add_planes(self, contacts: NDArray[np.int_], planes: FloatArray) -> None:
+    def _add_planes(self, contacts: NDArray[np.intp], planes: FloatArray) -> None:
         """Add r.f <= 0 for rows r (k, 3) of contacts (k,)."""
-        rows = np.zeros((len(contacts), self._size))
-        for row, contact, plane in zip(rows, contacts, planes, strict=True):
-            row[3 * contact : 3 * contact + 3] = plane
+        rows = plane_rows(contacts, planes, self._size)
         self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
 
     def _add_arc(self, contact: int, center: float, half_width: float) -> None:
@@ -254,28 +257,9 @@ class _Node:
         return OutcomeSet(contact, state, slip, children, sides=tuple(self.sides))
 
 
-@dataclass(frozen=True, eq=False)
-class Kept:
-    """How far the search came.
-
-    Attributes:
-        tree: The proof that nothing else happens; None where it is not finished.
-        motion: (M, 3) scaled forces of an outcome that moves the object otherwise, if one was met.
-        resisting: The states of the contacts in the first set that was left, where one was.
-        nodes: Sets looked at.
-        left: Sets that were left.
-        programs: Linear programs solved.
-    """
-
-    tree: OutcomeSet | None
-    motion: FloatArray | None
-    resisting: tuple[ContactState, ...]
-    nodes: int
-    left: int
-    programs: int
-
-
-def other_motion(dynamics: Dynamics, force_limit: float, is_over: Callable[[int], bool]) -> Kept:
+def other_motion(
+    dynamics: Dynamics, force_limit: float, is_over: Callable[[int], bool]
+) -> Searched:
     """Prove that no outcome moves the object otherwise than declared, or find one.
 
     Args:
@@ -301,14 +285,14 @@ def other_motion(dynamics: Dynamics, force_limit: float, is_over: Callable[[int]
         if not parts or gaps <= NEAR * float(y @ y):
             motion = polish(dynamics, forces)
             if motion is not None:
-                return Kept(None, motion, (), nodes, len(search), programs.programs)
+                return Searched(None, motion, nodes, len(search), programs.programs)
         node.children = [_Node(contact, states, list(node.left)) for states in parts]
         if not parts:
             left.append(node)
         search.add(reversed(node.children))
     tree = None if left else root.finished()
     resisting = left[0].states.state if left else ()
-    return Kept(tree, None, resisting, nodes, len(left), programs.programs)
+    return Searched(tree, None, nodes, len(left), programs.programs, resisting)
 
 
 def _bounded(

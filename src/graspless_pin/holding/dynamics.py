@@ -93,6 +93,10 @@ class Dynamics:
         """Return u, (M, 3): accelerations along n, t1, t2."""
         return self.rows @ y
 
+    def normal_forces(self, forces: FloatArray) -> FloatArray:
+        """Return those of scaled contact forces (M, 3), and what fingers command; (M,)."""
+        return np.where(self.is_commanded, np.nan_to_num(self.commanded), forces[:, 0])
+
     def motion(self, forces: FloatArray) -> FloatArray:
         """Return y of scaled contact forces (M, 3)."""
         return np.einsum("lin,li->n", self.pushes, forces) + self.load
@@ -232,14 +236,13 @@ def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
         dynamics: Of one load.
         other: Of the other one; None: without load.
     """
-    ratio = 0.0 if other is None else other.force_unit / dynamics.force_unit
-    load, commanded = (
-        (dynamics.load, dynamics.commanded) if other is None else (other.load, other.commanded)
-    )
+    ratio, last = 0.0, dynamics
+    if other is not None:
+        ratio, last = other.force_unit / dynamics.force_unit, other
     return replace(
         dynamics,
-        spread=ratio * load - dynamics.load,
-        commanded_spread=np.nan_to_num(ratio * commanded - dynamics.commanded),
+        spread=ratio * last.load - dynamics.load,
+        commanded_spread=np.nan_to_num(ratio * last.commanded - dynamics.commanded),
     )
 
 
@@ -399,11 +402,9 @@ def _without_slip(
 ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
     """Return a basis of the motions without slip, scaled, of which entries, and their units."""
     hybrid = hybrid_contacts(problem)
-    counts = [problem.passive_count, problem.joint_count]
-    moving = np.concatenate([np.ones(counts[0], dtype=bool), hybrid < 0])
+    moving = np.concatenate([np.ones(problem.passive_count, dtype=bool), hybrid < 0])
     units = motion_units(problem)[moving]
-    velocities = contact_map(problem) * np.repeat([1.0, -1.0], counts)
-    velocities = velocities[:, :, moving] * (units / motion_length(problem))
+    velocities = contact_jacobian(problem)[:, :, moving] * (units / motion_length(problem))
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
     still[hybrid[hybrid >= 0], 0] = False

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.least_squares import nonnegative_squares
-from graspless_pin.holding.relaxation import around
+from graspless_pin.holding.relaxation import around, cone_planes, plane_rows
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
@@ -57,8 +57,8 @@ def least_residual(
     jacobian: FloatArray,
     load: FloatArray,
     friction: FloatArray,
-    friction_limits: FloatArray,
     enough: float,
+    friction_limits: FloatArray | None = None,
 ) -> Balance | None:
     """Find the contact forces that leave least of the load unbalanced.
 
@@ -66,15 +66,16 @@ def least_residual(
         jacobian: (M, 3, k) G in units of the load.
         load: (k,) g in those units.
         friction: (M,) coefficients.
-        friction_limits: (M,) friction that each contact bears at most, in loads; NaN: mu f_n.
         enough: Once at least so much is known to be left, the search ends: the forces are then
             those of cones that are too wide, and the proof stands.
+        friction_limits: (M,) friction that each contact bears at most, in loads; None: mu f_n.
 
     Returns:
         The forces; None where the solver has no answer.
     """
     # Most loads balance inside polygons in the cones, by one program.
-    inside = _program(jacobian, load, _INSCRIBED * friction, _INSCRIBED * friction_limits)
+    limits = None if friction_limits is None else _INSCRIBED * friction_limits
+    inside = _program(jacobian, load, _INSCRIBED * friction, limits)
     found = _balance(inside.solve(), jacobian, load, friction, 1)
     if found is not None and found.residual <= _EXACT:
         return found
@@ -86,7 +87,7 @@ def least_residual(
             return best
         best, forces = found, found.forces
         sides = np.hypot(forces[:, 1], forces[:, 2])
-        most = np.where(np.isnan(friction_limits), friction * forces[:, 0], friction_limits)
+        most = friction * forces[:, 0] if friction_limits is None else friction_limits
         outside = np.flatnonzero(sides > most + _OUTSIDE * np.maximum(1.0, forces[:, 0]))
         # Tangent planes lie outside the cones: forces inside leave no less.
         if not len(outside) or best.residual > enough:
@@ -97,7 +98,10 @@ def least_residual(
 
 
 def _program(
-    jacobian: FloatArray, load: FloatArray, friction: FloatArray, friction_limits: FloatArray
+    jacobian: FloatArray,
+    load: FloatArray,
+    friction: FloatArray,
+    friction_limits: FloatArray | None = None,
 ) -> Simplex:
     """Return the program of the least residual, with the first planes around cones or disks."""
     count, size = len(jacobian), 3 * len(jacobian) + 1
@@ -161,8 +165,7 @@ def farthest_forces(
     count, size = len(jacobian), float(np.abs(cost).max(initial=0.0))
     if size == 0.0:
         return None
-    in_cones = np.full(count, np.nan)
-    simplex = _program(jacobian, load, _INSCRIBED * friction, in_cones)
+    simplex = _program(jacobian, load, _INSCRIBED * friction)
     sides = friction * most
     largest = np.column_stack([most, sides, sides])
     least = np.column_stack([np.zeros(count), -sides, -sides])
@@ -194,16 +197,14 @@ def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:
 
 def _add_planes(
     simplex: Simplex,
-    contacts: NDArray[np.int_],
+    contacts: NDArray[np.intp],
     directions: FloatArray,
     friction: FloatArray,
-    friction_limits: FloatArray,
+    friction_limits: FloatArray | None,
 ) -> None:
     """Add d.f_t <= mu f_n, or d.f_t <= the given limit."""
-    rows = np.zeros((len(contacts), len(friction) + 1, 3))
-    in_cone = np.isnan(friction_limits[contacts])
-    planes = np.column_stack([np.where(in_cone, -friction[contacts], 0.0), directions])
-    rows[np.arange(len(contacts)), contacts] = planes
-    high = np.where(in_cone, 0.0, friction_limits[contacts])
-    rows = rows.reshape(len(contacts), -1)[:, : 3 * len(friction) + 1]
+    in_cones = friction_limits is None
+    high = np.zeros(len(contacts)) if in_cones else friction_limits[contacts]
+    planes = cone_planes(friction[contacts] if in_cones else 0.0, directions)
+    rows = plane_rows(contacts, planes, 3 * len(friction) + 1)
     simplex.add_rows(rows, np.full(len(contacts), -np.inf), high)

@@ -51,6 +51,22 @@ def cone_tangents(
     return outside, cone_planes((1.0 - _INSIDE) * friction[outside], toward)
 
 
+def plane_rows(
+    contacts: NDArray[np.intp], planes: FloatArray, size: int, first: int = 0
+) -> FloatArray:
+    """Return planes (k, 3) of forces as rows (k, size) of a program.
+
+    Args:
+        contacts: The k contacts.
+        planes: Of each a row along n, t1, t2.
+        size: Variables of the program.
+        first: The first variable that is a force.
+    """
+    rows = np.zeros((len(contacts), size))
+    np.put_along_axis(rows, first + 3 * contacts[:, None] + np.arange(3), planes, axis=1)
+    return rows
+
+
 def arc_rows(center: float, half_width: float, friction: float) -> tuple[FloatArray, FloatArray]:
     """Return what a slip in an arc of at most pi says of itself and of the force.
 
@@ -163,46 +179,57 @@ class Relaxation:
 
     @property
     def programs(self) -> int:
-        """Linear programs solved, of those with larger loads, too."""
+        """Linear programs solved, of all relaxations that come of one."""
         return self._tally.count
 
     def _add_shared(self) -> None:
-        n, count, size = self._n, self._m, self._size
-        rows, h, mu = self.dynamics.rows, self.dynamics.load, self.dynamics.friction
-        commanded = self.dynamics.is_commanded
-        dynamics = np.zeros((n, size))
-        dynamics[:, :n] = np.eye(n)
+        n, count, own = self._n, self._m, self.dynamics
+        rows, h, contacts = own.rows, own.load, np.arange(self._m)
+        dynamics = self._rows(n, y=np.eye(n), spread=-own.spread, taken=h)
         dynamics[:, n : self._slip] = -rows.reshape(3 * count, n).T
-        dynamics[:, self._spread : -1] = -self.dynamics.spread[:, None]
-        dynamics[:, -1] = h
         self._simplex.add_rows(dynamics, h, h)
-        normal = np.zeros((count, size))
-        normal[:, :n] = rows[:, 0]
         # Open contacts do not part by what joints do by themselves where load is taken away.
-        moved = rows[:, 0] @ self.dynamics.aside
+        moved = rows[:, 0] @ own.aside
         self._moved = np.where(np.abs(moved) > _SAME, moved, 0.0)
-        normal[:, -1] = -self._moved
+        normal = self._rows(count, y=rows[:, 0], taken=-self._moved)
         self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
-        power = np.zeros((1, size))
-        power[0, :n] = h
-        power[0, self._slip : self._spread] = -self._power[self._loaded]
-        self._simplex.add_rows(power, np.zeros(1), np.full(1, np.inf))
+        self._add_power(h, 0.0)
         for column, contact in enumerate(self._loaded):
-            bounds = np.zeros((_DIRECTIONS, size))
+            bounds = self._rows(_DIRECTIONS, y=-self._around @ rows[contact, 1:])
             bounds[:, self._slip + column] = 1.0
-            bounds[:, :n] = -self._around @ rows[contact, 1:]
             self._simplex.add_rows(bounds, np.zeros(_DIRECTIONS), np.full(_DIRECTIONS, np.inf))
         # Where load is taken away, so are the smallest normal forces, and commanded ones.
-        least = np.zeros((count, size))
-        least[np.arange(count), n + 3 * np.arange(count)] = 1.0
-        least[:, self._spread : -1] = -self.dynamics.commanded_spread[:, None]
-        least[:, -1] = self.loads
-        self._simplex.add_rows(least, self.loads, np.where(commanded, self.loads, np.inf))
-        for contact in range(count):
-            planes = np.zeros((_DIRECTIONS, size))
-            first = n + 3 * contact
-            planes[:, first : first + 3] = cone_planes(mu[contact], self._around)
-            self._simplex.add_rows(planes, np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS))
+        least = self._rows(count, spread=-own.commanded_spread, taken=self.loads)
+        least[contacts, n + 3 * contacts] = 1.0
+        self._simplex.add_rows(least, self.loads, np.where(own.is_commanded, self.loads, np.inf))
+        planes = [cone_planes(friction, self._around) for friction in own.friction]
+        self._add_planes(np.repeat(contacts, _DIRECTIONS), np.vstack(planes))
+
+    def _rows(
+        self,
+        count: int,
+        *,
+        y: FloatArray | float = 0.0,
+        spread: FloatArray | None = None,
+        taken: FloatArray | float = 0.0,
+    ) -> FloatArray:
+        """Return so many rows with coefficients of y, of theta and of the load taken away."""
+        rows = np.zeros((count, self._size))
+        rows[:, : self._n], rows[:, -1] = y, taken
+        if spread is not None:
+            rows[:, self._spread : -1] = spread[:, None]
+        return rows
+
+    def _add_planes(self, contacts: NDArray[np.intp], planes: FloatArray) -> None:
+        """Add r.f <= 0 for rows r (k, 3) of contacts (k,)."""
+        rows = plane_rows(contacts, planes, self._size, self._n)
+        self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
+
+    def _add_power(self, y: FloatArray, least: float) -> None:
+        """Add that y's part less the power of friction, sum mu l |u_t|, is no smaller."""
+        row = self._rows(1, y=y)
+        row[0, self._slip : self._spread] = -self._power[self._loaded]
+        self._simplex.add_rows(row, np.full(1, least), np.full(1, np.inf))
 
     def solve(self, states: States, goal: tuple[FloatArray, FloatArray]) -> Relaxed | None:
         """Maximise p.y + q.f over the relaxation, cut by tangents of ball and cones where it helps.
@@ -385,10 +412,7 @@ class Relaxation:
         else:
             away = y - 0.5 * h
             touching = 0.5 * h + 0.5 * np.linalg.norm(h) / np.linalg.norm(away) * away
-        row = np.zeros((1, self._size))
-        row[0, : self._n] = h - 2.0 * touching
-        row[0, self._slip : self._spread] = -self._power[self._loaded]
-        self._simplex.add_rows(row, np.full(1, -float(touching @ touching)), np.full(1, np.inf))
+        self._add_power(h - 2.0 * touching, -float(touching @ touching))
         return True
 
     def _cut_cones(self, x: FloatArray, states: States) -> bool:
@@ -399,13 +423,9 @@ class Relaxation:
         if states.undecided.any():
             return False
         forces = x[self._n : self._slip].reshape(self._m, 3)
-        sticking = states.stuck
-        outside, planes = cone_tangents(forces, self.dynamics.friction, sticking)
-        rows = np.zeros((len(outside), self._size))
-        for row, contact, plane in zip(rows, outside, planes, strict=True):
-            row[self._n + 3 * contact : self._n + 3 * contact + 3] = plane
-        self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
-        return len(rows) > 0
+        outside, planes = cone_tangents(forces, self.dynamics.friction, states.stuck)
+        self._add_planes(outside, planes)
+        return len(outside) > 0
 
     def _read(
         self,

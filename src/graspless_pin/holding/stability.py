@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import (
+    at_least,
     balance,
     bearing_forces,
     certified,
@@ -37,7 +38,7 @@ from graspless_pin.holding.dynamics import (
     world_forces,
 )
 from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, least_residual
-from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
+from graspless_pin.holding.relaxation import Relaxation
 from graspless_pin.holding.unstable_motion import (
     find_motion,
     found_motions,
@@ -76,10 +77,10 @@ from graspless_pin.problem.inertias import (
 from graspless_pin.problem.quasistatic import checked_problem
 from graspless_pin.tree_search import Limits
 
-_NEAR = float(np.cos(np.radians(20.0)))
+_SAME_WAY = float(np.cos(np.radians(20.0)))
 """Directions that differ by less are called the same."""
-_ACROSS = float(np.sin(np.radians(20.0)))
-_NOTICED = 0.2
+_SIDEWAYS = float(np.sin(np.radians(20.0)))
+_NAMED_MOTION = 0.2
 """Of the largest acceleration: a part of the motion that is smaller is not named."""
 _MOVING = {ContactState.OPEN: "open", ContactState.SLIPPING: "slip"}
 _STATES = _MOVING | {ContactState.CLOSED: "stay closed", ContactState.STICKING: "stick"}
@@ -104,13 +105,13 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
         return f"{'slip' if ContactState.SLIPPING in motion.states else 'move'}{fast}"
     linear, angular = motion.object_acceleration[:3], motion.object_acceleration[3:]
     turning = float(np.linalg.norm(np.cross(angular, problem.positions), axis=1).max(initial=0.0))
-    least, load = _NOTICED * motion.point_acceleration, problem.external_wrench[:3]
+    least, load = _NAMED_MOTION * motion.point_acceleration, problem.external_wrench[:3]
     parts = []
     if np.linalg.norm(linear) > least or turning <= least:
         parts.append(_moving(_unit(linear), _unit(load), motion.states))
     if turning > least:
         axis = _unit(angular)
-        word = "tilt" if abs(float(axis @ _unit(load))) < _NEAR else "turn"
+        word = "tilt" if abs(float(axis @ _unit(load))) < _SAME_WAY else "turn"
         parts.append(f"{word} about {_axis(axis)}")
     return f"{' and '.join(parts)}{fast}"
 
@@ -118,19 +119,19 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
 def _moving(way: FloatArray, load: FloatArray, states: tuple[ContactState, ...]) -> str:
     """Return a verb and where to."""
     down = float(way @ load)
-    if down > _NEAR and set(states) == {ContactState.OPEN}:
+    if down > _SAME_WAY and set(states) == {ContactState.OPEN}:
         return "fall"
     verb = "slip" if ContactState.SLIPPING in states else "move"
-    if abs(down) > _NEAR:
+    if abs(down) > _SAME_WAY:
         return f"{verb} {'down' if down > 0.0 else 'up'}"
-    where = "sideways " if abs(down) < _ACROSS else "down " if down > 0.0 else "up "
+    where = "sideways " if abs(down) < _SIDEWAYS else "down " if down > 0.0 else "up "
     return f"{verb} {where if load.any() else ''}along {_axis(way)}"
 
 
 def _axis(way: FloatArray) -> str:
     """Return a direction: a world axis, or its components."""
     largest = int(np.argmax(np.abs(way)))
-    if abs(way[largest]) > _NEAR:
+    if abs(way[largest]) > _SAME_WAY:
         return f"{'+' if way[largest] > 0.0 else '-'}{'xyz'[largest]}"
     return f"({', '.join(f'{part + 0.0:.2f}' for part in np.round(way, 2))})"
 
@@ -333,9 +334,7 @@ def _certified(
     Forces that only nearly balance the load may prove that nothing moves fast, and those that lean
     on proven loads may leave their cones: neither are forces of rest.
     """
-    normal_forces = commanded.copy()
-    for load in loads:
-        normal_forces[load.contact] = max(normal_forces[load.contact], load.force)
+    normal_forces = at_least(commanded, loads)
     found, proof = certified(known.problem, known.torques, normal_forces, loads, dynamics)
     if found is not None:
         known = replace(known, programs=known.programs + found.programs)
@@ -347,32 +346,38 @@ def _certified(
 def _searched(
     known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: Limits
 ) -> StabilityVerdict:
-    """Find the loads of the fingers, look for a motion, then branch."""
-    if slides_with_friction(known.problem).any():
-        return _under_motion(known, dynamics, limits)
-    most = force_limit(known.problem, dynamics)
-    least = commanded / dynamics.force_unit
-    loads, programs = proven_loads(dynamics, least, most)
-    known = replace(known, programs=known.programs + programs)
+    """Find the loads of the fingers, look for a motion, then go through all outcomes.
+
+    Under a declared motion that rubs: look for what else happens, then prove that nothing does.
+    """
+    most, unit = force_limit(known.problem, dynamics), dynamics.force_unit
+    rubs, loads = bool(slides_with_friction(known.problem).any()), ()
+    if not rubs:
+        loads, programs = proven_loads(dynamics, commanded / unit, most)
+        known = replace(known, programs=known.programs + programs)
     if loads:
         known, proof = _certified(known, loads, commanded, dynamics)
         if proof is not None:
             return _strong(known, proof)
     forces = find_motion(dynamics)
     if forces is None:
-        for load in loads:  # later ones are larger
-            least[load.contact] = load.force / dynamics.force_unit
-        relaxation = Relaxation(dynamics, least, most)
         begun = time.thread_time()
-        found = branch(dynamics, relaxation, limits.end)
-        programs, seconds = known.programs + relaxation.programs, time.thread_time() - begun
+        if rubs:
+            found = other_motion(dynamics, most, limits.end)
+        else:
+            least = at_least(commanded, loads) / unit
+            found = branch(dynamics, Relaxation(dynamics, least, most), limits.end)
+        programs, seconds = known.programs + found.programs, time.thread_time() - begun
         known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
         forces = found.motion
         if found.tree is not None:
-            known = replace(known, leaving=_leaving(known, dynamics, most))
-            return _strong(known, RestProof(loads, None, found.tree, most * dynamics.force_unit))
+            leaving = () if rubs else _leaving(known, dynamics, most)
+            proof = RestProof(loads, None, found.tree, most * unit)
+            return _strong(replace(known, leaving=leaving), proof)
         if forces is None:
-            return _unproven(known, limits, f"{found.left} left")
+            resists = state_words(found.resisting) or "no contact's state is known"
+            what = f"; what resists: {resists}" if rubs else ""
+            return _unproven(known, limits, f"{found.left} left{what}")
     return _weak(known, outcome_record(known.problem, dynamics, forces))
 
 
@@ -391,20 +396,38 @@ def _leaving(known: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[
     problem = known.problem
     moved = problem.jacobian.reshape(problem.contact_count, 3, -1) != 0.0
     acts: NDArray[np.bool_] = np.any(moved, axis=1)
-    jacobian, load = in_loads(problem, known.torques)
-    free, any_friction = free_friction(problem), np.full(problem.contact_count, np.nan)
     leaving = np.zeros(problem.joint_count, dtype=bool)
     for opened in np.unique(acts.T, axis=0):
-        own = acts.any(axis=0) & ~acts[~opened].any(axis=0)
+        own = np.any(acts, axis=0) & ~np.any(acts[~opened], axis=0)
         aside = without_free_joints(dynamics, opened, most).aside
         if not aside.any() or (dynamics.rows[opened, 0] @ aside < -dynamics.resolution).any():
             continue
-        others = np.concatenate([np.ones(problem.passive_count, dtype=bool), ~own])
-        alone = np.where(opened[:, None, None], 0.0, jacobian)[:, :, others]
-        found = least_residual(alone, load[others], free, any_friction, BALANCE_TOLERANCE)
-        if found is not None and found.is_rest:
+        if _balanced(known, ~own, opened) is not None:
             leaving |= own
     return tuple(problem.joint_names[joint] for joint in np.flatnonzero(leaving))
+
+
+def _balanced(
+    known: StabilityVerdict, joints: NDArray[np.bool_], opened: NDArray[np.bool_] | None = None
+) -> FloatArray | None:
+    """Return forces of rest of the object and some joints, the others left alone.
+
+    Args:
+        known: Of what problem and torques.
+        joints: (L,) which joints.
+        opened: (M,) contacts that bear nothing; None: all may.
+
+    Returns:
+        (M, 3) in contact frames, in loads; None where there are none.
+    """
+    problem = known.problem
+    jacobian, load = in_loads(problem, known.torques)
+    kept = np.concatenate([np.ones(problem.passive_count, dtype=bool), joints])
+    if opened is not None:
+        jacobian = np.where(opened[:, None, None], 0.0, jacobian)
+    friction = free_friction(problem)
+    found = least_residual(jacobian[:, :, kept], load[kept], friction, BALANCE_TOLERANCE)
+    return None if found is None or not found.is_rest else found.forces
 
 
 def _unproven(known: StabilityVerdict, limits: Limits, left: str) -> StabilityVerdict:
@@ -420,23 +443,6 @@ def _weak(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
     message = "may lose its motion" if known.problem.is_sliding.any() else "may fail"
     message += f": the object can {motion_words(known.problem, motion)}"
     return replace(known, status=Stability.WEAK, motion=motion, message=message)
-
-
-def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: Limits) -> StabilityVerdict:
-    """Look for what else happens under a declared motion, then prove that nothing does."""
-    forces = find_motion(dynamics)
-    if forces is not None:
-        return _weak(known, outcome_record(known.problem, dynamics, forces))
-    begun = time.thread_time()
-    found = other_motion(dynamics, force_limit(known.problem, dynamics), limits.end)
-    programs, seconds = known.programs + found.programs, time.thread_time() - begun
-    known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
-    if found.motion is not None:
-        return _weak(known, outcome_record(known.problem, dynamics, found.motion))
-    if found.tree is None:
-        resists = state_words(found.resisting) or "no contact's state is known"
-        return _unproven(known, limits, f"{found.left} left; what resists: {resists}")
-    return _strong(known, RestProof((), None, found.tree, FORCE_LIMIT * known.problem.scales.force))
 
 
 def _none(
@@ -473,17 +479,12 @@ def _with_object_at_rest(known: StabilityVerdict, dynamics: Dynamics) -> FloatAr
     """Return scaled forces of an outcome in which joints alone move; None where none was found."""
     problem = known.problem
     anything = replace(dynamics, limit=-inf)
-    acting = problem.jacobian.any(axis=0)
+    acting: NDArray[np.bool_] = np.any(problem.jacobian, axis=0)
     if not acting.all():
         # Where joints that act on no contact are left alone, the rest may balance.
-        kept = np.concatenate([np.ones(problem.passive_count, dtype=bool), acting])
-        jacobian, load = in_loads(problem, known.torques)
-        free, any_friction = free_friction(problem), np.full(problem.contact_count, np.nan)
-        found = least_residual(
-            jacobian[:, :, kept], load[kept], free, any_friction, BALANCE_TOLERANCE
-        )
-        if found is not None and found.is_rest:
-            forces = found.forces * problem.scales.force / dynamics.force_unit
+        found = _balanced(known, acting)
+        if found is not None:
+            forces = found * problem.scales.force / dynamics.force_unit
             start = forces if is_outcome(anything, forces) else polish(anything, forces)
             if start is not None:
                 return start

@@ -43,10 +43,9 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
     y = dynamics.motion(forces)
     if dynamics.point_acceleration(y) <= dynamics.limit:
         return False
-    u, mu = dynamics.slips(y), dynamics.friction
-    bound = dynamics.is_commanded
-    normal = np.where(bound, np.nan_to_num(dynamics.commanded), forces[:, 0])
-    parting, slips = np.where(bound, 0.0, u[:, 0]), np.hypot(u[:, 1], u[:, 2])
+    u, mu, normal = dynamics.slips(y), dynamics.friction, dynamics.normal_forces(forces)
+    parting = np.where(dynamics.is_commanded, 0.0, u[:, 0])
+    slips = np.hypot(u[:, 1], u[:, 2])
     if not (np.isfinite(y).all() and np.isfinite(normal).all()):
         return False
     side = np.hypot(forces[:, 1], forces[:, 2])
@@ -61,11 +60,9 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
 
 def coulomb_gaps(dynamics: Dynamics, forces: FloatArray, slips: FloatArray) -> FloatArray:
     """Return by how much each contact's force and slip miss Coulomb's law, as power; (M,)."""
-    held = dynamics.is_commanded
-    normal = np.where(held, np.nan_to_num(dynamics.commanded), forces[:, 0])
     gaps = (forces[:, 1:] * slips[:, 1:]).sum(axis=1)
-    gaps += dynamics.friction * normal * np.hypot(slips[:, 1], slips[:, 2])
-    return np.abs(gaps) + np.where(held, 0.0, np.abs(forces[:, 0] * slips[:, 0]))
+    gaps += dynamics.friction * dynamics.normal_forces(forces) * np.hypot(slips[:, 1], slips[:, 2])
+    return np.abs(gaps) + np.where(dynamics.is_commanded, 0.0, np.abs(forces[:, 0] * slips[:, 0]))
 
 
 def find_motion(dynamics: Dynamics) -> FloatArray | None:
@@ -157,9 +154,8 @@ def polish(
     size = float(np.abs(u).max())
     if size == 0.0:
         return None
-    held, slips = dynamics.is_commanded, np.hypot(u[:, 1], u[:, 2])
-    normal = np.where(held, np.nan_to_num(dynamics.commanded), forces[:, 0])
-    opened = ~held & (normal <= 1e-3 * np.maximum(u[:, 0], 0.0) + _STILL)
+    normal, slips = dynamics.normal_forces(forces), np.hypot(u[:, 1], u[:, 2])
+    opened = ~dynamics.is_commanded & (normal <= 1e-3 * np.maximum(u[:, 0], 0.0) + _STILL)
     on_surface = np.hypot(forces[:, 1], forces[:, 2]) >= _SURFACE * dynamics.friction * normal
     smooth = dynamics.friction == 0.0
     for sliding in (slips > 1e-3 * size, slips > 1e-5 * size, slips > 1e-7 * size, on_surface):

@@ -13,10 +13,10 @@ from graspless_pin.holding.controller import SmallMotions
 from graspless_pin.holding.verdict import StabilityVerdict
 
 NO_FINGERS: Mapping[str, str] = MappingProxyType({})
-_NOTICED = 0.2
+_NAMED_TORQUE = 0.2
 """Of the torque that is left over most: joints with less are not named."""
 _MOST_NAMED = 3
-_ALIKE = 2.0
+_SAME_GROWTH = 2.0
 """Growth on both models of a mesh that differs by less than this factor is told as one."""
 
 
@@ -118,7 +118,7 @@ def _stable_words(small: SmallMotions) -> str:
 def _surface_words(small: SmallMotions) -> str:
     """Return how growth hangs on what a mesh stands for, where that makes much of it."""
     rates = small.growth_by_surface
-    if not rates or min(rates.values()) * _ALIKE >= max(rates.values()):
+    if not rates or min(rates.values()) * _SAME_GROWTH >= max(rates.values()):
         return ""
     facets, fitted = (_rounded(rates[name]) for name in ("facets", "fitted"))
     return f" (on a mesh's facets {facets:g} /s, on a smooth surface fitted to them {fitted:g} /s)"
@@ -135,7 +135,7 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
     left = np.zeros(problem.joint_count)
     if motion is not None and problem.joint_inertia is not None:
         left = np.abs(problem.joint_inertia @ motion.joint_accelerations)
-    moving = np.flatnonzero(left >= _NOTICED * left.max(initial=0.0))
+    moving = np.flatnonzero(left >= _NAMED_TORQUE * left.max(initial=0.0))
     most = int(np.argmax(left))
     who, several = _named([problem.joint_names[joint] for joint in moving], fingers)
     moves = f"{who} {'move by themselves' if several else 'moves by itself'}"
