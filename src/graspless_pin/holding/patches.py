@@ -17,6 +17,8 @@ from graspless_pin.problem.checks import FloatArray
 
 _FEWEST = 3
 """Contacts of a patch: fewer are split one by one."""
+_FEWEST_OF_SEVERAL = 5
+"""Contacts of each of several patches: what four corners in one plane do tells of other planes."""
 _DEPENDENT = 1e-12
 """Of the largest singular value: of what contacts have beside three, less is rounding."""
 _THIN = 1e-6
@@ -149,7 +151,7 @@ class Patch:
 
 
 def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> list[Patch]:
-    """Return the patches of three contacts and more.
+    """Return the patches: one of three contacts and more, or several of five and more.
 
     Args:
         rows: (M, 3, n) from y to accelerations along n, t1, t2, scaled.
@@ -178,7 +180,8 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
             turning = missing * longest / (tolerance - missing)
             if turning < _MOST_UNTOLD:
                 patches.append(Patch(tuple(members), images, motion, turning))
-    return patches
+    fewest = _FEWEST if len(patches) == 1 else _FEWEST_OF_SEVERAL
+    return [patch for patch in patches if len(patch.contacts) >= fewest]
 
 
 def _slips(rows: FloatArray, contacts: list[int]) -> FloatArray:
