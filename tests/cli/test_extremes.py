@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from cli_tools import LINES, assert_refused, run, solve_text, spoilt
 
-from graspless_pin.cli.outcome import echo_note, plain_errors
+from graspless_pin.cli.outcome import echo_note, plain_errors, show_findings
 from graspless_pin.findings import Finding, FindingCode, emit
 
 FRICTION = "friction: 0.3"
@@ -151,6 +151,7 @@ def test_many_findings_and_a_note_are_cut_to_two_kilobytes(capsys):
     ]
     with plain_errors():
         emit(*findings)
+        show_findings()
         echo_note(1000 * "y")
     said = capsys.readouterr().err
     assert len(said.encode()) < 2000

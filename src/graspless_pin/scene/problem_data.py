@@ -185,6 +185,9 @@ def renewed_row(
 ) -> FloatArray | None:
     """Return the row of a scene that may have the same contacts and joints as one before.
 
+    A field counts as replaced where it is another object: what makes one scene of another passes on
+    the fields that stay.
+
     Args:
         scene: The scene.
         state: Contacts and joints of the one before.
