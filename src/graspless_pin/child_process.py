@@ -326,17 +326,20 @@ class ChildProcesses:
         """
         if instead_of is not None:
             self._drop(instead_of)
-            return self._started(function)
         with self._lock:
-            child = self._idle.pop() if self._idle else None
-        if child is None:
-            return self._started(function)
-        with self._lock:
+            was_idle = bool(self._idle) and instead_of is None
+            if was_idle:
+                child = self._idle.pop()
+            else:
+                child = ChildProcess(environment=_ONE_THREAD, idle_seconds=self._idle_seconds)
             self._busy.add(child)
         try:
             child.call(_loaded, function)
-        except CrashError:
-            return self.taken(function, child)
+        except CrashError as error:
+            if was_idle:
+                return self.taken(function, child)
+            self._drop(child)
+            raise CrashError(f"the worker processes do not start ({error})") from None
         return child
 
     def give_back(self, child: ChildProcess) -> None:
@@ -360,17 +363,6 @@ class ChildProcesses:
             idle, self._idle = self._idle, []
         for child in idle:
             child.close()
-
-    def _started(self, function: Callable[..., object]) -> ChildProcess:
-        child = ChildProcess(environment=_ONE_THREAD, idle_seconds=self._idle_seconds)
-        with self._lock:
-            self._busy.add(child)
-        try:
-            child.call(_loaded, function)
-        except CrashError as error:
-            self._drop(child)
-            raise CrashError(f"the worker processes do not start ({error})") from None
-        return child
 
     def _drop(self, child: ChildProcess) -> None:
         with self._lock:
