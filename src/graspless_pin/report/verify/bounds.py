@@ -114,19 +114,15 @@ def proven_bound(
             proves that there are no such forces.
         rounding: What is taken off for it, over the size of all that is added up.
     """
-    slopes, sizes = _slopes(problem, m)
-    low, high = _box(problem, free, reach)
-    if (low > high).any():
-        return np.inf
-    constant, size = _constant(problem, m)
-    total = constant + _smallest(slopes, low, high, problem.curvature * objective)
-    size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
-    slopes, sizes, q = _column_slopes(problem, m, objective=objective)
-    low, high = column_box(problem, reach)
-    if (low > high).any():
-        return np.inf
-    total += _smallest(slopes, low, high, q)
-    size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
+    total, size = _constant(problem, m)
+    of_forces = *_slopes(problem, m), problem.curvature * objective
+    of_columns = _column_slopes(problem, m, objective=objective)
+    boxes = _box(problem, reach, free), column_box(problem, reach)
+    for (slopes, sizes, q), (low, high) in zip((of_forces, of_columns), boxes, strict=True):
+        if (low > high).any():
+            return np.inf
+        total += _smallest(slopes, low, high, q)
+        size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
     return float(total - rounding * size)
 
 
@@ -204,8 +200,11 @@ def _of_margin(problem: Problem, m: StatedMultipliers) -> np.ndarray:
     return m.faces.astype(_LONG).sum(axis=1) + m.round[:, 0] * widening
 
 
-def _box(problem: Problem, free: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+def _box(
+    problem: Problem, reach: float, free: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """(M, 3) each: bounds of all forces inside cones and limits, and free to rub as said."""
+    free = np.ones((problem.count, 2, 2), dtype=bool) if free is None else free
     low, high = np.zeros((problem.count, 3)), np.zeros((problem.count, 3))
     most = np.minimum(problem.limit, reach)
     least, largest = problem.normal_range
@@ -266,7 +265,7 @@ def own_box(
     problem: Problem, own: OwnObjective, reach: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what `implied_box` does, for all forces within the reach."""
-    return implied_box(problem, own, *_box(problem, _anywhere(problem), reach), reach)
+    return implied_box(problem, own, *_box(problem, reach), reach)
 
 
 def column_box(problem: Problem, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -280,15 +279,10 @@ def column_box(problem: Problem, reach: float) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros(1), np.array([most])
 
 
-def _anywhere(problem: Problem) -> np.ndarray:
-    """Return what lets friction have any sign."""
-    return np.ones((problem.count, 2, 2), dtype=bool)
-
-
 def _most_torque(problem: Problem, reach: float) -> float:
     """Return more than the largest t of Algorithm 2 that any forces within the box make."""
     up, down = problem.shared
-    low, high = _box(problem, _anywhere(problem), reach)
+    low, high = _box(problem, reach)
     along = np.einsum("lki,lij->lkj", _force_frames(problem), problem.J)
     most = np.einsum("lkj,lk->j", np.abs(along), np.maximum(np.abs(low), np.abs(high)))
     lever = most + np.abs(problem.gravity)
@@ -306,7 +300,7 @@ def _force_frames(problem: Problem) -> np.ndarray:
 
 def largest_objective(problem: Problem, reach: float) -> float:
     """Return what the objective of any forces that obey all constraints does not exceed."""
-    low, high = _box(problem, _anywhere(problem), reach)
+    low, high = _box(problem, reach)
     bent = float((problem.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
     if problem.own is not None:
         own = problem.own

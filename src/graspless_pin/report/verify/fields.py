@@ -139,9 +139,9 @@ def _words(*known: str) -> Field:
     return Field(what, lambda value, where, _: word(value, where, known))
 
 
-def _whole(least: int, most: int | str, what: str = "") -> Field:
+def _whole(least: int, most: int | str) -> Field:
     return Field(
-        what or f"{least} to {most}",
+        f"{least} to {most}",
         lambda value, where, sizes: whole(value, where, least, _size(most, sizes)),
     )
 

@@ -29,8 +29,10 @@ from graspless_pin.report.verify.rest_bounds import (
     KnownStates,
     RestDynamics,
     RestMultipliers,
+    allowed_normals,
     contact_motion,
     least_product,
+    most_of_forces,
 )
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
 from graspless_pin.report.verify.rest_tree import (
@@ -78,27 +80,22 @@ def kept_goal(
         goal: p (n,).
         force_limit: Normal forces are at most this, scaled.
     """
-    rows, held = dynamics.rows.astype(_LONG), np.isfinite(dynamics.commanded)
-    pushes, mu = dynamics.pushes.astype(_LONG), dynamics.friction
-    nu = np.where(held, 0.0, multipliers.normal)
-    nu = np.where(states.are(Kind.FREE, Kind.OPEN), np.maximum(nu, 0.0), nu).astype(_LONG)
+    rows, pushes = dynamics.rows.astype(_LONG), dynamics.pushes.astype(_LONG)
+    nu, mu = allowed_normals(dynamics, states, multipliers.normal), dynamics.friction
     sticks, slips = states.are(Kind.STICKING), states.are(Kind.SLIPPING)
     kappa = multipliers.tangential.astype(_LONG)
     half_width = np.where(slips, states.half_width, np.pi)
     motion = goal + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
     rough = np.abs(goal) + np.abs(nu) @ np.abs(rows[:, 0])
     rough = rough + np.einsum("li,lin->n", np.abs(kappa), np.abs(rows[:, 1:]))
-    c, sizes = pushes @ motion, np.abs(pushes) @ rough
-    most = np.where(held, dynamics.commanded, force_limit)
-    most = np.where(states.are(Kind.OPEN), 0.0, most)
-    least = np.where(held, most, 0.0)
-    gain = np.where(held, 0.0, c[:, 0]) - mu * least_product(c[:, 1:], states.center, half_width)
-    gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
-    pushed = np.maximum(gain * least, gain * most)
+    slope, none = (pushes @ motion, np.abs(pushes) @ rough), np.zeros(len(rows))
+    pushed = most_of_forces(dynamics, states, half_width, slope, none, none, force_limit)
     # What rounding leaves of -kappa.u_t, with the longest slip that such forces make.
     wrong = np.maximum(-least_product(kappa, states.center, half_width), 0.0)
     wrong = wrong + tolerances.lost(np.linalg.norm(kappa, axis=1))
     wrong = np.where(sticks, 0.0, wrong) @ np.linalg.norm(rows[:, 1:], axis=(1, 2))
+    held, opened = np.isfinite(dynamics.commanded), states.are(Kind.OPEN)
+    most = np.where(opened, 0.0, np.where(held, dynamics.commanded, force_limit))
     longest = np.linalg.norm(pushes, axis=2)
     fastest = most @ (longest[:, 0] + mu * longest[:, 1:].sum(axis=1))
     bound = motion @ dynamics.load + pushed.sum()

@@ -290,6 +290,46 @@ def least_product(vectors: np.ndarray, center: np.ndarray, half_width: np.ndarra
     return np.linalg.norm(vectors, axis=1) * np.cos(np.minimum(away + half_width, np.pi))
 
 
+def allowed_normals(dynamics: RestDynamics, states: KnownStates, normal: np.ndarray) -> np.ndarray:
+    """Return the (M,) nu of what is stated that prove something, in the longest format.
+
+    None is below zero where a contact may part, and there is none where a normal is commanded.
+    """
+    may_part = states.are(Kind.FREE, Kind.OPEN)
+    nu = np.where(may_part, np.maximum(normal, 0.0), normal)
+    return np.where(np.isfinite(dynamics.commanded), 0.0, nu).astype(_LONG)
+
+
+def most_of_forces(
+    dynamics: RestDynamics,
+    states: KnownStates,
+    half_width: np.ndarray,
+    slope: tuple[np.ndarray, np.ndarray],
+    commanded: np.ndarray,
+    loads: np.ndarray,
+    force_limit: float,
+) -> np.ndarray:
+    """Return what c.f is at most at each contact (M,), with what rounding may hide.
+
+    Friction is mu f_n against the slip: within the cone, or on the arc.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        half_width: (M,) of the arcs of slip around the states' centers, rad; pi: within the cone.
+        slope: (M, 3) c, and the sizes of what makes it.
+        commanded: (M,) c along n where the normal force is commanded: that is in the load.
+        loads: (M,) normal forces that every outcome has at least, scaled.
+        force_limit: Normal forces are at most this, scaled.
+    """
+    (c, sizes), held, mu = slope, np.isfinite(dynamics.commanded), dynamics.friction
+    gain = np.where(held, commanded, c[:, 0])
+    gain = gain - mu * least_product(c[:, 1:], states.center, half_width)
+    gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
+    least, most = (np.where(held, dynamics.commanded, one) for one in (loads, force_limit))
+    return np.where(states.are(Kind.OPEN), 0.0, np.maximum(gain * least, gain * most))
+
+
 def largest_goal(
     dynamics: RestDynamics,
     states: KnownStates,
@@ -310,21 +350,12 @@ def largest_goal(
     """
     (p, q), mu = goal, dynamics.friction
     rows, motion = dynamics.rows.astype(_LONG), multipliers.motion.astype(_LONG)
-    held = np.isfinite(dynamics.commanded)
-    none, sticks = states.are(Kind.OPEN), states.are(Kind.STICKING) | states.still
+    sticks = states.are(Kind.STICKING) | states.still
     center, half_width = states.center, np.where(sticks, np.pi, states.half_width)
-    nu = np.where(
-        states.are(Kind.FREE, Kind.OPEN), np.maximum(multipliers.normal, 0.0), multipliers.normal
-    )
-    nu = np.where(held, 0.0, nu).astype(_LONG)
+    nu = allowed_normals(dynamics, states, multipliers.normal)
     kappa = multipliers.tangential.astype(_LONG)
-    # c.f: friction mu f_n against the slip, within the cone, or on the arc.
-    c, rough = q + rows @ motion, np.abs(q) + np.abs(rows) @ np.abs(motion)
-    least = np.where(held, dynamics.commanded, loads)
-    most = np.where(held, dynamics.commanded, force_limit)
-    gain = np.where(held, q[:, 0], c[:, 0]) - mu * least_product(c[:, 1:], center, half_width)
-    gain = gain + tolerances.lost(rough[:, 0] + mu * rough[:, 1:].sum(axis=1))
-    pushed = np.where(none, 0.0, np.maximum(gain * least, gain * most))
+    slope = q + rows @ motion, np.abs(q) + np.abs(rows) @ np.abs(motion)
+    pushed = most_of_forces(dynamics, states, half_width, slope, q[:, 0], loads, force_limit)
     towards = np.maximum(motion @ dynamics.spread, 0.0)
     parting = np.maximum(-nu, 0.0) * states.parts
     slipping = (np.linalg.norm(kappa, axis=1) * states.slips)[sticks]
@@ -340,7 +371,9 @@ def largest_goal(
     size += np.where(sticks, 0.0, np.linalg.norm(kappa, axis=1)) @ lengths
     bound += (v + motion) @ dynamics.aside
     size += (np.abs(v) + np.abs(motion)) @ np.abs(dynamics.aside)
-    leak = leaked(dynamics, none, force_limit) if dynamics.aside.any() else 0.0
+    opened = states.are(Kind.OPEN)
+    leak = leaked(dynamics, opened, force_limit) if dynamics.aside.any() else 0.0
+    least = np.where(np.isfinite(dynamics.commanded), dynamics.commanded, loads)
     bound += _paid(wrong, mu * least, wrong * lengths, v, dynamics.load, leak)
     return float(bound + tolerances.lost(size))
 

@@ -51,7 +51,6 @@ class RestLoad:
         self.problem, self.load, self.inertia, self.hybrid = problem, load, inertia, hybrid
         self.undisturbed = problem if undisturbed is None else undisturbed
         self.unit = _loads(problem)
-        self._motion = contact_motion(problem)
         self.dynamics: RestDynamics | None = None
         if inertia is not None:
             self.dynamics = rest_dynamics(problem, load, inertia, hybrid)
@@ -90,11 +89,25 @@ class RestLoad:
 
     def unbalanced(self, local: np.ndarray) -> float:
         """Return the largest entry of G^T f + g, in loads; forces (M, 3) in contact frames."""
-        motion, local = self._motion.astype(np.longdouble), local.astype(np.longdouble)
-        left = np.einsum("lik,li->k", motion, local) + self.load
-        sizes = np.einsum("lik,li->k", np.abs(motion), np.abs(local)) + np.abs(self.load)
-        left = np.abs(left) + tolerances.lost(sizes)
+        none = np.zeros(len(self.load))
+        left = self._left(contact_motion(self.problem), local.astype(np.longdouble), none, none)
         return float((left / _loads(self.undisturbed)).max())
+
+    def _left(
+        self, motion: np.ndarray, local: np.ndarray, taken: np.ndarray, size: np.ndarray
+    ) -> np.ndarray:
+        """Return the sizes (P + L,) of G^T f + g less what is taken, with what rounding may hide.
+
+        Args:
+            motion: (M, 3, P + L) G.
+            local: (M, 3) forces in contact frames, N.
+            taken: (P + L,) what accelerations take.
+            size: (P + L,) of what makes that.
+        """
+        motion = motion.astype(np.longdouble)
+        left = taken - np.einsum("lik,li->k", motion, local) - self.load
+        sizes = np.einsum("lik,li->k", np.abs(motion), np.abs(local)) + np.abs(self.load) + size
+        return np.abs(left) + tolerances.lost(sizes)
 
     def left_by_motion(self, local: np.ndarray, acceleration: np.ndarray) -> float:
         """Return the largest entry of M a - G^T f - g, in loads.
@@ -108,11 +121,8 @@ class RestLoad:
         passive = len(self.problem.w)
         kept = np.concatenate([np.ones(passive, dtype=bool), self.hybrid < 0])
         acceleration = np.where(kept, acceleration, 0.0).astype(np.longdouble)
-        acting = force_motion(self.problem).astype(np.longdouble)
-        left = self.inertia @ acceleration - np.einsum("lik,li->k", acting, local) - self.load
-        sizes = np.abs(self.inertia) @ np.abs(acceleration) + np.abs(self.load)
-        sizes = sizes + np.einsum("lik,li->k", np.abs(acting), np.abs(local))
-        left = np.abs(left) + tolerances.lost(sizes)
+        taken, size = self.inertia @ acceleration, np.abs(self.inertia) @ np.abs(acceleration)
+        left = self._left(force_motion(self.problem), local, taken, size)
         units = _loads(self.undisturbed)
         # A joint that reaches no contact moves by its weight.
         units[passive:] = np.maximum(units[passive:], np.abs(self.undisturbed.gravity))
