@@ -17,7 +17,7 @@ from graspless_pin.report.verify import verify_document
 BALL, BOX = EXAMPLES / "allegro_sphere_on_slope.yaml", EXAMPLES / "box_between_walls.yaml"
 
 
-def made(path: Path, stiffness: float, tmp_path: Any) -> dict[str, Any]:
+def made(path: Path, stiffness: float | dict[str, float], tmp_path: Any) -> dict[str, Any]:
     scene = load_scene(path).with_changes(controller=Controller(stiffness))
     solution = scene.solve("margin")
     target = tmp_path / "document.json"
@@ -52,6 +52,15 @@ def test_a_rest_that_holds_is_proven(held_ball) -> None:
     assert np.linalg.eigvals(system).real.max() < 0.1
     loose = -np.linalg.solve(N.T @ inertia @ N, np.hstack([proof["geometric_stiffness"], D]))
     assert np.linalg.eigvals(np.vstack([system[: len(K)], loose])).real.max() > 10.0
+
+
+def test_gains_that_differ_are_told_from_the_least_to_the_largest(held_ball, tmp_path) -> None:
+    joint = held_ball["joints"][held_ball["holding"]["proofs"]["facets"]["joints"][0]]["name"]
+    document = made(BALL, {"default": 2.0, joint: 3.0}, tmp_path)
+    assert failing(document) == []
+    lines = {one.name: one.detail for one in verify_document(document).checks}
+    words = "joint feedback of 2 N m/rad at joints, 3 N m/rad at joints"
+    assert lines["the controller is that of the proof (facets)"] == words
 
 
 def test_a_rest_without_small_motions_is_proven(tmp_path) -> None:

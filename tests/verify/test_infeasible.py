@@ -142,3 +142,21 @@ def test_figures_that_a_status_makes_nothing_of_are_named():
     assert "proof.motion" not in str(verify_document(document))
     more = changed(document, "proof", "motion", to=[0.0] * 8)
     assert "no check uses proof.motion" in str(verify_document(more))
+
+
+def test_multipliers_that_friction_outweighs_prove_nothing():
+    """Of a round cone the first has to be as long as the others, else slippery bodies tell of all.
+
+    That nothing holds slippery ones is proven; of rough ones the same rows would say so, with
+    first multipliers that are as much smaller as the friction is larger.
+    """
+    slippery, share = scene("rest").with_changes(cone="round", friction=1e-3), 1e-3 / 0.5
+    forged = documented(minimize_torque(slippery, 0.1, static_friction="coulomb"))
+    assert failed(forged) == []
+    rough = slippery.with_changes(friction=0.5)
+    assert minimize_torque(rough, 0.1, static_friction="coulomb").found
+    cones = forged["proof"]["nodes"][0]["multipliers"]["round_cones"]
+    for contact, cone in zip(forged["contacts"], cones, strict=True):
+        contact["friction"] = 0.5
+        cone[0] *= share
+    assert failed(forged) == ["infeasible", "smallest common violation"]

@@ -13,8 +13,10 @@ from rest_documents import (
     failures,
     is_refused,
     leaves,
+    pressed,
     random_bound,
     rest_lines,
+    slope,
     times,
     zeroed,
 )
@@ -27,9 +29,11 @@ from graspless_pin.report.verify.reading import read_problem
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
     KnownStates,
+    RestMultipliers,
     commanded_contacts,
     largest_goal,
 )
+from graspless_pin.report.verify.rest_load import read_load
 from graspless_pin.report.verify.rest_tree import RestNode, uncovered
 
 
@@ -43,6 +47,22 @@ def test_verdicts_are_proven_by_their_documents(name, status):
     made = document(name)
     assert made["stability"]["status"] == status
     assert made["stability"]["motion"] is not None or status == "strong"
+    assert all(line.passed is True for line in rest_lines(made))
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize("make", [lambda: slope(0.45), pressed])
+def test_proofs_reach_as_many_loads_in_any_unit_of_force(make, unit):
+    whole = make()
+    problem = whole.with_changes(
+        external_wrench=unit * whole.external_wrench,
+        torque_limits=(unit * whole.lower_torque, unit * whole.upper_torque),
+        max_normal_force=unit * whole.max_normal_force,
+    )
+    solution = maximize_margin(problem, static_friction="coulomb")
+    verdict = stability(problem, solution.torques)
+    assert verdict.proof is not None and verdict.proof.tree is not None
+    made = solution_document(solution, verdict=verdict)
     assert all(line.passed is True for line in rest_lines(made))
 
 
@@ -428,3 +448,18 @@ def test_bounds_hold_for_what_happens(number):
         loads, multipliers, goal = random_bound(dynamics, f, rng)
         bound = largest_goal(dynamics, states, loads, multipliers, goal, float(f[:, 0].max()))
         assert goal[0] @ y + (goal[1] * f).sum() <= bound + 1e-8
+
+
+def test_a_slip_without_a_load_is_as_long_as_its_own_rows_let_it_be():
+    """Nothing pays for it, and no outcome is longer than one: normal rows add nothing."""
+    made = document("slope")
+    dynamics = read_load(made, read_problem(made)).dynamics
+    assert dynamics is not None
+    rows, goal = dynamics.rows, np.zeros((3, 3))
+    multipliers = RestMultipliers(np.zeros(6), np.zeros(3), np.eye(3, 2))
+    for contact in (0, 1):
+        own = np.where(np.arange(3)[:, None] == contact, multipliers.tangential, 0.0)
+        asked = -np.einsum("li,lin->n", own, rows[:, 1:]), goal
+        alone = RestMultipliers(multipliers.motion, multipliers.normal, own)
+        bound = largest_goal(dynamics, KnownStates.unknown(3), np.zeros(3), alone, asked, 1e6)
+        assert bound == pytest.approx(np.linalg.norm(rows[contact, 1:]), rel=1e-9)
