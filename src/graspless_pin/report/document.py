@@ -33,8 +33,6 @@ from graspless_pin.report.verdict_data import disturbance_data, holding_data, ve
 from graspless_pin.report.verify import Check, verify_document
 from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES, written
 from graspless_pin.report.verify.outcome import Claim
-from graspless_pin.report.verify.reading import read_problem
-from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.tree import proven_violation
 from graspless_pin.scene import Scene
 from graspless_pin.solution import Status, TorqueSolution
@@ -405,9 +403,9 @@ def accepted(
     own_round = solution.algorithm is None and solution.problem.cone_model.second_order
     if solution.rules.by_direction or own_round:
         return solution, verdict
-    document = solution_document(solution, scene, verdict)
-    of_rest = rest_checks(document, read_problem(document))
-    lost = [one for one in of_rest if one.passed is not True]
+    checks = verify_document(solution_document(solution, scene, verdict)).checks
+    unproven = [one for one in checks if one.passed is not True]
+    lost = [one for one in unproven if one.claim is Claim.REST]
     if lost and verdict is not None and verdict.status is not Stability.UNDECIDED:
         why = f"undecided: its proof does not pass the check ({_message(lost)})"
         verdict = undecided_verdict(
@@ -417,11 +415,10 @@ def accepted(
             acceleration_resolution=verdict.acceleration_resolution,
         )
     if solution.status in _CLAIMS:
-        checks = verify_document(document).checks
-        refused = [one for one in checks if one.passed is not True and one not in of_rest]
-        if solution.guarantee is not None and solution.guarantee.verdict is None:
-            # Of several members joined: each has a verdict of its own.
-            refused = [one for one in refused if one.claim is not Claim.GUARANTEE]
+        # Of several members joined each has a verdict of its own.
+        joined = solution.guarantee is not None and solution.guarantee.verdict is None
+        apart = (Claim.REST, Claim.GUARANTEE) if joined else (Claim.REST,)
+        refused = [one for one in unproven if one.claim not in apart]
         solution = _without(solution, refused, lost)
     return solution, verdict
 

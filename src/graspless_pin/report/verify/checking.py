@@ -5,6 +5,7 @@ Figures that a status makes nothing of are named, so that none is taken for chec
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -198,7 +199,8 @@ class _Checker:
         checks += self._statements()
         checks += self._found() if self.status in FOUND_STATES else self._not_found()
         checks += guarantee_checks(self.stated, problem, self.status)
-        checks += rest_checks(document, problem)
+        of_rest = rest_checks(document, problem)
+        checks += [replace(one, claim=Claim.REST) for one in of_rest]
         checks += disturbance_checks(document, problem)
         return checks + uncertainty_checks(document, problem, lambda one: _Checker(one).run())
 

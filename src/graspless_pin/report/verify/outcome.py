@@ -15,6 +15,7 @@ class Claim(Enum):
 
     OPTIMUM = "no answer is better"
     GUARANTEE = "the verdict on the torques says that they are guaranteed"
+    REST = "the verdict on the torques is right"
 
 
 @dataclass(frozen=True)
