@@ -26,7 +26,7 @@ PACKAGES = (
 )  # fmt: skip
 MUTABLE = {
     "CurveSearch", "KeptWalk", "ModeProver", "ModeOracle", "Proof", "RestWalk", "SearchState",
-    "TreeWalk", "_Node", "_Search", "_WarmState",
+    "TreeWalk", "UnprovenSet", "_Search", "_WarmState",
 }  # fmt: skip
 """They gather what they find."""
 

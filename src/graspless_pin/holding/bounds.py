@@ -233,6 +233,19 @@ def closing_tolerance(dynamics: Dynamics) -> float:
     return min(1e-3 * dynamics.resolution**2, _CLOSING)
 
 
+def allowed_normals(dynamics: Dynamics, states: States, normal: FloatArray) -> FloatArray:
+    """Return the (M,) nu that prove something: none below zero where a contact may part."""
+    may_part = states.are(ContactState.FREE, ContactState.OPEN)
+    allowed = np.where(may_part, np.maximum(normal, 0.0), normal)
+    return np.where(dynamics.is_commanded, 0.0, allowed)
+
+
+def newton_gains(dynamics: Dynamics, states: States, c: FloatArray) -> FloatArray:
+    """Return what c.f (M, 3) gains at most by a newton of each normal force, (M,)."""
+    normal = np.where(dynamics.is_commanded, 0.0, c[:, 0])
+    return normal - dynamics.friction * least_along(c[:, 1:], *states.arcs)
+
+
 def outcome_bound(
     dynamics: Dynamics,
     states: States,
@@ -254,13 +267,9 @@ def outcome_bound(
     p, q = goal
     mu, commanded = dynamics.friction, dynamics.is_commanded
     opened, sticking = states.are(ContactState.OPEN), states.stuck
-    may_part = states.are(ContactState.FREE, ContactState.OPEN)
-    normal = np.where(may_part, np.maximum(dual.normal, 0.0), dual.normal)
-    normal = np.where(commanded, 0.0, normal)
-    rows = dynamics.rows
+    normal, rows = allowed_normals(dynamics, states, dual.normal), dynamics.rows
     # Contact forces.
-    c = q + rows @ dual.motion
-    per_newton = np.where(commanded, 0.0, c[:, 0]) - mu * least_along(c[:, 1:], *states.arcs)
+    per_newton = newton_gains(dynamics, states, q + rows @ dual.motion)
     low = np.where(commanded, dynamics.commanded, loads)
     high = np.where(commanded, dynamics.commanded, force_limit)
     forces = np.where(opened, 0.0, per_newton * np.where(per_newton > 0.0, high, low)).sum()

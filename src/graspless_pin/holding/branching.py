@@ -94,7 +94,7 @@ def _is_proof(dynamics: Dynamics, dual: DualBound, row: FloatArray) -> bool:
 
 _QUADRANT = 0.25 * np.pi
 """Half the width of the first sectors of slip."""
-NEAR = 0.3
+NEAR_OUTCOME = 0.3
 """Share of the power that a point may miss Coulomb's law by where an outcome is looked for."""
 _FINGERS_FIRST = 3.0
 """Weight of contacts that joints drive: what fingers do decides what supports have to bear."""
@@ -109,22 +109,32 @@ _NARROWEST = 1e-4
 
 
 @dataclass
-class _Node:
+class UnprovenSet:
     """A set of outcomes on the way to its proof."""
 
     contact: int
-    state: ContactState
     states: States
-    relaxation: Relaxation | None
+    relaxation: Relaxation | None = None
     """With the smallest normal forces that are known here; None: it is done with."""
     forced: tuple[DualBound, ...] = ()
     loads: tuple[LoadProof, ...] = ()
-    children: list[_Node] = field(default_factory=list)
+    children: list[UnprovenSet] = field(default_factory=list)
     dual: DualBound | None = None
     is_closed: bool = False
     """Whether kinematics force no more than is known already."""
     patch: PatchSlip | None = None
     """What is known of the patch that its parent was split at."""
+    left: list[int] = field(default_factory=list)
+    """Under a declared motion, the goals that are not proven yet."""
+    sides: list[tuple[int, DualBound]] = field(default_factory=list)
+    """And those that are."""
+
+    @property
+    def state(self) -> ContactState:
+        """What is known of the contact, or of the slip of its patch."""
+        if self.patch is not None:
+            return ContactState.STICKING if self.patch.cone is None else ContactState.SLIPPING
+        return ContactState.FREE if self.contact < 0 else self.states.state[self.contact]
 
     def taken(self) -> Relaxation:
         """Return the relaxation, which is not kept any longer: trees have thousands of nodes."""
@@ -139,7 +149,7 @@ class _Node:
         children = tuple(child.finished() for child in self.children)
         return OutcomeSet(
             self.contact, self.state, slip, children, self.dual, self.forced, self.loads,
-            patch=self.patch,
+            tuple(self.sides), self.patch,
         )  # fmt: skip
 
 
@@ -174,7 +184,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
         relaxation: Its relaxations.
         is_over: Tells after so many of these nodes whether the search has to end.
     """
-    root = _Node(-1, ContactState.FREE, States.unknown(dynamics.contact_count), relaxation)
+    root = UnprovenSet(-1, States.unknown(dynamics.contact_count), relaxation)
     nothing = np.zeros((dynamics.contact_count, 3))
     tolerance = PATCH_TOLERANCE * closing_tolerance(dynamics)
     patches = find_patches(dynamics.rows, dynamics.friction, tolerance)
@@ -217,7 +227,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     return Searched(tree, None, nodes, given_up, relaxation.programs)
 
 
-def _closed(dynamics: Dynamics, node: _Node) -> tuple[_Node, bool]:
+def _closed(dynamics: Dynamics, node: UnprovenSet) -> tuple[UnprovenSet, bool]:
     """Add what kinematics force; return the last node, and whether siblings hold all of it.
 
     Outcomes in which an open contact does not part are among those in which it is closed, and a
@@ -227,7 +237,7 @@ def _closed(dynamics: Dynamics, node: _Node) -> tuple[_Node, bool]:
         contact, state = forced.contact, forced.state
         known = node.states.state[contact]
         states = node.states.changed(contact, state, depends=forced.depends)
-        child = _Node(contact, state, states, node.taken(), forced.duals)
+        child = UnprovenSet(contact, states, node.taken(), forced.duals)
         node.children = [child]
         node = child
         if known in (ContactState.OPEN, ContactState.SLIPPING):
@@ -242,39 +252,24 @@ def _children(
     y: FloatArray,
     forces: FloatArray,
     patches: Sequence[Patch],
-) -> list[_Node]:
+) -> list[UnprovenSet]:
     """Split a set of outcomes where a point misses Coulomb's law most. Arguments as of `split`."""
     patch, least = _widest_patch(dynamics, states, y, forces, patches)
     contact, parts = split(dynamics, relaxation.loads, states, y, forces, patches, least)
     if parts or patch is None:
         was_closed = states.state[contact] is not ContactState.FREE
-        return [
-            _Node(
-                contact,
-                state := each.state[contact],
-                each,
-                relaxation,
-                is_closed=_forces_none(state, was_closed),
-            )
-            for each in parts
+        nodes = [UnprovenSet(contact, each, relaxation) for each in parts]
+    else:
+        was_closed, contact = True, patch.contacts[0]
+        nodes = [
+            UnprovenSet(contact, states.with_patch(part), relaxation, patch=part)
+            for part in patch.split(states.known(patch), y)
         ]
-    contact = patch.contacts[0]
-    return [
-        _Node(
-            contact,
-            state := ContactState.SLIPPING if part.cone else ContactState.STICKING,
-            states.with_patch(part),
-            relaxation,
-            is_closed=_forces_none(state, was_closed=True),
-            patch=part,
-        )
-        for part in patch.split(states.known(patch), y)
-    ]
-
-
-def _forces_none(state: ContactState, was_closed: bool) -> bool:
-    """Return whether a contact that comes into a state adds nothing to what kinematics fix."""
-    return state is ContactState.OPEN or (state is ContactState.SLIPPING and was_closed)
+    for node in nodes:
+        # What opens adds nothing to what kinematics fix, nor does what is closed and slips.
+        slips = node.state is ContactState.SLIPPING and was_closed
+        node.is_closed = node.state is ContactState.OPEN or slips
+    return nodes
 
 
 def _near(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> FloatArray | None:
@@ -283,7 +278,7 @@ def _near(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> FloatArray | N
         return None
     power = float(dynamics.load @ y)
     gaps = coulomb_gaps(dynamics, relaxed.forces, dynamics.slips(y))
-    if float(gaps.sum()) > NEAR * power:
+    if float(gaps.sum()) > NEAR_OUTCOME * power:
         return None
     return polish(dynamics, relaxed.forces)
 

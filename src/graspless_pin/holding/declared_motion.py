@@ -20,13 +20,12 @@ Linear programs over the outcomes under a declared motion with contacts in given
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.holding.bounds import States, least_along
-from graspless_pin.holding.branching import NEAR, Searched, slip_range, split
+from graspless_pin.holding.bounds import States, allowed_normals, least_along, newton_gains
+from graspless_pin.holding.branching import NEAR_OUTCOME, Searched, UnprovenSet, split
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.relaxation import (
     arc_rows,
@@ -36,7 +35,7 @@ from graspless_pin.holding.relaxation import (
     plane_rows,
 )
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
-from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet
+from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 from graspless_pin.tree_search import TreeSearch
@@ -206,7 +205,7 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
     high = np.where(held, dynamics.commanded, force_limit)
     high = np.where(states.are(ContactState.OPEN), 0.0, high)
     low = np.where(held, high, 0.0)
-    gain = _gains(dynamics, states, dual.motion)
+    gain = newton_gains(dynamics, states, pushes @ dual.motion)
     bound = float(dual.motion @ dynamics.load + (np.maximum(gain * low, gain * high)).sum())
     wrong = np.maximum(-least_along(dual.tangential, *states.arcs), 0.0)
     wrong = np.where(states.are(ContactState.STICKING), 0.0, wrong)
@@ -217,9 +216,7 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
 
 def completed(dynamics: Dynamics, states: States, dual: DualBound, goal: FloatArray) -> DualBound:
     """Return multipliers with the lambda that belongs to them, and none that is not allowed."""
-    may_part = states.are(ContactState.FREE, ContactState.OPEN)
-    normal = np.where(may_part, np.maximum(dual.normal, 0.0), dual.normal)
-    normal = np.where(dynamics.is_commanded, 0.0, normal)
+    normal = allowed_normals(dynamics, states, dual.normal)
     known = states.are(ContactState.STICKING, ContactState.SLIPPING)
     tangential = np.where(known[:, None], dual.tangential, 0.0)
     rows = dynamics.rows
@@ -227,34 +224,8 @@ def completed(dynamics: Dynamics, states: States, dual: DualBound, goal: FloatAr
     return DualBound(motion, normal, tangential)
 
 
-def _gains(dynamics: Dynamics, states: States, motion: FloatArray) -> FloatArray:
-    """Return what a newton of each normal force gains at most, (M,)."""
-    c = dynamics.pushes @ motion
-    normal = np.where(dynamics.is_commanded, 0.0, c[:, 0])
-    return normal - dynamics.friction * least_along(c[:, 1:], *states.arcs)
-
-
 _EMPTY = -0.5
 """Where zero is bounded by this, there is no outcome; minus one but for rounding."""
-
-
-@dataclass
-class _Node:
-    """A set of outcomes on the way to its proof, with the goals that are left in it."""
-
-    contact: int
-    states: States
-    left: list[int]
-    sides: list[tuple[int, DualBound]] = field(default_factory=list)
-    children: list[_Node] = field(default_factory=list)
-
-    def finished(self) -> OutcomeSet:
-        """Return the node of the proof."""
-        states, contact = self.states, self.contact
-        state = ContactState.FREE if contact < 0 else states.state[contact]
-        children = tuple(child.finished() for child in self.children)
-        slip = slip_range(states, contact)
-        return OutcomeSet(contact, state, slip, children, sides=tuple(self.sides))
 
 
 def other_motion(
@@ -269,8 +240,8 @@ def other_motion(
     """
     programs, goals = KeptPrograms(dynamics), point_goals(dynamics)
     count = dynamics.contact_count
-    root = _Node(-1, States.unknown(count), list(range(1, len(goals))))
-    search, left, nodes = TreeSearch([root]), list[_Node](), 0
+    root = UnprovenSet(-1, States.unknown(count), left=list(range(1, len(goals))))
+    search, left, nodes = TreeSearch([root]), list[UnprovenSet](), 0
     for _, node in search:
         if is_over(nodes):
             left += [node, *search.left()]
@@ -282,11 +253,11 @@ def other_motion(
         y, forces = point
         contact, parts = split(dynamics, np.zeros(count), node.states, y, forces)
         gaps = float(coulomb_gaps(dynamics, forces, dynamics.slips(y)).sum())
-        if not parts or gaps <= NEAR * float(y @ y):
+        if not parts or gaps <= NEAR_OUTCOME * float(y @ y):
             motion = polish(dynamics, forces)
             if motion is not None:
                 return Searched(None, motion, nodes, len(search), programs.programs)
-        node.children = [_Node(contact, states, list(node.left)) for states in parts]
+        node.children = [UnprovenSet(contact, states, left=list(node.left)) for states in parts]
         if not parts:
             left.append(node)
         search.add(reversed(node.children))
@@ -299,7 +270,7 @@ def _bounded(
     dynamics: Dynamics,
     programs: KeptPrograms,
     goals: FloatArray,
-    node: _Node,
+    node: UnprovenSet,
     force_limit: float,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Prove what can be proven of a node; return y and forces of the first goal that is left."""
