@@ -207,7 +207,12 @@ def _named(names: Sequence[str], joints: Sequence[str], fingers: Mapping[str, st
     others = {fingers.get(name, "") for name in joints if name not in names} | {""}
     whole = {fingers[name]: None for name in names if fingers.get(name, "") not in others}
     told = [*whole, *(name for name in names if fingers.get(name) not in whole)]
-    return ", ".join(map(repr, told[:_MOST_NAMED])) + (", ..." if len(told) > _MOST_NAMED else "")
+    return first_few([*map(repr, told)])
+
+
+def first_few(names: Sequence[str]) -> str:
+    """Return names, or the first of them where they are many."""
+    return ", ".join(names[:_MOST_NAMED]) + (", ..." if len(names) > _MOST_NAMED else "")
 
 
 @dataclass(frozen=True, eq=False)

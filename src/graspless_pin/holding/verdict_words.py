@@ -9,18 +9,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from graspless_pin.holding.controller import SmallMotions
+from graspless_pin.holding.controller import SmallMotions, first_few
 from graspless_pin.holding.verdict import StabilityVerdict
 
 NO_FINGERS: Mapping[str, str] = MappingProxyType({})
 _NAMED_TORQUE = 0.2
 """Of the torque that is left over most: joints with less are not named."""
-_MOST_NAMED = 3
 _SAME_GROWTH = 2.0
 """Growth on both models of a mesh that differs by less than this factor is told as one."""
 
 
-def parted(message: str) -> tuple[str, str]:
+def lead_and_words(message: str) -> tuple[str, str]:
     """Return what a verdict leads with, such as "holds", and what it goes on with."""
     lead, *rest = re.split("[:;] ", message, maxsplit=1)
     return lead, "".join(rest)
@@ -49,8 +48,7 @@ def _named(joints: Sequence[str], fingers: Mapping[str, str]) -> tuple[str, bool
     """Return joints in words, by their fingers where these are known, and if they are several."""
     of = sorted({fingers[name] for name in joints if name in fingers})
     kind, who = ("finger", of) if of else ("joint", joints)
-    listed = ", ".join(map(repr, who[:_MOST_NAMED])) + (", ..." if len(who) > _MOST_NAMED else "")
-    return f"{kind}{'s' * (len(who) > 1)} {listed}", len(who) > 1
+    return f"{kind}{'s' * (len(who) > 1)} {first_few([*map(repr, who)])}", len(who) > 1
 
 
 def _of_object(verdict: StabilityVerdict) -> str:
@@ -97,9 +95,8 @@ def _assumed_words(small: SmallMotions) -> str:
     """Return at which contacts it is not known how the bodies roll; empty: it is."""
     if not small.assumed:
         return ""
-    listed = ", ".join(map(str, small.assumed[:_MOST_NAMED]))
-    several = f"s {listed}{', ...' if len(small.assumed) > _MOST_NAMED else ''} have"
-    whose = several if len(small.assumed) > 1 else f" {listed} has"
+    listed = first_few([*map(str, small.assumed)])
+    whose = f"s {listed} have" if len(small.assumed) > 1 else f" {listed} has"
     return f"; assumed: contact{whose} a point that stays on both bodies, as no shapes touch there"
 
 

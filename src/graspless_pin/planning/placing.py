@@ -26,7 +26,7 @@ from graspless_pin.findings import capture
 from graspless_pin.geometry.hand.model import displaced_hand
 from graspless_pin.geometry.posing.opposing import fingers_that_close
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Stability, StabilityVerdict
-from graspless_pin.holding.verdict_words import parted
+from graspless_pin.holding.verdict_words import lead_and_words
 from graspless_pin.planning.placing_candidates import (
     CANDIDATE_NODES,
     PlacingFault,
@@ -146,7 +146,8 @@ class HandPlacement(Brief):
         """Return the best places, and why the other candidates are none."""
         lines = [str(place) for place in self.places[:1]]
         for rank, place in enumerate(self.places[1:_PLACES_SHOWN], 2):
-            verdict = "" if place.verdict is None else f"; {parted(place.verdict.message)[0]}"
+            lead = "" if place.verdict is None else lead_and_words(place.verdict.message)[0]
+            verdict = lead and f"; {lead}"
             lines.append(f"rank {rank}: {place._margins}; {len(place.touching)} links{verdict}")
         if self.found > _PLACES_SHOWN:
             lines.append(f"and {self.found - _PLACES_SHOWN} more")

@@ -13,7 +13,7 @@ import numpy as np
 
 from graspless_pin.algorithms.torque import OBJECTIVES, useless
 from graspless_pin.holding.verdict import Stability
-from graspless_pin.holding.verdict_words import parted
+from graspless_pin.holding.verdict_words import lead_and_words
 from graspless_pin.problem.checks import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
@@ -83,7 +83,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
         return ""
     color = _verdict_color(result, dark=dark)
     message = result.verdict or "does it hold?: being worked out"
-    lead, words = parted(message.replace("^2", "²"))
+    lead, words = lead_and_words(message.replace("^2", "²"))
     return (
         f'<div id="graspless-verdict" data-status="{result.stability or ""}" style="{_TEXT}">'
         f'<div style="border-left:4px solid {color};padding-left:8px;margin-bottom:8px">'
@@ -140,7 +140,7 @@ def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
     solution, message = result.solution, "no torques"
     color = _verdict_color(result, dark=dark)
     if solution is not None and solution.found:
-        lead, _ = parted(result.verdict or "")
+        lead, _ = lead_and_words(result.verdict or "")
         message = f"margin e <b>{shown(solution.margin, solution.problem.scales.force)}</b> N"
         message += f" · {escape(lead)}" if lead else ""
     return (

@@ -12,11 +12,10 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.torque import OBJECTIVES
-from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.holding.verdict import Holding, Stability
-from graspless_pin.holding.verdict_words import parted
+from graspless_pin.holding.verdict_words import lead_and_words
 from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.html.case import Case
@@ -144,7 +143,7 @@ def _context(
             "limits": [margin_limit_words(solution, case.bodies), joint_limit_words(solution)],
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
-            "checks": _checks(case.document),
+            "checks": check_rows(case.document),
             **_ranges(case, bounds, rest_bounds, partial(_number, size=load, signed=True)),
         }
     return context
@@ -162,7 +161,7 @@ def _verdict(case: Case) -> dict[str, Any]:
     stated, motion = case.document.get("stability"), read_motion(case.document)
     if stated is None:
         return {"verdict": None, "motion_view": None}
-    lead, words = parted(str(stated["message"]).replace("^2", "²"))
+    lead, words = lead_and_words(str(stated["message"]).replace("^2", "²"))
     status = Stability(stated["status"])
     mark = _MARKS[status]
     holds = (case.document.get("holding") or {}).get("status") == Holding.HOLDS
@@ -226,13 +225,6 @@ def _ranges(
         "rest_bounds": rest_bounds,
         "squeezed": (rest_bounds or bounds).squeeze_words(case.bodies),
     }
-
-
-def _checks(document: dict[str, Any]) -> list[dict[str, str]]:
-    try:
-        return check_rows(document)
-    except ValueError as error:
-        raise ArgumentError("document", str(error)) from None
 
 
 def _number(

@@ -74,27 +74,24 @@ _POLAR_SIZE = (3.4, 3.7)
 
 def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
     """Return a row a joint; torques are None where nothing was found, infinite limits too."""
-    problem = solution.problem
-    rows = []
-    shares = np.full(problem.joint_count, np.nan)
-    made = solution.contact_torques if solution.found else np.zeros(problem.joint_count)
-    rounding = torque_rounding(problem, made)
-    if solution.found:
+    problem, found = solution.problem, solution.found
+    made = solution.contact_torques if found else np.zeros(problem.joint_count)
+    shares, rounding = np.full(problem.joint_count, np.nan), torque_rounding(problem, made)
+    if found:
         shares = limit_shares(solution.torques, problem.lower_torque, problem.upper_torque)
-    for index, name in enumerate(problem.joint_names):
-        rows.append(
-            {
-                "name": name,
-                "contacts": solution.contact_torques[index] if solution.found else None,
-                "gravity": problem.gravity_torques[index],
-                "torque": solution.torques[index] if solution.found else None,
-                "lower": problem.lower_torque[index],
-                "upper": problem.upper_torque[index],
-                "share": shares[index],
-                "rounding": rounding[index],
-            }
-        )
-    return rows
+    return [
+        {
+            "name": name,
+            "contacts": made[index] if found else None,
+            "gravity": problem.gravity_torques[index],
+            "torque": solution.torques[index] if found else None,
+            "lower": problem.lower_torque[index],
+            "upper": problem.upper_torque[index],
+            "share": shares[index],
+            "rounding": rounding[index],
+        }
+        for index, name in enumerate(problem.joint_names)
+    ]
 
 
 def contact_rows(case: Case) -> list[dict[str, Any]]:
@@ -156,36 +153,38 @@ def torque_figure(solution: TorqueSolution) -> str:
 def window_figures(window: SqueezeWindow) -> list[str]:
     """Return margin, growth of small motions and normal forces over the squeeze, as SVGs."""
     held = int(np.count_nonzero(np.equal(window.holding, Holding.HOLDS)))
-    figures = []
     drawn = {
         "margin": "The margin",
         "growth": "The growth of small motions",
         "normal_force": "The sum of the hand's normal forces",
     }
-    for value, name in drawn.items():
-        alt = (
+    return [
+        _inline_svg(
+            f"squeeze-{value}",
             f"{name} over the squeeze, at {len(window.amounts)} amounts, of which {held} hold; the "
-            "window is shaded, and its ends say what fails there."
+            "window is shaded, and its ends say what fails there.",
+            _WINDOW_SIZE,
+            partial(squeeze_plot, window, value=value),
         )
-        draw = partial(squeeze_plot, window, value=value)
-        figures.append(_inline_svg(f"squeeze-{value}", alt, _WINDOW_SIZE, draw))
-    return figures
+        for value, name in drawn.items()
+    ]
 
 
 def tolerance_figures(tolerances: Tolerances) -> list[str]:
     """Return what is borne by direction, as SVGs."""
-    figures = []
-    for one in tolerances.each:
-        if one.quantity in DIRECTED:
-            alt = (
-                f"How far the {one.quantity} may be off by its direction across gravity: at least "
-                f"{one.quantity.scale * one.borne:.3g} {one.quantity.unit}. The table says which "
-                "way it fails first."
-            )
-            draw = partial(tolerance_plot, tolerances, one.quantity)
-            name = f"off-{one.quantity.name.lower()}"
-            figures.append(_inline_svg(name, alt, _POLAR_SIZE, draw, projection="polar"))
-    return figures
+    return [
+        _inline_svg(
+            f"off-{one.quantity.name.lower()}",
+            f"How far the {one.quantity} may be off by its direction across gravity: at least "
+            f"{one.quantity.scale * one.borne:.3g} {one.quantity.unit}. The table says which "
+            "way it fails first.",
+            _POLAR_SIZE,
+            partial(tolerance_plot, tolerances, one.quantity),
+            projection="polar",
+        )
+        for one in tolerances.each
+        if one.quantity in DIRECTED
+    ]
 
 
 def friction_figures(solution: TorqueSolution) -> list[str]:
@@ -304,11 +303,19 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
 
 
 def check_rows(document: dict[str, Any]) -> list[dict[str, str]]:
-    """Return a row a check of the document with numpy alone."""
+    """Return a row a check of the document with numpy alone.
+
+    Raises:
+        ArgumentError: If the document is not complete.
+    """
+    try:
+        checks = verify_document(document).checks
+    except ValueError as error:
+        raise ArgumentError("document", str(error)) from None
     words = {"ok": "passed"}
     return [
         {"name": check.name, "verdict": words.get(check.mark, check.mark), "detail": check.detail}
-        for check in verify_document(document).checks
+        for check in checks
     ]
 
 
@@ -369,9 +376,7 @@ def _inline_svg(
         figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
-    svg = re.sub(r'\bid="', f'id="{name}-', svg)
-    svg = re.sub(r'href="#', f'href="#{name}-', svg)
-    svg = re.sub(r"url\(#", f"url(#{name}-", svg)
+    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", svg)
     for role, color in LIGHT.roles.items():
         if color != LIGHT.text:
             svg = svg.replace(color, f"var(--{role})")
