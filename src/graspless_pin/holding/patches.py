@@ -15,7 +15,7 @@ import numpy as np
 
 from graspless_pin.problem.checks import FloatArray
 
-_FEWEST = 3
+_FEWEST_CONTACTS = 3
 """Contacts of a patch: fewer are split one by one."""
 _FEWEST_OF_SEVERAL = 5
 """Contacts of each of several patches: what four corners in one plane do tells of other planes."""
@@ -166,7 +166,7 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
             if len(sizes) > 3 and sizes[3] < _DEPENDENT * sizes[0]:
                 members.append(contact)
         left = [contact for contact in left if contact not in members]
-        if len(members) < _FEWEST:
+        if len(members) < _FEWEST_CONTACTS:
             continue
         slips = _slips(rows, members)
         images, sizes, turns = np.linalg.svd(slips, full_matrices=False)
@@ -180,7 +180,7 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
             turning = missing * longest / (tolerance - missing)
             if turning < _MOST_UNTOLD:
                 patches.append(Patch(tuple(members), images, motion, turning))
-    fewest = _FEWEST if len(patches) == 1 else _FEWEST_OF_SEVERAL
+    fewest = _FEWEST_CONTACTS if len(patches) == 1 else _FEWEST_OF_SEVERAL
     return [patch for patch in patches if len(patch.contacts) >= fewest]
 
 

@@ -96,9 +96,9 @@ _HOPELESS = 1e-3
 """Of the goal: where the best point has more, splitting contacts tells more than tangents do."""
 _STILL = 1e-9
 """Power of a point, in its square, below which the way to rest tells nothing."""
-_SAME = 1e-12
+_SAME_MOTION = 1e-12
 """Scaled accelerations that differ by no more are the same."""
-_MORE, _LEAST = 1.05, 1e-6
+_WORTH_MORE, _LEAST = 1.05, 1e-6
 """Times the load that is known, and of the load: what has to be proven for it to be worth it."""
 _ROUNDING = 1e-13
 """Of the largest multiplier: smaller ones are none."""
@@ -190,7 +190,7 @@ class Relaxation:
         self._simplex.add_rows(dynamics, h, h)
         # Open contacts do not part by what joints do by themselves where load is taken away.
         moved = rows[:, 0] @ own.aside
-        self._moved = np.where(np.abs(moved) > _SAME, moved, 0.0)
+        self._moved = np.where(np.abs(moved) > _SAME_MOTION, moved, 0.0)
         normal = self._rows(count, y=rows[:, 0], taken=-self._moved)
         self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
         self._add_power(h, 0.0)
@@ -265,7 +265,7 @@ class Relaxation:
         """
         found = list[LoadProof]()
         asked = ~self.dynamics.is_commanded & ~states.are(ContactState.OPEN)
-        worth = _MORE * self.loads + _LEAST
+        worth = _WORTH_MORE * self.loads + _LEAST
         self._enter(states, elastic=False)
         for contact in np.flatnonzero(asked).tolist():
             if not asked[contact]:
@@ -319,7 +319,7 @@ class Relaxation:
         if dynamics is None:
             dynamics = without_free_joints(self.dynamics, opened, self.force_limit)
             self._tally.dynamics[key] = dynamics
-        if np.abs(dynamics.aside - self.dynamics.aside).max() <= _SAME:
+        if np.abs(dynamics.aside - self.dynamics.aside).max() <= _SAME_MOTION:
             return self
         return self._changed(dynamics, self.loads)
 

@@ -35,11 +35,12 @@ Intervals = tuple[tuple[float, float], ...]
 GROWTH_LIMIT = 0.1
 """Motions that grow no faster than this do not count as growing, 1/s."""
 _DOUBLINGS = 60
-_NEAR = 1e-7
+_GAIN_ACCURACY = 1e-7
 """Relative: how near the ends of stable feedback are found."""
 _MOST_ROUNDS = 8
 _MOST_STARTS = 6
-_BETTER = 1e-6
+_FASTER = 1e-6
+"""Relative: what a round has to add to the growth for another to be worth it."""
 _PROVEN = 0.5
 """Of one: what has to be left of Lyapunov's equation after rounding."""
 _LEAST_STIFFNESS = 1e-12
@@ -195,7 +196,7 @@ class LinearizedMotion:
             near = _root(lambda k: float(growth(np.array([k]))[0]), low, high)
             # On the side where nothing grows.
             side = 1.0 if grows[index] else -1.0
-            ends.append(min(max(near * (1.0 + 2.0 * side * _NEAR), low), high))
+            ends.append(min(max(near * (1.0 + 2.0 * side * _GAIN_ACCURACY), low), high))
         ends.append(np.inf)
         inner = ends[1:] if grows[0] else ends
         return tuple(zip(inner[::2], inner[1::2], strict=False))
@@ -206,7 +207,7 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     first, last = function(low), function(high)
     if first * last >= 0.0:  # by rounding: a root is at an end
         return low if abs(first) < abs(last) else high
-    found: Any = brentq(function, low, high, rtol=np.float64(_NEAR))
+    found: Any = brentq(function, low, high, rtol=np.float64(_GAIN_ACCURACY))
     return float(found)
 
 
@@ -318,7 +319,7 @@ def extreme_forces(
         rate, forces, gradient = best
     for _ in range(_MOST_ROUNDS):
         new_rate, other, next_gradient = along(gradient)
-        if new_rate <= rate + _BETTER * max(abs(rate), GROWTH_LIMIT):
+        if new_rate <= rate + _FASTER * max(abs(rate), GROWTH_LIMIT):
             return forces
         rate, forces, gradient = new_rate, other, next_gradient
     return forces

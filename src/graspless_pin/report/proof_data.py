@@ -74,11 +74,8 @@ def objective_data(solution: TorqueSolution) -> dict[str, Any]:
     faces = blocks["faces"]
     margins = faces.spread(-faces.unit * program.sides[1][faces.at])[:, 0] + 0.0
     kept = {name: terms(blocks[name]) for name in KEPT if name in blocks}
-    kept["faces"] = np.array([faces.spread(one)[:, 0] for one in kept["faces"].T]).T.reshape(
-        count, len(scale)
-    )
-    for name in {"normal_upper", "normal_lower"} & kept.keys():
-        spread = [blocks[name].spread(one) for one in kept[name].T]
+    for name in kept.keys() - {"balance", "torque"}:  # by contact: its faces have the same
+        spread = [blocks[name].spread(one).reshape(count, -1)[:, 0] for one in kept[name].T]
         kept[name] = np.array(spread).T.reshape(count, len(scale))
     return {
         "name": solution.objective.name,
@@ -162,7 +159,6 @@ def _rows(
     full = np.full((3, count), [[np.nan], [-np.inf], [np.inf]])
     full[:, places] = units, low, high
     on_forces = units[:, None] * program.rows[block.at][:, : len(axes)] / force
-    contact, axis = np.divmod(axes, 3)
     return {
         "name": block.name,
         "sign": block.sign.name.lower(),
@@ -171,13 +167,8 @@ def _rows(
         "low": full[1],
         "high": full[2],
         "forces": [
-            [
-                int(places[row]),
-                int(contact[column]),
-                int(axis[column]),
-                float(on_forces[row, column]),
-            ]
-            for row, column in np.argwhere(on_forces)
+            [int(places[row]), *divmod(int(axes[column]), 3), value]
+            for row, column, value in _triplets(on_forces)
         ],
         "columns": [[int(places[row]), column, value] for row, column, value in _triplets(terms)],
     }

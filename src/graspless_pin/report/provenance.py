@@ -15,7 +15,8 @@ from graspless_pin.errors import SceneError
 from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.derived_inertias import INERTIAS
-from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.report.verify.fields import IN_MODE
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.versions import versions
 
 _ARRAYS = (
@@ -23,8 +24,8 @@ _ARRAYS = (
     "lower_torque", "upper_torque", "max_normal_force", "gravity_torques", "wrench_matrix",
 )  # fmt: skip
 _SCENE = FileKind("scene", 4, SceneError)
-_SAME = 1e-9
-_IN_GIVEN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFEASIBLE_MODE)
+_SAME_ENTRY = 1e-9
+"""Entries of arrays that are this near, beside their size, are the same."""
 
 
 def file_sha256(path: Path) -> str | None:
@@ -84,7 +85,7 @@ def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
         return False
     pairs = [(getattr(first, name), getattr(second, name)) for name in (*_ARRAYS, *INERTIAS)]
     known = [(a, b) for a, b in pairs if a is not None and b is not None]
-    return all(a.shape == b.shape and np.allclose(a, b, atol=_SAME) for a, b in known)
+    return all(a.shape == b.shape and np.allclose(a, b, atol=_SAME_ENTRY) for a, b in known)
 
 
 def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
@@ -94,7 +95,7 @@ def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
     or an objective without a name.
     """
     name, figures = asked_by(solution.objective) or (solution.algorithm, {})
-    if solution.status in _IN_GIVEN_MODE or name is None:
+    if solution.status.name.lower() in IN_MODE or name is None:
         return None
     words = ["graspless-pin", "solve", str(scene_file), "--algorithm", str(name)]
     if solution.algorithm is None:

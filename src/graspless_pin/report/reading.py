@@ -32,12 +32,13 @@ from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.derived_inertias import INERTIAS, with_derived_inertias
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare, scaled_program
 from graspless_pin.report.proof_data import StatedObjective, cone_data, read_multipliers
-from graspless_pin.report.verify.fields import FORMAT, WHOLE, Part, stacked
+from graspless_pin.report.verify.fields import FORMAT, IN_MODE, WHOLE, Part, stacked
 from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.reading import read_mode, read_origin, read_problem
 from graspless_pin.solution import FOUND, Certificate, Evidence, Guarantee, Status, TorqueSolution
 
-_SAME = 1e-9
+_SAME_CORNER = 1e-9
+"""Corners of cones that are this near are the same."""
 _ROUND_ROWS = 3
 """Rows of a round cone."""
 _OWN_ROWS = 3
@@ -146,9 +147,6 @@ def read_document(path: Path) -> Any:
         raise SceneError(f"{path}: {error}") from None
 
 
-_IN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFEASIBLE_MODE)
-
-
 @dataclass(frozen=True)
 class _Stated:
     """What a document says is wrong with its scene."""
@@ -241,7 +239,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         Rules.parse(*(stated["rules"][key] for key in _RULES)),
         _certificate(stated["certificate"]),
         problem,
-        mode if status in _IN_MODE else None,
+        mode if stated["status"] in IN_MODE else None,
         _forces=forces,
         _mode=mode,
         evidence=Evidence(relaxed or in_mode, in_mode, added, balanced, motion),
@@ -328,7 +326,9 @@ def _check_cones(problem: QuasistaticProblem, contacts: list[dict[str, Any]]) ->
     for index, contact in enumerate(contacts):
         for key, own in cone_data(problem, index).items():
             stated = np.array(contact[key])
-            if stated.shape != own.shape or not np.allclose(stated, own, rtol=0.0, atol=_SAME):
+            if stated.shape != own.shape or not np.allclose(
+                stated, own, rtol=0.0, atol=_SAME_CORNER
+            ):
                 raise ArgumentError(
                     "document",
                     f"contacts[{index}].{key}: are not those of the cone {problem.cone!r} here",

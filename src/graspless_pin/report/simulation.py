@@ -73,7 +73,7 @@ def body_forces(
     )
 
 
-_SAME = 1e-2  # of the load: a difference that says nothing
+_SAME_FORCE = 1e-2  # of the load: a difference that says nothing
 _WORDS = {
     SimulatedOutcome.HELD: "held: the object stays",
     SimulatedOutcome.SHIFTED: "shifted: the object moves, and then stays where it is",
@@ -152,7 +152,7 @@ def _largest_excess(simulation: Simulation, forces: Sequence[BodyForce]) -> list
         (force.excess(k), force.body, k) for k in range(len(simulation.runs)) for force in forces
     ]
     excess, body, run = max(found)
-    if excess <= _SAME * simulation.problem.scales.force:
+    if excess <= _SAME_FORCE * simulation.problem.scales.force:
         return ["no force is outside these ranges by more than 1 % of the load"]
     name = simulation.runs[run].contact_model.name
     return [f"largest force outside these ranges: {excess:.3g} N, on {body} ({name} bodies)"]

@@ -10,7 +10,6 @@ from graspless_pin.algorithms.disturbances import GuaranteedDisturbance
 from graspless_pin.algorithms.robustness import LoadBracket
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import CONSTANT_TORQUES, SmallMotions
-from graspless_pin.holding.patches import PatchSlip
 from graspless_pin.holding.verdict import (
     ContactState,
     DualBound,
@@ -184,16 +183,12 @@ def _node(node: OutcomeSet) -> dict[str, Any]:
     return written(
         "rest node",
         node,
-        slip=None if node.slip is None else [node.slip.center, node.slip.half_width],
+        slip=node.slip and [node.slip.center, node.slip.half_width],
         multipliers=None if node.dual is None else _multipliers(node.dual),
         forced=[*map(_multipliers, node.forced)],
         loads=_loads(node.loads),
         sides=[{"goal": goal, "multipliers": _multipliers(dual)} for goal, dual in node.sides],
         children=len(node.children),
-        patch=None if node.patch is None else _patch(node.patch),
+        patch=node.patch
+        and written("patch", node.patch, cone=node.patch.cone and vars(node.patch.cone)),
     )
-
-
-def _patch(patch: PatchSlip) -> dict[str, Any]:
-    cone = None if patch.cone is None else vars(patch.cone)
-    return written("patch", patch, contacts=[*patch.contacts], cone=cone)

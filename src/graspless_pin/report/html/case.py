@@ -159,10 +159,10 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
     """
     solution = read_solution(document)
     origin = document_origin(document)
-    found = _scene_of(document, solution, scene_file)
+    bodies, found = document_bodies(document), _scene_of(document, solution, scene_file)
     scene, command, missing = None, None, ""
     if isinstance(found, str):
-        bodies, missing = document_bodies(document), found
+        missing = found
         picture = draw_contacts(solution.problem, solution, origin=origin, bodies=bodies)
     else:
         scene, path = found
@@ -171,7 +171,7 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
         str(document.get("scene", "A problem made from arrays")),
         solution,
         document,
-        document_bodies(document),
+        bodies,
         solution.problem.positions + origin,
         picture,
         _moving(document, solution, picture, scene, origin),
@@ -213,12 +213,6 @@ def _scene_of(
         return f"The scene file was not given; the document names {name}."
     if file_sha256(path) != made_of.get("scene_sha256"):
         return f"The scene file {path} is another one, or has changed since."
-    scene = _same_scene(path, solution)
-    return scene if isinstance(scene, str) else (scene, path)
-
-
-def _same_scene(path: Path, solution: TorqueSolution) -> Scene | str:
-    """Return the scene of a file if it still leads to the problem of a solution, or why not."""
     try:
         scene = load_scene(path)
         problem = scene.problem()
@@ -229,4 +223,4 @@ def _same_scene(path: Path, solution: TorqueSolution) -> Scene | str:
             f"The scene file {path} now leads to another problem: a model that it names has "
             "changed, or the scene was changed in Python."
         )
-    return scene
+    return scene, path
