@@ -1,6 +1,6 @@
 """What frozen records share: own arrays, pickles, a short ``repr``, copies not checked again.
 
-This is the one place that writes into frozen records.
+Frozen records are written into here, and while they are made.
 """
 
 from __future__ import annotations

@@ -61,6 +61,8 @@ def test_files(tmp_path):
         ("torque", {"margin": 0.3, "sign_rule": "exact"}),
         ("torque", {"margin": 1 / 3, "scale": "limits"}),
         ("torque", {"margin": 40.0}),
+        ("margin", {"regularization": 0.01}),
+        ("torque", {"margin": 0.3, "regularization": 0.02}),
     ],
 )
 def test_the_command_leads_to_the_same_answer(algorithm, options, tmp_path):

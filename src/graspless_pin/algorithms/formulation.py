@@ -27,7 +27,9 @@ NO_FRICTION = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
-    """A program in forces without (27) and (31), and what turns its answers into modes.
+    """A program in forces, and what turns its answers into modes.
+
+    Its rows are those without (27) and (31), which come in as bounds of columns: see `opposing`.
 
     Attributes:
         problem: The problem.

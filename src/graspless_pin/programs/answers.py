@@ -70,15 +70,15 @@ def without_far_limits(program: Program) -> Program:
     high[high > FARTHEST] = np.inf
     free = np.isinf(least) & np.isinf(high)
     high[free] = np.where(program.G[free].any(axis=1), UNREACHED, 1.0)
-    most, upper = program.lb.copy(), program.ub.copy()
-    most[most < -FARTHEST], upper[upper > FARTHEST] = -np.inf, np.inf
+    lower, upper = program.lb.copy(), program.ub.copy()
+    lower[lower < -FARTHEST], upper[upper > FARTHEST] = -np.inf, np.inf
     return changed(  # its rows are the same
         program,
         "sides",
         "is_far",
         "reach",
         l=np.minimum(least, UNREACHED),
-        lb=np.minimum(most, UNREACHED),
+        lb=np.minimum(lower, UNREACHED),
         u=np.maximum(high, -UNREACHED),
         ub=np.maximum(upper, -UNREACHED),
     )

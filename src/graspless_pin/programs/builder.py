@@ -82,7 +82,8 @@ class ProgramBuilder:
         Args:
             name: What they are.
             count: How many.
-            box: Finite lower and upper bounds that the constraints imply, for proofs.
+            box: Finite lower and upper bounds that the constraints imply, for proofs; they are not
+                checked: one that is too small makes what is possible look infeasible.
             whole_box: The same for all forces where `ForceRows.boxes` has a second box; None: the
                 same as for the first.
             low: Lower bounds to be imposed.

@@ -106,6 +106,8 @@ def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
         words += ["--margin", f"{solution.required_margin!r}"]
         if solution.found:
             words += ["--scale", "limits" if solution.objective.by_limits else "absolute"]
+    if solution.algorithm is not None and solution.objective.regularization:
+        words += ["--regularization", f"{solution.objective.regularization!r}"]
     for option, value in solution.rules.options().items():
         words += [f"--{option.replace('_', '-')}", str(value)]
     return shlex.join(words)
