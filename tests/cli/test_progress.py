@@ -14,7 +14,7 @@ SCRIPT = """
 import time
 import rich.console, rich.text  # which may take longer than the work on a busy machine
 from graspless_pin import progress
-progress._PATIENCE = {patience}
+progress._SHOWN_AFTER = {patience}
 with progress.waiting_for("doing the work"), progress.waiting_for("its [half]"):
     time.sleep({work})
 print("done")

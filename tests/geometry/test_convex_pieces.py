@@ -242,10 +242,10 @@ def test_slow_work_shows_that_it_goes_on(
 ) -> None:
     """One line where nobody looks; nothing for what is done at once."""
     monkeypatch.setattr(decomposition, "run_coacd", slow)
-    monkeypatch.setattr(progress, "_PATIENCE", 30.0)
+    monkeypatch.setattr(progress, "_SHOWN_AFTER", 30.0)
     convex_pieces(ell(), "ell")
     assert capfd.readouterr().err == ""
-    monkeypatch.setattr(progress, "_PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "_SHOWN_AFTER", 0.0)
     convex_pieces(ell(2.0), "ell")
     shown = capfd.readouterr()
     assert shown.out == ""
