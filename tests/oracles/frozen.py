@@ -103,7 +103,7 @@ def of_scene(path: Path) -> Iterator[tuple[str, Answer]]:
         command = ["solve", str(path.relative_to(ROOT)), "--algorithm", algorithm]
         command += ["--margin", "0.1"] if algorithm == "torque" else []
         printed = subprocess.run(  # noqa: S603 - our own interpreter
-            [sys.executable, "-m", "graspless_pin", *command],
+            [sys.executable, "-c", "from graspless_pin.cli import main; main()", *command],
             cwd=ROOT, capture_output=True, text=True, check=False,
         )  # fmt: skip
         yield (
