@@ -55,8 +55,6 @@ def main() -> int:
             printed = {python: _rows(python) for python in order}
             rounds.append((printed[new], printed[base]))
         beside = _studies(base)
-        if not Path(rounds[0][1]["package"]).is_relative_to(Path(folder).resolve()):
-            raise RuntimeError(f"measured {rounds[0][1]['package']}, which is not the base")
     text, passed = judged(rounds)
     print(f"### This version over {commit[:10]}\n\n{text}\n\n{beside}")
     print(f"\n{given.rounds} rounds in {time.perf_counter() - start:.0f} s.")
@@ -153,6 +151,10 @@ def installed(commit: str, folder: Path) -> Path:
     constraints = str(source / "constraints.txt")
     names = {"PIP_CONSTRAINT": constraints, "PIP_BUILD_CONSTRAINT": constraints}
     run([python, *PIP, ".[studies]"], source, **names)
+    # In the folder that all that follows runs in: it must not find this version there.
+    package = run([python, "-c", "import graspless_pin as it; print(it.__file__)"], ROOT).strip()
+    if not Path(package).is_relative_to(folder.resolve()):
+        raise RuntimeError(f"{package} is imported, which is not {commit}")
     return python
 
 
@@ -164,8 +166,10 @@ def _rows(python: Path) -> Mapping[str, Any]:
 
 def run(command: Sequence[str | Path], folder: Path, **variables: str) -> str:
     """Return what a program prints; an exit code but 0 is an error."""
+    # Each environment imports what is installed in it, whatever the caller's path lists first.
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     return subprocess.run(  # noqa: S603 - Python, of this environment or of the base's
-        command, cwd=folder, env={**os.environ, **variables}, stdout=subprocess.PIPE, text=True,
+        command, cwd=folder, env={**kept, **variables}, stdout=subprocess.PIPE, text=True,
         check=True,
     ).stdout  # fmt: skip
 

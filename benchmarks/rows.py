@@ -234,7 +234,6 @@ def _reason(error: Exception) -> str:
 
 
 def _about() -> dict[str, Any]:
-    import graspless_pin
 
     try:
         from graspless_pin import compiled
@@ -244,7 +243,6 @@ def _about() -> dict[str, Any]:
         loops = False
     installed = {item.name: item.version for item in distributions()}
     return {
-        "package": str(graspless_pin.__file__),
         "loops": loops,
         "versions": {"Python": platform.python_version(), **installed},
     }

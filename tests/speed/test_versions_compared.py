@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks import rows
-from benchmarks.against import judged, main
+from benchmarks.against import judged, main, run
 from benchmarks.ratios import LEAST_ROUNDS, ratio_of, ratios_of
 
 EVEN = [1.0, 1.02, 0.99, 1.01, 1.0, 0.98, 1.03]
@@ -140,7 +141,13 @@ def test_what_a_version_lacks_is_left_out_and_said(monkeypatch, capsys) -> None:
     told = json.loads(capsys.readouterr().out)
     assert told["seconds"] == {"a": 0.5}
     assert told["missing"] == {"b": "AttributeError: no name b", "gone": "ImportError: no name c"}
-    assert Path(told["package"]).name == "__init__.py"
+
+
+def test_a_version_is_not_imported_from_the_callers_path(monkeypatch, tmp_path: Path) -> None:
+    (tmp_path / "graspless_pin.py").write_text("", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    imported = "import graspless_pin; print(graspless_pin.__file__)"
+    assert not Path(run([sys.executable, "-c", imported], tmp_path.parent)).is_relative_to(tmp_path)
 
 
 def test_an_unknown_commit_or_too_few_rounds_is_wrong_usage(monkeypatch, capsys) -> None:
