@@ -171,3 +171,43 @@ def test_figures_without_a_hash_are_refused_with_the_way_out(weights):
     assert "tuples" in str(caught.value)
     assert optimize(problem, WeightedAlone(weights)).found
     assert optimize(problem, Weighted((1.0, 2.0))).found
+
+
+@dataclass(frozen=True)
+class LargestShare(Objective):
+    """The least largest torque over its scale, within a box that somebody stated."""
+
+    top: float
+    name = "largest share"
+
+    def build(self, program: ProgramBuilder) -> None:
+        forces = program.forces
+        program.balance()
+        program.cones(0.1 / forces.coordinates.force_scale)
+        program.normal_limits(0.1 / forces.coordinates.force_scale)
+        program.torque_limits()
+        largest = program.columns("largest", low=0.0, box=(0.0, self.top), cost=1.0)
+        for name, sign in (("upward", 1.0), ("downward", -1.0)):
+            program.rows(
+                name,
+                sign * forces.torque,
+                -sign * forces.gravity,
+                {largest: -np.ones(len(forces.torque))},
+            )
+
+
+@pytest.mark.parametrize("share", (0.5, 0.99))
+def test_a_box_that_hides_an_optimum_is_refused(share):
+    """It was taken as given: what is possible was infeasible, with a proof."""
+    problem = problems()[1]
+    least = optimize(problem, LargestShare(1e3)).value
+    assert optimize(problem, LargestShare(1e4)).value == pytest.approx(least, rel=1e-6)
+    with pytest.raises(ArgumentError, match=r"^box: .*'largest' has \S+ there, its box 0 to"):
+        optimize(problem, LargestShare(share * least))
+
+
+def test_a_box_hides_nothing_where_there_is_nothing():
+    problem = problems()[1]
+    weak = np.full(problem.joint_count, 1e-3)
+    problem = problem.with_changes(torque_limits=weak)
+    assert optimize(problem, LargestShare(1.0)).status is Status.INFEASIBLE_FORCES

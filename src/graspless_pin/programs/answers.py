@@ -20,6 +20,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.active_set_polish import polished
 from graspless_pin.programs.program import FARTHEST, LARGEST_FIGURE, Program
@@ -359,11 +360,16 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
 
     Returns:
         A solved answer, or an infeasible one where the bound is above the cutoff, or a failed one.
+
+    Raises:
+        ArgumentError: If the solution is an optimum that boxes which were stated hide.
     """
     x, y, z = found
     if program.strict is not None:
         x = np.clip(x, program.lb, program.ub)  # limits that are bounds hold exactly
     bound, value, residual = program.judged(x, y, z)
+    if program.boxes_are_stated and residual <= PRIMAL_TOLERANCE:
+        _check_boxes(program, x, y, z)
     if _is_above(program, bound, cutoff, y, z):
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
     gap = abs(value - bound) / max(1.0, abs(value))
@@ -373,6 +379,36 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
     if is_met and is_near and _is_within_reach(program, x):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
+
+
+def _check_boxes(program: Program, x: FloatArray, y: FloatArray, z: FloatArray) -> None:
+    """Refuse boxes that hide an optimum of the program.
+
+    A bound is proven over the boxes, so an optimum outside them would be called infeasible. The
+    multipliers of x tell whether it is one: they prove a bound as high as its value over boxes that
+    are made as large as x. A column without a cost may be anything; the boxes hide an optimum where
+    its value or its bound are not what they are within them.
+    """
+    low, high = program.box if program.whole_box is None else program.whole_box
+    room = PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(x))
+    outside = (x < low - room) | (x > high + room)
+    if not outside.any():
+        return
+    larger = replace(program, box=np.stack((np.minimum(low, x), np.maximum(high, x))))
+    value, bound = program.value(x), larger.dual_bound(y, z)
+    gap = GAP_TOLERANCE * max(1.0, abs(value))
+    hidden = value > program.highest + gap or program.dual_bound(y, z, whole=True) > bound + gap
+    if not hidden or value > bound + gap:
+        return
+    told = [
+        f"the column {block.name!r} has {x[at]:.6g} there, its box {low[at]:.6g} to {high[at]:.6g}"
+        for block in program.bounded_blocks
+        for at in np.arange(len(x))[block.at][outside[block.at]]
+    ]
+    if told:
+        raise ArgumentError(
+            "box", f"an optimum is outside: {told[0]}; state boxes that hold of every solution"
+        )
 
 
 def _is_above(program: Program, bound: float, cutoff: float, y: FloatArray, z: FloatArray) -> bool:

@@ -82,8 +82,8 @@ class ProgramBuilder:
         Args:
             name: What they are.
             count: How many.
-            box: Finite lower and upper bounds that the constraints imply, for proofs; they are not
-                checked: one that is too small makes what is possible look infeasible.
+            box: Finite lower and upper bounds that every optimum keeps, for proofs, which look no
+                further. They are not imposed; an optimum outside them is an `ArgumentError`.
             whole_box: The same for all forces where `ForceRows.boxes` has a second box; None: the
                 same as for the first.
             low: Lower bounds to be imposed.
@@ -262,8 +262,12 @@ class ProgramBuilder:
         """
         self._boxes = [[box]]
 
-    def program(self) -> Program:
-        """Return the program."""
+    def program(self, *, boxes_are_stated: bool = False) -> Program:
+        """Return the program.
+
+        Args:
+            boxes_are_stated: See `Program`.
+        """
         parts = [*self._equalities, *self._rows, *self._cones]
         total = sum(part.size for part in parts)
         rows = np.zeros((total, self._size), order="F")
@@ -298,6 +302,7 @@ class ProgramBuilder:
             cone_count=sum(part.size for part in self._cones) // 3,
             blocks=tuple(blocks),
             bounded_blocks=tuple(self._bounded),
+            boxes_are_stated=boxes_are_stated,
             strict=strict,
         )
 

@@ -310,7 +310,9 @@ def scaled_program(
     unit = objective.unit(problem, coordinates)
     builder = ProgramBuilder(force_rows(problem, coordinates))
     objective.build(builder)
-    return ScaledProgram(coordinates, builder.program(), unit)
+    # Boxes of the paper's objectives follow from the limits; above a cutoff none has to hold.
+    stated = objective.algorithm is None and objective.cutoff == np.inf
+    return ScaledProgram(coordinates, builder.program(boxes_are_stated=stated), unit)
 
 
 @dataclass(frozen=True, eq=False)

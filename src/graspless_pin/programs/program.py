@@ -132,6 +132,8 @@ class Program:
         cone_count: How many second-order cones there are.
         blocks: What its rows mean, in their order; empty: not told.
         bounded_blocks: What its columns with bounds mean.
+        boxes_are_stated: Whether somebody stated the boxes of the blocks' columns: an optimum
+            outside them is a mistake of the objective.
         strict: (m + k,) how many times as closely as others each row has to be met, at least 1;
             None: none more closely, and bounds neither.
     """
@@ -150,6 +152,7 @@ class Program:
     cone_count: int = 0
     blocks: tuple[Block, ...] = ()
     bounded_blocks: tuple[Block, ...] = ()
+    boxes_are_stated: bool = False
     strict: FloatArray | None = None
 
     @classmethod

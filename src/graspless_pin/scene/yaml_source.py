@@ -10,6 +10,7 @@ import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -214,6 +215,12 @@ def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> A
         raise ArgumentError(key_text(location), mistake) from None
 
 
+@cache
+def _json_schema(model: type[BaseModel]) -> Node:
+    """Return a model's JSON schema, which takes longer to make than to look through."""
+    return model.model_json_schema()
+
+
 def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bool:
     """Return whether a number at a location of a file has to be a whole one.
 
@@ -222,7 +229,7 @@ def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bo
         model: What it is checked against.
         location: Of the number.
     """
-    nodes = _nodes_at(model.model_json_schema(), data, location)
+    nodes = _nodes_at(_json_schema(model), data, location)
     kinds = {node.get("type") for node in nodes}
     return "integer" in kinds and "number" not in kinds
 
@@ -241,7 +248,7 @@ def _mistakes(
 ) -> Iterator[tuple[Location, str]]:
     """Yield where a mistake is and what it is called."""
     items = [(_in_file(data, item), item) for item in error.errors()[:_MOST_EXAMINED]]
-    schema = model.model_json_schema()
+    schema = _json_schema(model)
     for location, item in items:
         # Every branch of a union complains; the branch that got furthest is the one that is meant.
         if not any(
