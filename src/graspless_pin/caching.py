@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import update_wrapper
+from itertools import chain
+from math import copysign, isnan
 from typing import Any, Generic, TypeVar
 from weakref import ref
 
@@ -102,13 +104,31 @@ class Latest:
         return value
 
 
-_PLAIN = (float, int, str, bool, bytes)
+def is_alike(one: Any, other: Any) -> bool:
+    """Return whether two contents are the same, types, signs of zero and order included.
+
+    Args:
+        one: A number, a text, None, or mappings and lists of these.
+        other: Another.
+    """
+    kind = type(one)
+    if one is other or kind is not type(other):
+        return one is other
+    if isinstance(one, float):
+        same = one == other or (isnan(one) and isnan(other))
+        return same and copysign(1.0, one) == copysign(1.0, other)
+    if kind is dict:
+        return len(one) == len(other) and all(
+            map(is_alike, chain(one, one.values()), chain(other, other.values()))
+        )
+    if kind is list:
+        return len(one) == len(other) and all(map(is_alike, one, other))
+    return bool(one == other)
+
+
+_PLAIN = frozenset({float, int, str, bool, bytes})
 
 
 def _is_same(one: Any, other: Any) -> bool:
     """Return whether two sources are the same object, or equal numbers or texts."""
-    kind = type(one)
-    if one is other or kind is not type(other) or kind not in _PLAIN:
-        return one is other
-    # Equal floats may differ in the sign of zero.
-    return repr(one) == repr(other) if kind is float else one == other
+    return one is other or (type(one) in _PLAIN and is_alike(one, other))

@@ -222,7 +222,7 @@ class SceneFields(PickledByFields):
     def _changed(self, fields: Mapping[str, Any]) -> Self:
         """Return the same scene with fields that need no check."""
         stated = self._stated
-        if stated is not None:
+        if stated is not None and not stated.changed.issuperset(fields):
             stated = stated._replace(changed=stated.changed.union(fields))
         return changed(self, *self._DERIVED, _kept=self._kept, _stated=stated, **fields)
 

@@ -7,11 +7,16 @@ then, which tells that one loop may solve many such scenes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from itertools import compress
+from operator import is_not
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from graspless_pin.caching import Derived
 from graspless_pin.errors import SceneError, StateError, StateFault
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.hand.model import Hand
@@ -107,11 +112,21 @@ def problem_of(scene: SceneFields) -> QuasistaticProblem:
     findings, the solution and a verdict has one.
     """
     sources = [value for name, value in vars(scene).items() if name not in _NOT_OF_PROBLEMS]
-    return scene._kept.made("problem", (*sources,), lambda: _built_problem(scene))
+    return scene._kept.made(
+        "problem", (*sources,), lambda: problem_at(scene, jointed_contacts(scene))
+    )
 
 
-def _built_problem(scene: SceneFields) -> QuasistaticProblem:
-    state = jointed_contacts(scene)
+def problem_at(scene: SceneFields, state: JointedContacts) -> QuasistaticProblem:
+    """Return a new problem of a scene whose contacts and joints are known.
+
+    Args:
+        scene: The scene.
+        state: What `jointed_contacts` returns of it.
+
+    Raises:
+        SceneError: See `loads_of`.
+    """
     contacts, joints, loads = state.contacts, state.joints, loads_of(scene, state)
     # Contacts that are given may be anything; those found are right by themselves.
     made = problem_of_own_arrays
@@ -201,7 +216,7 @@ def renewed_row(
         SceneError: See `loads_of`.
     """
     new, old = vars(scene), vars(before)
-    renewed = {name for name in new if new[name] is not old.get(name)} - _NO_LOADS
+    renewed = {*compress(new, map(is_not, new.values(), map(old.get, new)))} - _NO_LOADS
     if not renewed <= _BEARING:
         return None
     count, joints = len(state.positions), len(state.joints.names)
@@ -234,12 +249,18 @@ _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated
 
 def _coefficients(scene: SceneFields, state: JointedContacts) -> FloatArray:
     """Return (M,) coefficients of friction, read-only."""
-    bodies, count = state.contacts.arrays.bodies, state.contacts.arrays.hand_count
-    values: list[float] = []
-    for group, own in (("hand", bodies[:count]), ("supports", bodies[count:])):
-        known = {body: friction_at(scene, group, body) for body in dict.fromkeys(own)}
-        values += map(known.__getitem__, own)
-    return read_only(np.array(values, dtype=np.float64))
+    bodies, places = _bodies_touched(state.contacts.arrays)
+    own = [friction_at(scene, group, body) for group, body in bodies]
+    return read_only(np.array(own, dtype=np.float64)[places])
+
+
+@Derived
+def _bodies_touched(contacts: ContactArrays) -> tuple[Sequence[tuple[str, str]], NDArray[np.int_]]:
+    """Return the groups and names that `friction_at` takes, and (M,) which one each contact has."""
+    count = contacts.hand_count
+    sides = [("hand" if k < count else "supports", name) for k, name in enumerate(contacts.bodies)]
+    bodies = [*dict.fromkeys(sides)]
+    return bodies, np.array([bodies.index(side) for side in sides], dtype=np.int_)
 
 
 def friction_at(scene: SceneFields, group: str, body: str) -> float:

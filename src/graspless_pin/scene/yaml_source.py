@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from graspless_pin.caching import is_alike
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import Finding
 from graspless_pin.intake.files import (
@@ -188,11 +189,6 @@ def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
     if isinstance(entry, list) and isinstance(known, list) and len(entry) == len(known):
         return [*map(with_known, entry, data, known, known_data)]
     return entry
-
-
-def is_alike(one: Any, other: Any) -> bool:
-    """Return whether two contents are the same, types, signs of zero and order included."""
-    return one is other or repr(one) == repr(other)
 
 
 def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> Any:

@@ -25,6 +25,7 @@ from graspless_pin.scene.problem_data import (
     JointedContacts,
     jointed_contacts,
     loads_of,
+    problem_at,
     renewed_row,
 )
 from graspless_pin.scene.scene import Scene
@@ -134,7 +135,7 @@ class SampleBlock:
             last is None or kind.state is not last.state or kind[1:] != last[1:]
         ):
             yield from self.rest()
-        if are_for(CONE_MODELS[kind.cone], kind.objective, kind.options):
+        if kind is last or are_for(CONE_MODELS[kind.cone], kind.objective, kind.options):
             self._kind = kind
             self._run.append((number, stated))
         else:
@@ -163,7 +164,7 @@ class SampleBlock:
 
     def _looped(self, run: Sequence[tuple[int, StatedSample]], kind: _Kind) -> Iterator[Row]:
         """Yield the rows of samples of one kind."""
-        problem = run[0][1].scene.problem()
+        problem = problem_at(run[0][1].scene, kind.state)
         joints = kind.state.joints
         bodies = kind.options.rules, *kind.state.contacts.bodies
         optima, columns = self._optima_of(kind, problem), torque_columns(joints.names, joints.units)
@@ -230,7 +231,8 @@ def evaluate_each(
     """
     of_hands: dict[int, Row] = {}
     for row in _evaluated(study, samples, of_hands, one_by_one=one_by_one):
-        yield row | of_hands.pop(row["sample"], {})
+        of_hand = of_hands.pop(row["sample"], None)
+        yield row | of_hand if of_hand else row
 
 
 def _evaluated(

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from graspless_pin.algorithms.robust_solution import RobustSolution
-from graspless_pin.caching import Bounded
+from graspless_pin.caching import Bounded, is_alike
 from graspless_pin.findings import Finding, Severity, gravest_first
 from graspless_pin.planning.placing import HandPlacement, place_hand
 from graspless_pin.problem.checks import JointUnit
@@ -21,7 +21,7 @@ from graspless_pin.scene.keys import Tree
 from graspless_pin.scene.load import FIELDS_BY_KEY
 from graspless_pin.scene.poses import close_fingers
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.yaml_source import YamlSource, is_alike, validated
+from graspless_pin.scene.yaml_source import YamlSource, validated
 from graspless_pin.studies.keys import Variable
 from graspless_pin.studies.study_schema import CloseEntry, PlaceEntry, PosingEntry
 
