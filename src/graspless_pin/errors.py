@@ -5,6 +5,8 @@ An infeasible problem is not an error: it is a solution whose ``found`` is False
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum
 from pathlib import PurePath
 from typing import Self
@@ -41,6 +43,28 @@ class GrasplessPinError(Exception):
         ...     print(error)
         no_such_scene.yaml: there is no such file; check the path
     """
+
+
+@contextmanager
+def optional_import(
+    what: str, extra: str, kind: type[Exception] = GrasplessPinError, *, instead: str = ""
+) -> Iterator[None]:
+    """Import what an extra of this package brings, or say how to install it.
+
+    Args:
+        what: What needs it, as a clause: ``"plots need matplotlib"``.
+        extra: Name of the extra.
+        kind: The error to be raised.
+        instead: What else would do, behind a comma.
+
+    Raises:
+        Exception: Of that kind, if an import fails.
+    """
+    try:
+        yield
+    except ImportError as error:
+        advice = f"install it with pip install 'graspless-pin[{extra}]'{instead}"
+        raise kind(f"{what} ({error}); {advice}") from None
 
 
 class ArgumentError(GrasplessPinError, ValueError):

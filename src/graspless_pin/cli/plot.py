@@ -12,7 +12,7 @@ from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import ControllerOption, plain_errors
 from graspless_pin.cli.solve import solved_scene
 from graspless_pin.cli.tolerances import tolerances_under
-from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.errors import ArgumentError, GrasplessPinError, optional_import
 from graspless_pin.planning import squeeze_window
 from graspless_pin.plots import (
     margin_heat_map,
@@ -170,10 +170,6 @@ def _varied(table: Any, option: str, taken: tuple[str, ...]) -> str:
 
 def _figure() -> Figure:
     """Return a figure that no window shows."""
-    try:
+    with optional_import("plots need matplotlib", "plots"):
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise GrasplessPinError(
-            f"plots need matplotlib ({error}); install it with pip install 'graspless-pin[plots]'"
-        ) from None
     return Figure(figsize=(6.4, 4.8), layout="constrained")

@@ -13,22 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.caching import Bounded
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, optional_import
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.stated import Motion
 
-try:
+with optional_import("programs of Drake need it", "drake", ImportError):
     # By name, as what their stubs say of arrays is not what numpy's say.
     _autodiff: Any = import_module("pydrake.autodiffutils")
     _eigen: Any = import_module("pydrake.common.eigen_geometry")
     _math: Any = import_module("pydrake.math")
-except ImportError as error:
-    raise ImportError(
-        f"programs of Drake need it ({error}); install it with pip install 'graspless-pin[drake]'"
-    ) from None
 
 __all__ = ["PinnedFunctions", "plant_states"]
 

@@ -11,17 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.errors import optional_import
 from graspless_pin.interfaces.differentiable import Operator, Optimum
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.scene.stated import Motion
 
-try:
+with optional_import("operators of JAX need it", "jax", ImportError):
     jax: Any = import_module("jax")  # by name: type checkers take this file for it
     jnp: Any = import_module("jax.numpy")
-except ImportError as error:
-    raise ImportError(
-        f"operators of JAX need it ({error}); install it with pip install 'graspless-pin[jax]'"
-    ) from error
 
 __all__ = ["optimum"]
 

@@ -18,18 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.caching import Bounded
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, optional_import
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.edges import RESOLUTION, required_margin
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.problem.checks import FloatArray, real_number, unknown_name
 
-try:
+with optional_import("planning with OMPL needs it", "ompl", ImportError):
     from ompl import base
-except ImportError as error:  # pragma: no cover - the tests have it
-    raise ImportError(
-        f"planning with OMPL needs it ({error}); install it with pip install 'graspless-pin[ompl]'"
-    ) from error
 
 __all__ = ["EvaluatedSpace", "MarginShortfall", "SmallestMargin", "attach_evaluator", "joint_space"]
 

@@ -10,17 +10,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from graspless_pin.errors import optional_import
 from graspless_pin.interfaces.differentiable import Operator, Optimum
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.scene.stated import Motion
 
-try:
+with optional_import("operators of PyTorch need it", "torch", ImportError):
     torch: Any = import_module("torch")  # by name: type checkers take this file for it
-except ImportError as error:
-    raise ImportError(
-        f"operators of PyTorch need it ({error}); install it with "
-        "pip install 'graspless-pin[torch]'"
-    ) from error
 
 __all__ = ["optimum"]
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.errors import ArgumentError, SceneError, optional_import
 from graspless_pin.geometry.hand.joint_columns import STILL, motions_at
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.planning.attached_states import AttachedConfigurations
@@ -401,17 +401,12 @@ def _toppra() -> Any:
     Raises:
         GrasplessPinError: If it is not installed.
     """
-    try:
-        with warnings.catch_warnings():
-            # Its docstrings have backslashes that Python warns of where it is first compiled.
-            warnings.simplefilter("ignore")
-            import toppra
-            import toppra.algorithm
-            import toppra.constraint.linear_constraint
-    except ImportError as error:
-        raise GrasplessPinError(
-            f"timings need TOPP-RA ({error}); install it with pip install 'graspless-pin[planning]'"
-        ) from None
+    with optional_import("timings need TOPP-RA", "planning"), warnings.catch_warnings():
+        # Its docstrings have backslashes that Python warns of where it is first compiled.
+        warnings.simplefilter("ignore")
+        import toppra
+        import toppra.algorithm
+        import toppra.constraint.linear_constraint
     return toppra
 
 

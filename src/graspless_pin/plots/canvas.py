@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import GrasplessPinError
+from graspless_pin.errors import optional_import
 from graspless_pin.intake.text import printable
 
 if TYPE_CHECKING:
@@ -33,12 +33,8 @@ def axes_for(ax: Axes | None, *, size: tuple[float, float] = (6.4, 4.0), **optio
     """
     if ax is not None:
         return ax
-    try:
+    with optional_import("plots need matplotlib", "plots"):
         from matplotlib import pyplot
-    except ImportError as error:
-        raise GrasplessPinError(
-            f"plots need matplotlib ({error}); install it with pip install 'graspless-pin[plots]'"
-        ) from None
     return pyplot.figure(figsize=size, layout="constrained").add_subplot(**options)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.errors import ArgumentError, GrasplessPinError, optional_import
 from graspless_pin.geometry import ManipulatedObject
 from graspless_pin.geometry.poses import pose_matrix, transformed
 from graspless_pin.holding.controller import Controller, gain_shares
@@ -50,13 +50,8 @@ def load_mujoco() -> Any:
     Raises:
         GrasplessPinError: If it is not installed.
     """
-    try:
+    with optional_import("simulations need MuJoCo", "simulate"):
         import mujoco
-    except ImportError as error:
-        raise GrasplessPinError(
-            f"simulations need MuJoCo ({error}); install it with pip install "
-            "'graspless-pin[simulate]'"
-        ) from None
     return mujoco
 
 

@@ -23,7 +23,7 @@ from itertools import islice
 from typing import Any
 
 from graspless_pin.child_process import ChildProcess, ChildProcesses, kept_processes
-from graspless_pin.errors import CrashError, OverrunError, StudyError
+from graspless_pin.errors import CrashError, OverrunError, StudyError, optional_import
 from graspless_pin.studies.sample_evaluation import Failure, evaluate_each, failure_row
 from graspless_pin.studies.sample_parts import Row, Sample
 from graspless_pin.studies.study import Study
@@ -205,10 +205,8 @@ def dask_executor(address: str, timeout: float = 10.0) -> Iterator[tuple[Executo
     Raises:
         StudyError: If Dask is not installed, or the scheduler does not answer or has no workers.
     """
-    try:
+    with optional_import("this needs Dask", "dask", StudyError):
         from distributed import Client
-    except ImportError as error:
-        raise StudyError(f"this needs Dask ({error}): pip install 'graspless-pin[dask]'") from None
     try:
         client = Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:

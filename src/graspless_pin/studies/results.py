@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspless_pin.atomic_write import draft_of
-from graspless_pin.errors import StudyError
+from graspless_pin.errors import StudyError, optional_import
 from graspless_pin.studies.journal import Journal
 from graspless_pin.studies.sample_evaluation import Failure
 from graspless_pin.studies.sample_parts import (
@@ -72,13 +72,9 @@ def require_tables() -> None:
     Raises:
         StudyError: Naming what to install.
     """
-    try:
+    with optional_import("studies need pandas and pyarrow", "studies", StudyError):
         import pandas  # noqa: F401
         import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise StudyError(
-            f"studies need pandas and pyarrow ({error}): pip install 'graspless-pin[studies]'"
-        ) from None
 
 
 def format_of(output: Path) -> str:

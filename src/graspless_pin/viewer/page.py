@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import CrashError, GrasplessPinError
+from graspless_pin.errors import CrashError, GrasplessPinError, optional_import
 from graspless_pin.scene import Scene
 from graspless_pin.viewer.auth import SCHEMES, Gate, check_address, gated, is_switch, one_of
 from graspless_pin.viewer.controls import (
@@ -175,12 +175,8 @@ def view(
         True
         >>> viewer.stop()
     """
-    try:
+    with optional_import("the viewer needs viser", "viewer"):
         import viser
-    except ImportError as error:
-        raise GrasplessPinError(
-            "the viewer needs viser: pip install 'graspless-pin[viewer]'"
-        ) from error
     check_address(host, port)
     gate = Gate(host)
     server = None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.errors import ArgumentError, RobotError, optional_import
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.bodies.meshes import hull_corners
 from graspless_pin.geometry.bodies.shape import Hull
@@ -99,13 +99,9 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
 
 
 def _load_mujoco(path: Path) -> Any:
-    try:
+    needs = f"{path} is an MJCF, which needs MuJoCo"
+    with optional_import(needs, "simulate", RobotError, instead=", or give a URDF"):
         import mujoco
-    except ImportError as error:
-        raise RobotError(
-            f"{path} is an MJCF, which needs MuJoCo ({error}); install it with pip install "
-            "'graspless-pin[simulate]', or give a URDF"
-        ) from None
     return mujoco
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.errors import GrasplessPinError
+from graspless_pin.errors import optional_import
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import DARK, LIGHT, Picture, Role
 from graspless_pin.visualization.motion import MovingPicture
@@ -157,14 +157,9 @@ def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
     """
-    try:
+    with optional_import("reports need Jinja2 and matplotlib", "report"):
         import matplotlib  # noqa: F401
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    except ImportError as error:
-        raise GrasplessPinError(
-            f"reports need Jinja2 and matplotlib ({error}); install them with pip install "
-            "'graspless-pin[report]'"
-        ) from None
     environment = Environment(
         loader=FileSystemLoader(FILES),
         autoescape=True,
