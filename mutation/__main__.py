@@ -36,7 +36,7 @@ TESTS = (
     "tests/studies/test_margin_torque_curve.py", "tests/scene/test_uncertain_scenes.py",
     "tests/scene/test_member_verdicts.py", "tests/cli/test_uncertain_command.py",
 )  # fmt: skip
-OF_LOOPS = ("algorithms/batch_optimum.py",)
+OF_LOOPS = ("algorithms/batch_optimum.py", "algorithms/batch_programs.py")
 """Files that do nothing without compiled loops: their mutants are among those of `loops`."""
 FIRST, MORE = 6.0, 30.0
 """Millions of calls in the tests that a mutant is tried with; and, if it survives, once more."""

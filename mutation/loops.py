@@ -87,6 +87,7 @@ FRAMES, MOTIONS, SHARED = "contact_frames", "virtual_motions", "shared"
 SEARCH, PAIRS, CHAINS, STATES = "contact_search", "body_pairs", "kinematic_chains", "hand_states"
 ASSEMBLY, STARTS, WARM = "paper_programs", "optimum_starts", "warm_optima"
 COLD, LOADED, CALLER = "cold_optima", "loaded_states", "../algorithms/batch_optimum.py"
+PROGRAMS = "../algorithms/batch_programs.py"
 CARRIED, MODES = "../planning/attached_states.py", "mode_programs"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
 MISTAKES = tuple(
@@ -162,10 +163,10 @@ MISTAKES = tuple(
         (STARTS, "self.upper[q] = flags_of(top)[k]", "self.upper[q] = True"),
         (STARTS, "if not 0 <= self.contacts[k] < M:", "if False:"),
         (CALLER, "-unit if objective.maximizes else unit", "unit"),
-        (CALLER, "or objective.regularization > 0.0", ""),
-        (CALLER, "or options.rules.by_direction", ""),
+        (PROGRAMS, "or objective.regularization > 0.0", ""),
+        (PROGRAMS, "or options.rules.by_direction", ""),
         (CALLER, "start.structure.has_rows_of(structure)", "start.structure is not structure"),
-        ("../algorithms/batch_optimum.py", "[*own, *self._pool]", "[*self._pool]"),
+        (CALLER, "[*own, *self._pool]", "[*self._pool]"),
         (CHAINS, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
         (FRAMES, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),

@@ -9,7 +9,8 @@ from random_scenes import general_scene, slope_scene
 from scenes import scene
 
 from graspless_pin import Margin, QuasistaticProblem, SolveOptions, Torque, TorqueShare, compiled
-from graspless_pin.algorithms.batch_optimum import LoadSweep, are_for
+from graspless_pin.algorithms.batch_optimum import LoadSweep
+from graspless_pin.algorithms.batch_programs import are_for
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.problem.cones import CONE_MODELS
 

@@ -209,8 +209,7 @@ def test_loops_leave_a_link_with_several_shapes_near_the_object_to_the_search(mo
 
 def test_an_optimum_is_asked_of_the_loops_that_found_it(monkeypatch):
     """Another thread may put loops of its own into the cache, or push these out, in between."""
-    made = batch_optimum._engine.__wrapped__
-    monkeypatch.setattr(batch_optimum, "_engine", made)
+    monkeypatch.setattr(batch_optimum, "loops_of", batch_optimum.loops_of.__wrapped__)
     evaluator = Evaluator(example(SCENE), algorithm="margin")
     first, again = evaluator.evaluate(), evaluator.evaluate()
     assert again.margin == pytest.approx(first.margin, abs=1e-8)

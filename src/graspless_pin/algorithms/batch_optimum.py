@@ -11,34 +11,32 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from threading import RLock
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.algorithms.batch_programs import (
+    ProgramStructure,
+    are_for,
+    loops_of,
+    may_begin,
+    structure_of,
+)
 from graspless_pin.algorithms.mode_tree import ModePart, signs_left
-from graspless_pin.algorithms.options import Search, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import CLOSED
 from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
-from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, StaticFriction
-from graspless_pin.modes.virtual_motions import CLEARLY, GUESSES, judged_by
+from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.modes.virtual_motions import CLEARLY, judged_by
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
-from graspless_pin.problem.cone_model import ConeModel
-from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT, ActiveSet
-from graspless_pin.programs.objectives import (
-    PAPER_OBJECTIVES,
-    Objective,
-    ProgramStructure,
-    shared_arguments,
-    structure_of,
-)
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.programs.active_set import ActiveSet
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
-from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,54 +225,7 @@ def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOpti
     # They count on one free object.
     if problem.wrench_matrix is not None or not are_for(problem.cone_model, objective, options):
         return None
-    return _engine("ColdOptima", structure_of(problem), objective, problem.joint_units)
-
-
-def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
-    """Whether loops may look for an optimum of which nothing is known."""
-    rules = options.rules
-    return not (
-        options.solver != ANY_SOLVER
-        or options.search is not Search.AUTO
-        or rules.static_friction is StaticFriction.COULOMB
-        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
-    )
-
-
-def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> bool:
-    """Return whether loops find what is asked for."""
-    return not (
-        core is None
-        or not cone.regular
-        or type(objective) not in PAPER_OBJECTIVES
-        or objective.regularization > 0.0
-        or options.strong
-        or options.rules.by_direction
-    )
-
-
-@lru_cache(maxsize=192)
-def _engine(
-    kind: str, structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
-) -> Any:
-    """Return loops of some class of `compiled.core`, kept for problems like one."""
-    return getattr(core, kind)(**engine_arguments(structure, objective, units))
-
-
-def engine_arguments(
-    structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
-) -> dict[str, Any]:
-    """Return what `core.ColdOptima` takes for one of the paper's objectives."""
-    return {
-        "guesses": GUESSES,
-        "judged_by": judged_by(CLEARLY * THRESHOLD),
-        "damping": DAMPING,
-        "corrections": CORRECTIONS,
-        "exact": EXACT,
-        "close": PRIMAL_TOLERANCE,
-        "cutoff": objective.cutoff,
-        **shared_arguments(structure, objective, units),
-    }
+    return loops_of("ColdOptima", structure_of(problem), objective, problem.joint_units)
 
 
 def prepared_starts(
@@ -386,7 +337,7 @@ class LoadSweep:
         """
         structure = structure_of(problem, problem.has_cone.astype(np.float64))
         kind = "ModePrograms" if turning else "LoadedStates"
-        self._loops = _engine(kind, structure, objective, problem.joint_units)
+        self._loops = loops_of(kind, structure, objective, problem.joint_units)
         self._may_begin = (
             may_begin(problem, options) and self._loops.coordinate_count <= _MOST_COLD_COORDINATES
         )

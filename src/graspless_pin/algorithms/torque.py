@@ -24,7 +24,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import choice, one_of
-from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare, key_of
 from graspless_pin.solution import TorqueSolution
 
 if TYPE_CHECKING:
@@ -290,7 +290,7 @@ AIMS = "; ".join(f"{name}: {one.aim}" for name, one in OBJECTIVES.items())
 
 _FIGURES = {
     name: {
-        argument.name.removeprefix("required_"): argument
+        key_of(argument.name): argument
         for argument in inspect.signature(one.make).parameters.values()
     }
     for name, one in OBJECTIVES.items()

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspless_pin.algorithms.batch_optimum import WarmStart
+from graspless_pin.algorithms.batch_programs import structure_of
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode
@@ -31,7 +32,7 @@ from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contac
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
-from graspless_pin.programs.objectives import Margin, Objective, structure_of
+from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 

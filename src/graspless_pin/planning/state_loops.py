@@ -13,12 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.batch_optimum import (
-    LoadSweep,
-    are_for,
-    optima_of_states,
-    state_optimum,
-)
+from graspless_pin.algorithms.batch_optimum import LoadSweep, optima_of_states, state_optimum
+from graspless_pin.algorithms.batch_programs import are_for
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search_state import closeness

@@ -2,8 +2,7 @@
 
 An objective says its columns, its blocks, its unit and its sense; everything else (searches,
 checks, proofs, multipliers, gradients) goes by the names of its blocks. See `docs/objectives.md`
-for one of your own. From an objective to its program leads `scaled_program`; what programs of the
-same structure share, for the batch, is `ProgramStructure`.
+for one of your own. From an objective to its program leads `scaled_program`.
 """
 
 from __future__ import annotations
@@ -11,32 +10,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import StrEnum
-from functools import lru_cache
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.compiled import core
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, real_number
-from graspless_pin.problem.cone_model import Section
-from graspless_pin.problem.scales import (
-    LEAST_DIFFERENCE,
-    LEAST_LEVER,
-    LEAST_LIMIT,
-    MOST_STRICT,
-)
+from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.forces import (
-    ForceCoordinates,
-    ForceLayout,
-    face_rows,
-    force_coordinates,
-    force_rows,
-    layout_of,
-    reach_of,
-)
+from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
 from graspless_pin.programs.program import FARTHEST, Columns, Program
 
 _LARGEST_UNCHECKED = 1e6
@@ -146,12 +128,16 @@ class Margin(Objective):
         return 0.0 if self.regularization == 0.0 else np.inf
 
 
+def key_of(figure: str) -> str:
+    """Return by which key a figure of an objective is asked for, and told of in messages."""
+    return figure.removeprefix("required_")
+
+
 def _check(objective: Objective, **figures: float) -> None:
     """Refuse figures that are not numbers from 0 on."""
     for name, value in figures.items():
         if type(value) is not float or not 0.0 <= value <= _LARGEST_UNCHECKED:
-            argument = name.removeprefix("required_")
-            object.__setattr__(objective, name, real_number(argument, value, 0.0))
+            object.__setattr__(objective, name, real_number(key_of(name), value, 0.0))
 
 
 class Side(NamedTuple):
@@ -276,10 +262,6 @@ class TorqueShare(Torque):
         return min(float(shares.max(initial=0.0)), 1.0) or 1.0
 
 
-PAPER_OBJECTIVES = (Margin, Torque, TorqueShare)
-"""Those that compiled loops assemble."""
-
-
 class ScaledProgram(NamedTuple):
     """A program with what turns its figures into the problem's.
 
@@ -313,90 +295,3 @@ def scaled_program(
     # Boxes of the paper's objectives follow from the limits; above a cutoff none has to hold.
     stated = objective.algorithm is None and objective.cutoff == np.inf
     return ScaledProgram(coordinates, builder.program(boxes_are_stated=stated), unit)
-
-
-@dataclass(frozen=True, eq=False)
-class ProgramStructure:
-    """What problems share whose contacts have the same cones and slide alike.
-
-    Attributes:
-        layout: Where the force coordinates stand.
-        face_count: Side faces of all cones.
-        reach: (2, n) see `reach_of`.
-        sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
-        friction: (M,) coefficients.
-        section: Of their cones, a regular one.
-    """
-
-    layout: ForceLayout
-    face_count: int
-    reach: FloatArray
-    sides: FloatArray
-    friction: FloatArray
-    section: Section
-
-    def has_rows_of(self, other: ProgramStructure) -> bool:
-        """Whether the programs of both have the same rows, whatever the coefficients of friction.
-
-        Then what is active in one may be in the other. It is told by content: which objects are
-        remembered depends on what was solved before.
-        """
-        own, others = self.layout, other.layout
-        return self is other or (
-            self.face_count == other.face_count
-            and own.size == others.size
-            and (own is others or own.cones.tobytes() == others.cones.tobytes())
-        )
-
-
-def structure_of(
-    problem: QuasistaticProblem, friction: FloatArray | None = None
-) -> ProgramStructure:
-    """Return what a problem with pyramids for cones shares with those like it: the same object.
-
-    Args:
-        problem: The problem.
-        friction: (M,) other coefficients, above zero where its are; None: its own.
-    """
-    rubbing = problem.friction if friction is None else friction
-    mask, sliding = problem.has_cone.tobytes(), problem.is_sliding.tobytes()
-    return _structure(mask, rubbing.tobytes(), sliding, problem.cone_section)
-
-
-@lru_cache(maxsize=256)
-def _structure(mask: bytes, friction: bytes, _sliding: bytes, section: Section) -> ProgramStructure:
-    layout = layout_of(mask)
-    cones = face_rows(layout, np.frombuffer(friction)[layout.cones], section)
-    n, normal = layout.size, layout.picks
-    parts = [cones.rows, normal, -normal[layout.without_cone]]
-    sides = np.ones((sum(map(len, parts)), n + 1), order="F")
-    sides[:, :-1] = np.concatenate(parts)
-    return ProgramStructure(
-        layout, len(cones.rows), reach_of(mask, friction), read_only(sides.T),
-        read_only(np.frombuffer(friction)), section,
-    )  # fmt: skip
-
-
-def shared_arguments(
-    structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
-) -> dict[str, Any]:
-    """Return what `compiled.core` takes for one of the paper's objectives."""
-    kinds = core.MARGIN, core.TORQUE, core.SHARE
-    return {
-        "kind": kinds[[type(objective) is kind for kind in PAPER_OBJECTIVES].index(True)],
-        "required": objective.required_margin,
-        "turns": [unit is JointUnit.TORQUE for unit in units],
-        "axes": structure.layout.axes,
-        "sides": structure.sides,
-        "face_count": structure.face_count,
-        "reach": structure.reach,
-        "has_cone": ~structure.layout.without_cone,
-        "friction": structure.friction,
-        "slopes": structure.friction * structure.section.distances[0],
-        "directions": structure.section.directions,
-        "least_lever": LEAST_LEVER,
-        "rounding": LEAST_DIFFERENCE,
-        "farthest": FARTHEST,
-        "least_limit": LEAST_LIMIT,
-        "most_strict": MOST_STRICT,
-    }

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.batch_optimum import LoadSweep, are_for
+from graspless_pin.algorithms.batch_optimum import LoadSweep
+from graspless_pin.algorithms.batch_programs import are_for
 from graspless_pin.algorithms.comparison import minimum_friction
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds

@@ -1,0 +1,155 @@
+"""The programs of compiled loops: which objectives and options they are for, and what they share.
+
+Loops assemble the paper's programs on their own, in `compiled/paper_programs.pxi`. What all states
+with the same contacts have in common is given to them once, as a `ProgramStructure`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.algorithms.options import Search, SolveOptions
+from graspless_pin.compiled import core
+from graspless_pin.modes.kinematics import THRESHOLD
+from graspless_pin.modes.rules import SlidingRule, StaticFriction
+from graspless_pin.modes.virtual_motions import CLEARLY, GUESSES, judged_by
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
+from graspless_pin.problem.cone_model import ConeModel, Section
+from graspless_pin.problem.scales import LEAST_DIFFERENCE, LEAST_LEVER, LEAST_LIMIT, MOST_STRICT
+from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT
+from graspless_pin.programs.forces import ForceLayout, face_rows, layout_of, reach_of
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
+from graspless_pin.programs.program import FARTHEST
+from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
+
+PAPER_OBJECTIVES = (Margin, Torque, TorqueShare)
+"""Those that compiled loops assemble, in the order of their kinds in `compiled.core`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramStructure:
+    """What problems share whose contacts have the same cones.
+
+    Attributes:
+        layout: Where the force coordinates stand.
+        face_count: Side faces of all cones.
+        reach: (2, n) see `reach_of`.
+        sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
+        friction: (M,) coefficients.
+        section: Of their cones, a regular one.
+    """
+
+    layout: ForceLayout
+    face_count: int
+    reach: FloatArray
+    sides: FloatArray
+    friction: FloatArray
+    section: Section
+
+    def has_rows_of(self, other: ProgramStructure) -> bool:
+        """Whether the programs of both have the same rows, whatever the coefficients of friction.
+
+        Then what is active in one may be in the other. It is told by content: which objects are
+        remembered depends on what was solved before.
+        """
+        own, others = self.layout, other.layout
+        return self is other or (
+            self.face_count == other.face_count
+            and own.size == others.size
+            and (own is others or own.cones.tobytes() == others.cones.tobytes())
+        )
+
+
+def structure_of(
+    problem: QuasistaticProblem, friction: FloatArray | None = None
+) -> ProgramStructure:
+    """Return what a problem with pyramids for cones shares with those like it: the same object.
+
+    Args:
+        problem: The problem.
+        friction: (M,) other coefficients, above zero where its are; None: its own.
+    """
+    rubbing = problem.friction if friction is None else friction
+    return _structure(problem.has_cone.tobytes(), rubbing.tobytes(), problem.cone_section)
+
+
+@lru_cache(maxsize=256)
+def _structure(mask: bytes, friction: bytes, section: Section) -> ProgramStructure:
+    layout = layout_of(mask)
+    cones = face_rows(layout, np.frombuffer(friction)[layout.cones], section)
+    n, normal = layout.size, layout.picks
+    parts = [cones.rows, normal, -normal[layout.without_cone]]
+    sides = np.ones((sum(map(len, parts)), n + 1), order="F")
+    sides[:, :-1] = np.concatenate(parts)
+    return ProgramStructure(
+        layout, len(cones.rows), reach_of(mask, friction), read_only(sides.T),
+        read_only(np.frombuffer(friction)), section,
+    )  # fmt: skip
+
+
+def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
+    """Whether loops may look for an optimum of which nothing is known."""
+    rules = options.rules
+    return not (
+        options.solver != ANY_SOLVER
+        or options.search is not Search.AUTO
+        or rules.static_friction is StaticFriction.COULOMB
+        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
+    )
+
+
+def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> bool:
+    """Return whether loops find what is asked for."""
+    return not (
+        core is None
+        or not cone.regular
+        or type(objective) not in PAPER_OBJECTIVES
+        or objective.regularization > 0.0
+        or options.strong
+        or options.rules.by_direction
+    )
+
+
+@lru_cache(maxsize=192)
+def loops_of(
+    kind: str, structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
+) -> Any:
+    """Return loops of some class of `compiled.core`, kept for problems like one.
+
+    Args:
+        kind: Name of the class.
+        structure: What the problems share.
+        objective: One of the paper's.
+        units: (L,) of the joints.
+    """
+    kinds = core.MARGIN, core.TORQUE, core.SHARE
+    return getattr(core, kind)(
+        kind=kinds[PAPER_OBJECTIVES.index(type(objective))],
+        required=objective.required_margin,
+        turns=[unit is JointUnit.TORQUE for unit in units],
+        axes=structure.layout.axes,
+        sides=structure.sides,
+        face_count=structure.face_count,
+        reach=structure.reach,
+        has_cone=~structure.layout.without_cone,
+        friction=structure.friction,
+        slopes=structure.friction * structure.section.distances[0],
+        directions=structure.section.directions,
+        least_lever=LEAST_LEVER,
+        rounding=LEAST_DIFFERENCE,
+        farthest=FARTHEST,
+        least_limit=LEAST_LIMIT,
+        most_strict=MOST_STRICT,
+        guesses=GUESSES,
+        judged_by=judged_by(CLEARLY * THRESHOLD),
+        damping=DAMPING,
+        corrections=CORRECTIONS,
+        exact=EXACT,
+        close=PRIMAL_TOLERANCE,
+        cutoff=objective.cutoff,
+    )
