@@ -11,7 +11,7 @@ import numpy as np
 from tabulate import tabulate
 
 from graspless_pin import Evaluator, QuasistaticProblem, Scene, load_scene
-from graspless_pin.algorithms.torque import maximize_margin
+from graspless_pin.algorithms.optimization import maximize_margin
 
 _SCENE = Path(__file__).parents[1] / "examples" / "panda_carry_bar.yaml"
 _LINK = "panda_hand"

@@ -21,6 +21,9 @@ from .algorithms.gradients import margin_sensitivity as margin_sensitivity
 from .algorithms.gradients import optimum_gradients as optimum_gradients
 from .algorithms.margin_torque_curve import MarginTorqueCurve as MarginTorqueCurve
 from .algorithms.margin_torque_curve import margin_torque_curve as margin_torque_curve
+from .algorithms.optimization import maximize_margin as maximize_margin
+from .algorithms.optimization import minimize_torque as minimize_torque
+from .algorithms.optimization import optimize as optimize
 from .algorithms.options import SolveOptions as SolveOptions
 from .algorithms.robust_solution import Coverage as Coverage
 from .algorithms.robust_solution import RobustSolution as RobustSolution
@@ -29,9 +32,6 @@ from .algorithms.robustness import robustness as robustness
 from .algorithms.tolerances import Tolerance as Tolerance
 from .algorithms.tolerances import Tolerances as Tolerances
 from .algorithms.tolerances import tolerances as tolerances
-from .algorithms.torque import maximize_margin as maximize_margin
-from .algorithms.torque import minimize_torque as minimize_torque
-from .algorithms.torque import optimize as optimize
 from .algorithms.uncertainty import Uncertainty as Uncertainty
 from .algorithms.uncertainty_gradients import UncertaintyGradients as UncertaintyGradients
 from .algorithms.uncertainty_gradients import uncertainty_gradients as uncertainty_gradients

@@ -12,9 +12,9 @@ from scenes import assert_holds  # pyright: ignore[reportMissingImports] - tests
 
 from graspless_pin import maximize_margin
 from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.named_objectives import torque_objective
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_search import WarmStart, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.active_set import active_set_of, solved_on

@@ -11,8 +11,8 @@ from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/cor
 from scenes import random_problem  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
+from graspless_pin.algorithms.named_objectives import torque_objective
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_search import WarmStart, reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.objectives import Margin

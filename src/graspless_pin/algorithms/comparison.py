@@ -14,10 +14,10 @@ from typing import Unpack
 import numpy as np
 
 from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.named_objectives import objective_named
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solution_of, solve_problem
-from graspless_pin.algorithms.torque import objective_named
 from graspless_pin.errors import OverrunError
 from graspless_pin.modes.kinematics import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction

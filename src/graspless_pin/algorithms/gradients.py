@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
+from graspless_pin.algorithms.optimization import maximize_margin
 from graspless_pin.algorithms.options import SolveKeywords
-from graspless_pin.algorithms.torque import maximize_margin
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only

@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
+from graspless_pin.algorithms.named_objectives import TorqueScale, torque_objective
 from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
-from graspless_pin.algorithms.torque import TorqueScale, torque_objective
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.kinematics import Requirement, mode_of, requirements_of, sign_pairs
 from graspless_pin.modes.rules import SlidingMode, StaticFriction, candidate_contacts

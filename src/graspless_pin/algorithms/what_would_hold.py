@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.algorithms.optimization import maximize_margin
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import bracket_limits
-from graspless_pin.algorithms.torque import maximize_margin
 from graspless_pin.holding.dynamics import with_joints_held
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import NODE_LIMIT, Stability, StabilityVerdict

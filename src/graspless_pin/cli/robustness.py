@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import Robustness, robustness
-from graspless_pin.algorithms.torque import AIMS
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.cli.solve import asking_by_name, solved_scene

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.tolerances import Tolerances
-from graspless_pin.algorithms.torque import AIMS
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.cli.solve import asking_by_name, solved_scene

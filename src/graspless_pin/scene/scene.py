@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.algorithms.named_objectives import objective_and_options, refuse_useless
 from graspless_pin.algorithms.options import SolveOptions, need_uncertainty
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.torque import objective_and_options, refuse_useless
 from graspless_pin.errors import (
     ArgumentError,
     GrasplessPinError,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from graspless_pin.algorithms.torque import useless
+from graspless_pin.algorithms.named_objectives import useless
 from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.yaml_text import texts_of

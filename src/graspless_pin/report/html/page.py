@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.algorithms.torque import OBJECTIVES
+from graspless_pin.algorithms.named_objectives import OBJECTIVES
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.holding.verdict import Holding, Stability
