@@ -21,7 +21,14 @@ from graspless_pin.algorithms.direction_search import search_directions
 from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import Search
-from graspless_pin.algorithms.search_state import SearchState, best_first, closeness, unsolved
+from graspless_pin.algorithms.search_state import (
+    Left,
+    SearchState,
+    Split,
+    best_first,
+    closeness,
+    unsolved,
+)
 from graspless_pin.errors import OverrunError, UndecidedMotionError
 from graspless_pin.modes.kinematics import feasible_modes
 from graspless_pin.modes.rules import SignRule
@@ -41,18 +48,17 @@ def branch_and_bound(state: SearchState) -> Status:
     tree = ModeTree(state.formulation, state.rules)
     every = ModePart.every_mode(state.formulation.problem, state.rules)
 
-    def expand(part: ModePart, before: float) -> tuple[float, list[ModePart] | None]:
+    def expand(part: ModePart, before: float) -> Left | Split[ModePart]:
         state.oracle.kinematic_programs += int(part.selected.any())
         if tree.exclusion(part) is not None:
-            return before, []
+            return Split(before, [])  # no mode is in it
         answer = state.solve(*tree.bounds(part))
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
-            return max(before, answer.bound), None
-        children = _children(state, tree, part, answer)
-        return (answer.bound if children is None else _level(before, answer.bound)), children
+            return Left(max(before, answer.bound))
+        return _split(state, tree, part, answer, before)
 
-    root = answer.bound, _children(state, tree, every, answer)
+    root = _split(state, tree, every, answer, -np.inf)
     status, state.cover = best_first(state, root, expand, state.closed)
     return status
 
@@ -89,41 +95,38 @@ def _guess(state: SearchState, answer: Answer) -> None:
         answer = guess
 
 
-def _children(
-    state: SearchState, tree: ModeTree, part: ModePart, answer: Answer
-) -> list[ModePart] | None:
-    """Keep the optimum of a part if a mode admits it; otherwise split the part.
-
-    None where nothing in the part is better than what was kept, or it cannot be split; no children
-    where it holds no mode.
-    """
+def _split(
+    state: SearchState, tree: ModeTree, part: ModePart, answer: Answer, before: float
+) -> Left | Split[ModePart]:
+    """Keep the optimum of a part if a mode admits it; otherwise split the part."""
+    left = Left(answer.bound)
     if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
-        return None
+        return left
     x = tree.within(part, answer.x)
     found = state.oracle.mode_for(x, state.near)
     state.modes_examined += 1
     if isinstance(found, FoundMode):
         if state.accept(answer, found):
-            return None
+            return left
         found = None
     elif state.modes_examined % _GUESS_EVERY == 1:
         _guess(state, answer)
         if state.closed(answer.bound):
-            return None
+            return left
     # What else the part knows of its modes may exclude them, where the friction alone does not.
     conflict = state.oracle.conflict_for(x, part) if found is None else found
     split = tree.split(part, x, conflict)
     if split is None:
         # It is one mode, which has a motion behind it, and the answer is its own program's.
         state.accept(answer, FoundMode(part.mode), x)
-        return None
+        return left
     children = split[1]
     if state.rules.sign is SignRule.EXACT:
         # Where a contact may slide along one tangent alone, contacts would be released in vain, one
         # after the other: those children that turn friction come first. The last one is visited
         # first.
         children = sorted(children, key=lambda child: -np.count_nonzero(child.released))
-    return children
+    return Split(_level(before, answer.bound), children)
 
 
 def search_exhaustively(state: SearchState) -> Status:

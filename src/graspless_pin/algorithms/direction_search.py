@@ -17,7 +17,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import NO_FRICTION
 from graspless_pin.algorithms.mode_oracle import FoundMode
-from graspless_pin.algorithms.search_state import SearchState, best_first, unsolved
+from graspless_pin.algorithms.search_state import Left, SearchState, Split, best_first, unsolved
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule
 from graspless_pin.modes.sectors import (
@@ -109,23 +109,16 @@ class _DirectionSearch:
     def run(self, answer: Answer) -> Status:
         """Search from the answer to the relaxation on."""
         every = _Node(dict.fromkeys(self.always), frozenset())
-        root = answer.bound, self._split(every, answer, answer.bound)
+        root = self._split(every, answer, answer.bound)
         return best_first(self.state, root, self._expand, self._closed)[0]
 
-    def _expand(self, node: _Node, before: float) -> tuple[float, list[_Node] | None]:
-        """Return what is proven of a node, and its children, as `best_first` asks for them."""
+    def _expand(self, node: _Node, before: float) -> Left | Split[_Node]:
+        """Leave or split a node, as `best_first` asks for."""
         if isinstance(self.motions.find(node.sectors), Exclusion):
-            return before, []
+            return Split(before, [])  # no motion slides so
         self.state.nodes += 1
         answer = self._solve(self._friction(node))
-        bound = max(before, answer.bound)
-        return bound, self._split(node, answer, bound)
-
-    def _split(self, node: _Node, answer: Answer, bound: float) -> list[_Node] | None:
-        """Return the children of a node; None where it is closed, or cannot be split."""
-        if answer.outcome is not Outcome.SOLVED or self._closed(bound):
-            return None
-        return self._children(node, answer)
+        return self._split(node, answer, max(before, answer.bound))
 
     def _closed(self, bound: float) -> bool:
         """Whether nothing at or above a bound beats the best answer by more than the gap."""
@@ -151,12 +144,13 @@ class _DirectionSearch:
             state.unproven_bound = min(state.unproven_bound, answer.bound)
         return answer
 
-    def _children(self, node: _Node, answer: Answer) -> list[_Node] | None:
+    def _split(self, node: _Node, answer: Answer, bound: float) -> Left | Split[_Node]:
         """Keep what the node's optimum leads to; split the node where it is not an answer.
 
-        None where nothing in the node is better than what was kept by more than the gap, or it
-        cannot be split.
+        It is left where nothing in it is better than what was kept by more than the gap.
         """
+        if answer.outcome is not Outcome.SOLVED or self._closed(bound):
+            return Left(bound)
         state = self.state
         state.modes_examined += 1
         rubbing = self._rubbing(answer.x)
@@ -171,18 +165,18 @@ class _DirectionSearch:
                 if motion is None or state.modes_examined % _GUESS_EVERY == 1:
                     self._guess(answer.x, rubbing)
                 if self._closed(answer.bound):
-                    return None
+                    return Left(bound)
                 if width < _NARROWEST_SECTOR:
                     state.unproven_bound = min(state.unproven_bound, answer.bound)
-                    return None
-                return self._resolving(node, sectors, exclusion, answer.x)
+                    return Left(bound)
+                return Split(bound, self._resolving(node, sectors, exclusion, answer.x))
         else:
             motion = found
         still = [one for one in self.always if one not in self.motions.directions(motion)]
         if still:
-            return self._moved(node, still[0])
+            return Split(bound, self._moved(node, still[0]))
         self._keep(self._without_traces(answer, rubbing), motion, rubbing)
-        return None
+        return Left(bound)
 
     def _rubbing(self, x: FloatArray) -> dict[int, float]:
         """Angles of the sliding that the friction in x opposes, where there is friction."""

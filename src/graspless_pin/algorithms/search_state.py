@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Generic, NamedTuple
 
 import numpy as np
 
@@ -177,10 +178,32 @@ def unsolved(answer: Answer, infeasible: Status) -> Status:
     return Status.UNVERIFIED if answer.outcome is Outcome.FAILED else infeasible
 
 
+class Left(NamedTuple):
+    """A node is left whole: nothing in it is better than what was kept, or it cannot be split.
+
+    Attributes:
+        bound: What is proven of it.
+    """
+
+    bound: float
+
+
+class Split(NamedTuple, Generic[Node]):
+    """A node is split.
+
+    Attributes:
+        bound: What is proven of all children.
+        children: Nodes that hold all that it does; none: it holds nothing.
+    """
+
+    bound: float
+    children: list[Node]
+
+
 def best_first(
     state: SearchState,
-    root: tuple[float, list[Node] | None],
-    expand: Callable[[Node, float], tuple[float, list[Node] | None]],
+    root: Left | Split[Node],
+    expand: Callable[[Node, float], Left | Split[Node]],
     closed: Callable[[float], bool],
 ) -> tuple[Status, tuple[Node, ...]]:
     """Search from the relaxation on, the node with the lowest bound first.
@@ -188,18 +211,16 @@ def best_first(
     Args:
         state: The search to run.
         root: What `expand` would return of the relaxation.
-        expand: Looks at a node with a proven bound: what is proven then, and its children; None
-            where it is left without being split.
+        expand: Looks at a node with a proven bound, and leaves or splits it.
         closed: Whether nothing at or above a bound is of interest.
 
     Returns:
         How it ended, and nodes that hold all there is and whose bounds were enough; none where a
         limit ended it.
     """
-    bound, children = root
-    search = TreeSearch(children or (), bound)
-    # The lowest bound of the nodes that were left without being split: no optimum lies below it.
-    left = bound if children is None else np.inf
+    search = TreeSearch[Node](() if isinstance(root, Left) else root.children, root.bound)
+    # The lowest bound of the nodes that were left: no optimum lies below it.
+    left = root.bound if isinstance(root, Left) else np.inf
     cover: list[Node] = []
     for before, node in search:
         state.raise_bound(min(before, left))
@@ -207,10 +228,11 @@ def best_first(
             return state.ended(), (*cover, node, *search.left())
         if state.limits.end(state.nodes):
             return state.ended(interrupted=True), ()
-        bound, children = expand(node, before)
-        if children is None:
-            left = min(left, bound)
+        outcome = expand(node, before)
+        if isinstance(outcome, Left):
+            left = min(left, outcome.bound)
             cover.append(node)
-        search.add(children or (), bound)
+        else:
+            search.add(outcome.children, outcome.bound)
     state.raise_bound(left)
     return state.ended(), tuple(cover)
