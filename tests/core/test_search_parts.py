@@ -218,7 +218,7 @@ def test_two_sets_of_forces_that_oppose_each_other_split_that_contact():
     every = ModePart.every_mode(two.problem, RULES)
     for contact, component in ((0, 1), (2, 0), (4, 1)):
         x = np.concatenate([found.x[:size], found.x[:size]])
-        column = one.formulation.coordinates.tangent[contact, component]
+        column = one.formulation.coordinates.tangent_columns[contact, component]
         x[[column, size + column]] = 0.01, -0.01
         assert oracle.mode_for(x) is None and oracle.conflict_for(x, every) is None
         split = tree.split(every, x, None)

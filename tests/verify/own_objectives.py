@@ -45,22 +45,22 @@ class Helped(Objective):
     def build(self, program: ProgramBuilder) -> None:
         forces = program.forces
         margin = self.required_margin / forces.coordinates.force_scale
-        weights = np.linspace(1.0, 1.5, len(forces.normal))
+        weights = np.linspace(1.0, 1.5, len(forces.normal_rows))
         help_ = program.columns(
             "help", 2, low=[-2.0, 0.0], high=np.inf, box=([-2.0, 0.0], [20.0, 20.0]),
             curvature=self.help_costs, unit=forces.coordinates.force_scale,
         )  # fmt: skip
         over = program.columns("overload", low=0.0, box=(0.0, 1e3), cost=1.0)
-        push = np.zeros((len(forces.balance), 2))
+        push = np.zeros((len(forces.balance_rows), 2))
         push[0, 0] = push[2, 1] = 1.0
         program.balance({help_: push})
         program.cones(margin, weights)
         program.normal_limits(margin, weights)
         first = np.array([0])
         program.rows(
-            "first", forces.torque[first], 0.1 + forces.gravity[first], {over: -1.0},
+            "first", forces.torque_rows[first], 0.1 + forces.gravity[first], {over: -1.0},
             low=np.array([-3.0]), unit=forces.coordinates.joint_scale[first],
-            shape=(len(forces.torque),), places=first,
+            shape=(len(forces.torque_rows),), places=first,
         )  # fmt: skip
         program.curve(self.regularization)
 
@@ -85,7 +85,10 @@ class LargestOf(Objective):
         program.torque_limits()
         scale = forces.coordinates.joint_scale
         for name, sign in (("up", 1.0), ("down", -1.0)):
-            torque, side = sign * scale[:, None] * forces.torque, -sign * scale * forces.gravity
+            torque, side = (
+                sign * scale[:, None] * forces.torque_rows,
+                -sign * scale * forces.gravity,
+            )
             program.rows(name, torque, side, {t: -1.0})
 
 
@@ -102,7 +105,7 @@ class LeastSideways(Objective):
         program.cones(0.0)
         program.normal_limits(0.0)
         program.torque_limits()
-        along = np.eye(forces.size)[forces.coordinates.tangent[:, 1]]
+        along = np.eye(forces.size)[forces.coordinates.tangent_columns[:, 1]]
         for name, sign in (("up", 1.0), ("down", -1.0)):
             program.rows(name, sign * along, np.zeros(len(along)), {largest: -1.0})
 

@@ -114,19 +114,19 @@ def _group(
     coordinates = replace(scale, directions=force_coordinates(problem).directions)
     forces = force_rows(problem, coordinates)
     cones, bare = forces.cones, np.flatnonzero(forces.without_cone)
-    rows = [cones.rows, forces.normal, -forces.normal[bare]]
-    level = [cones.margin, np.ones(len(forces.normal) + len(bare))]
+    rows = [cones.rows, forces.normal_rows, -forces.normal_rows[bare]]
+    level = [cones.margin, np.ones(len(forces.normal_rows) + len(bare))]
     sides = [np.zeros(len(cones.rows)), forces.limit, np.zeros(len(bare))]
     kept = np.arange(forces.size)
     if mode is not None:
-        columns, signs = coordinates.layout.friction, mode.signs[coordinates.layout.cones]
+        columns, signs = coordinates.layout.friction_columns, mode.signs[coordinates.layout.cones]
         opposed = columns[signs != 0]
         rows.append(signs[signs != 0][:, None] * np.eye(forces.size)[opposed])
         level.append(np.zeros(len(opposed)))
         sides.append(np.zeros(len(opposed)))
         kept = np.setdiff1d(kept, columns[signs == 0])
-    torque = forces.torque[:, kept] / member.factors[:, None]
-    effects = np.vstack([forces.balance[:, kept], shared @ torque])
+    torque = forces.torque_rows[:, kept] / member.factors[:, None]
+    effects = np.vstack([forces.balance_rows[:, kept], shared @ torque])
     inverse: FloatArray = np.asarray(np.linalg.pinv(effects, rcond=CANCELS), dtype=float)
     return Group(
         [], coordinates, kept, np.vstack(rows)[:, kept], np.concatenate(level),

@@ -82,7 +82,7 @@ def structure_of(
 def _structure(mask: bytes, friction: bytes, section: Section) -> ProgramStructure:
     layout = layout_of(mask)
     cones = face_rows(layout, np.frombuffer(friction)[layout.cones], section)
-    n, normal = layout.size, layout.picks
+    n, normal = layout.size, layout.normal_rows
     parts = [cones.rows, normal, -normal[layout.without_cone]]
     sides = np.ones((sum(map(len, parts)), n + 1), order="F")
     sides[:, :-1] = np.concatenate(parts)

@@ -217,7 +217,7 @@ class _DirectionSearch:
         A child presumes that the contacts before its own slide in their sectors, so that no two
         overlap.
         """
-        columns = self._formulation.coordinates.tangent
+        columns = self._formulation.coordinates.tangent_columns
         size = {
             contact: float(np.hypot(*x[columns[contact]])) if contact in self._cones else 0.0
             for contact in exclusion.touching
@@ -266,7 +266,7 @@ class _DirectionSearch:
         """Try the motion whose sliding opposes the friction in x best by least squares."""
         contacts = [*rubbing, *self.always]
         wanted = np.zeros((len(contacts), 2))
-        wanted[: len(rubbing)] = -x[self._formulation.coordinates.tangent[[*rubbing]]]
+        wanted[: len(rubbing)] = -x[self._formulation.coordinates.tangent_columns[[*rubbing]]]
         sliding, motion = self.motions.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is not None:
             self._try(motion, rubbing)
@@ -275,7 +275,7 @@ class _DirectionSearch:
         """Return an answer without friction too small to count, where that breaks no constraint."""
         x, program = answer.x.copy(), self._formulation.program
         for contact in set(self._cones) - rubbing.keys():
-            x[self._formulation.coordinates.tangent[contact]] = 0.0
+            x[self._formulation.coordinates.tangent_columns[contact]] = 0.0
         residual = program.residual(x)
         return answer.moved(x, answer.value, residual) if residual <= PRIMAL_TOLERANCE else answer
 

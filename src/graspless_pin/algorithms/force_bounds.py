@@ -147,8 +147,8 @@ class ForceExtremes:
         cones = self.problem.has_cone
         sure = np.where(proven, lower, -np.inf), np.where(proven, upper, np.inf)
         for end, bounds in zip((low, high), sure, strict=True):
-            end[self.coordinates.normal] = bounds[:, 0]
-            end[self.coordinates.tangent[cones]] = bounds[cones, 1:]
+            end[self.coordinates.normal_columns] = bounds[:, 0]
+            end[self.coordinates.tangent_columns[cones]] = bounds[cones, 1:]
         force = self.coordinates.force_scale
         gap = _SECTOR_GAP * force
 
@@ -193,7 +193,7 @@ class ForceExtremes:
     def _surfaces(self) -> list[_Surface]:
         """Return all that forces keep a distance from, but the normal-force limits."""
         rows, force = self.rows, self.coordinates.force_scale
-        flat = list(force * rows.normal[rows.without_cone])
+        flat = list(force * rows.normal_rows[rows.without_cone])
         if not rows.cones.second_order:
             return [_Surface(one) for one in [*(-force * rows.cones.rows), *flat]]
         width = 2.0 * np.pi / _CONE_SECTORS
@@ -212,8 +212,8 @@ class ForceExtremes:
         angle, half = sector
         mu = float(self.problem.friction[contact])
         distance = np.zeros(self.rows.size)
-        distance[self.coordinates.normal[contact]] = mu
-        distance[self.coordinates.tangent[contact]] = -np.array(
+        distance[self.coordinates.normal_columns[contact]] = mu
+        distance[self.coordinates.tangent_columns[contact]] = -np.array(
             [np.cos(angle), np.sin(angle)]
         ) / np.cos(half)
         return _Surface(
@@ -278,7 +278,9 @@ class ForceExtremes:
 
     def _has_rays(self) -> bool:
         """Whether the force set without modes is unbounded."""
-        answer = solve(self.rays.with_costs(-self.rows.normal.sum(axis=0)).program, self.solver)
+        answer = solve(
+            self.rays.with_costs(-self.rows.normal_rows.sum(axis=0)).program, self.solver
+        )
         return answer.outcome is not Outcome.SOLVED or answer.value < -_LEAST_RAY_GROWTH
 
     def _search(

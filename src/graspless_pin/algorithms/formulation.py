@@ -54,7 +54,7 @@ class Formulation:
     @property
     def cone_columns(self) -> NDArray[np.int_]:
         """(layers, number of cones, 2) columns of the friction at the contacts with a cone."""
-        columns = self.coordinates.layout.friction
+        columns = self.coordinates.layout.friction_columns
         if self.layers == (0,):
             return columns[None]
         return np.array(self.layers)[:, None, None] + columns
@@ -83,7 +83,7 @@ class Formulation:
         Returns:
             An answer of forces along t1 and t2, as any other.
         """
-        tangent = self.coordinates.tangent
+        tangent = self.coordinates.tangent_columns
         turned = _turned(self.program, [(tangent[one], way) for one, way in friction.items()])
         answer = solve(turned, solver, cutoff=min(cutoff, self.cutoff))
         if answer.outcome is not Outcome.SOLVED:

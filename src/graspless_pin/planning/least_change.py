@@ -42,17 +42,19 @@ class _LeastChange(Objective):
         )
         share = scale / np.where(limits > 0.0, limits, scale)
         rest = forces.gravity - np.array(self.torques) / scale
-        most = [share * (np.abs(forces.torque) @ box[1] + np.abs(rest)) for box in forces.boxes]
+        most = [
+            share * (np.abs(forces.torque_rows) @ box[1] + np.abs(rest)) for box in forces.boxes
+        ]
         changes = program.columns(
             "changes", len(share), curvature=1.0, box=(-most[0], most[0]),
             whole_box=(-most[-1], most[-1]),
         )  # fmt: skip
         is_change = {changes: -np.eye(len(share))}
-        program.equal("changes", share[:, None] * forces.torque, -share * rest, is_change)
+        program.equal("changes", share[:, None] * forces.torque_rows, -share * rest, is_change)
         # No change along the direction: the squeeze is as it is asked for.
         along = share**2 * np.array(self.direction) / scale
         along = along / np.linalg.norm(along)
-        program.equal("squeeze", (along @ forces.torque)[None], np.array([-along @ rest]))
+        program.equal("squeeze", (along @ forces.torque_rows)[None], np.array([-along @ rest]))
         program.balance()
         program.cones(0.0)
         program.normal_limits(0.0)

@@ -110,7 +110,7 @@ def _commands(members: Sequence[Member], earlier: EarlierForces) -> FloatArray |
     coordinates = force_coordinates(first)
     layout, kept = coordinates.layout, np.ones(coordinates.layout.size, dtype=bool)
     if mode is not None:
-        kept[layout.friction] = mode.signs[layout.cones] != 0
+        kept[layout.friction_columns] = mode.signs[layout.cones] != 0
     basis = coordinates.basis[:, kept]
     load = np.mean([one.problem.external_wrench for one in members], axis=0)
     balance = np.linalg.pinv(first.W @ basis, rcond=_CANCELS)

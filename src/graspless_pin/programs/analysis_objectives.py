@@ -93,8 +93,8 @@ class FreeRays(Objective):
         """Add the balance and the torques of nothing, and the cones."""
         forces = program.forces
         program.look_within(forces.cone_box(1.0))
-        program.equal("balance", forces.balance, np.zeros(len(forces.balance)))
-        program.equal("held", forces.torque, np.zeros(len(forces.torque)))
+        program.equal("balance", forces.balance_rows, np.zeros(len(forces.balance_rows)))
+        program.equal("held", forces.torque_rows, np.zeros(len(forces.torque_rows)))
         program.cones(0.0)
         program.bound_normals(0.0, 1.0)
 
@@ -117,11 +117,15 @@ class ForceBesideRay(Objective):
         self.base.build(program)
         forces, size = program.forces, program.forces.size
         low, high = np.full((2, size), [[-np.inf], [np.inf]])
-        low[forces.coordinates.normal], high[forces.coordinates.normal] = 0.0, 1.0
+        low[forces.coordinates.normal_columns], high[forces.coordinates.normal_columns] = 0.0, 1.0
         least, most = forces.cone_box(1.0)
         ray = program.columns("ray", size, low=low, high=high, box=(least, most))
-        program.equal("ray balance", None, np.zeros(len(forces.balance)), {ray: forces.balance})
-        program.equal("ray held", None, np.zeros(len(forces.torque)), {ray: forces.torque})
+        program.equal(
+            "ray balance", None, np.zeros(len(forces.balance_rows)), {ray: forces.balance_rows}
+        )
+        program.equal(
+            "ray held", None, np.zeros(len(forces.torque_rows)), {ray: forces.torque_rows}
+        )
         program.cones(0.0, name="ray cones", of=ray)
 
 
@@ -180,7 +184,7 @@ class Disturbance(Objective):
         largest = int(np.argmax(np.abs(push)))
         most = []
         for box in forces.boxes:
-            far = np.abs(forces.balance[largest]) @ np.abs(box).max(axis=0)
+            far = np.abs(forces.balance_rows[largest]) @ np.abs(box).max(axis=0)
             far += abs(forces.wrench[largest])
             most.append(float(far / abs(push[largest])) + 1.0)
         s = program.columns(
@@ -235,19 +239,21 @@ class Elastic(Objective):
         s = program.columns("relief", low=0.0, box=(0.0, most), cost=1.0)
         up, down = self._given(forces)
         program.cones(margin)
-        program.rows("torque_upper", forces.torque, forces.upper, {s: -up})
-        program.rows("torque_lower", -forces.torque, -forces.lower, {s: -down})
-        program.rows("normal_upper", forces.normal, forces.limit - margin, {s: -float(self.normal)})
+        program.rows("torque_upper", forces.torque_rows, forces.upper, {s: -up})
+        program.rows("torque_lower", -forces.torque_rows, -forces.lower, {s: -down})
+        program.rows(
+            "normal_upper", forces.normal_rows, forces.limit - margin, {s: -float(self.normal)}
+        )
         for name, sign in (("balance_upper", 1.0), ("balance_lower", -1.0)):
             program.rows(
-                name, sign * forces.balance, sign * forces.wrench, {s: -float(self.wrench)}
+                name, sign * forces.balance_rows, sign * forces.wrench, {s: -float(self.wrench)}
             )
         program.bound_normals(np.where(forces.without_cone, margin, -np.inf), np.inf)
 
     def _given(self, forces: ForceRows) -> tuple[FloatArray, FloatArray]:
         """(L,) by how much the upper and the lower torque limits give way."""
         coordinates = forces.coordinates
-        given = np.zeros(len(forces.torque))
+        given = np.zeros(len(forces.torque_rows))
         if self.joint == -1:
             given[:] = coordinates.torque_scale / coordinates.joint_scale
         elif self.joint is not None:
@@ -265,7 +271,7 @@ def _at_hand(forces: ForceRows, margin: float) -> float:
         2.0 + margin + float(np.abs(forces.boxes[-1]).sum() + np.abs(forces.wrench).sum())
     )
     most += float(np.abs(finite[np.isfinite(finite)]).max(initial=0.0))
-    return most + float(np.abs(forces.torque).sum())
+    return most + float(np.abs(forces.torque_rows).sum())
 
 
 def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
@@ -349,7 +355,7 @@ class InsideHalfSpaces(Objective):
         forces = program.forces
         unit, scale = forces.coordinates.force_scale, forces.coordinates.joint_scale
         size = np.linalg.norm(self.normals * scale, axis=1)
-        rows = (self.normals * scale / size[:, None]) @ forces.torque
+        rows = (self.normals * scale / size[:, None]) @ forces.torque_rows
         sides = (self.sides - self.normals @ forces.problem.gravity_torques) / size
         most = [np.abs(rows) @ np.abs(box).max(axis=0) + np.abs(sides) for box in forces.boxes]
         far = [float(one.max(initial=0.0)) + self.depth for one in most]

@@ -151,7 +151,7 @@ class ProgramBuilder:
         """Add W f + w_ext = 0 (19), with what added columns contribute: block ``balance``."""
         forces = self.forces
         unit = forces.coordinates.force_scale / forces.weight
-        self.equal("balance", forces.balance, forces.wrench, terms, unit=unit)
+        self.equal("balance", forces.balance_rows, forces.wrench, terms, unit=unit)
 
     def cones(
         self,
@@ -211,13 +211,13 @@ class ProgramBuilder:
         unit, without_cone = forces.coordinates.force_scale, np.flatnonzero(forces.without_cone)
         strict = forces.coordinates.strictness
         self.rows(
-            "normal_upper", forces.normal, forces.limit, {margin: level},
+            "normal_upper", forces.normal_rows, forces.limit, {margin: level},
             unit=unit, strict=None if strict is None else strict.normal,
         )  # fmt: skip
         own = level if weights is None else weights[without_cone]
         self.rows(
-            "normal_lower", -forces.normal[without_cone], 0.0, {margin: own},
-            unit=unit, shape=(len(forces.normal),), places=without_cone,
+            "normal_lower", -forces.normal_rows[without_cone], 0.0, {margin: own},
+            unit=unit, shape=(len(forces.normal_rows),), places=without_cone,
         )  # fmt: skip
 
     def bound_normals(self, low: ArrayLike, high: ArrayLike) -> None:
@@ -227,7 +227,7 @@ class ProgramBuilder:
             low: (M,) over F.
             high: (M,) over F.
         """
-        columns = self.forces.coordinates.normal
+        columns = self.forces.coordinates.normal_columns
         self._bounds[0][:, columns] = _ends((low, high), len(columns))
         unit = self.forces.coordinates.force_scale
         self._bounded.append(Block("normal", columns, unit, Sign.EITHER, (len(columns),)))
@@ -236,7 +236,7 @@ class ProgramBuilder:
         """Keep the motors' torques J^T f + g within their limits: block ``torque``."""
         forces, strict = self.forces, self.forces.coordinates.strictness
         self.rows(
-            "torque", forces.torque, forces.upper,
+            "torque", forces.torque_rows, forces.upper,
             low=forces.lower, unit=forces.coordinates.joint_scale,
             strict=None if strict is None else strict.torque,
         )  # fmt: skip
@@ -248,7 +248,7 @@ class ProgramBuilder:
             torque: (L,) torques that the contacts make, over the joint scale.
         """
         forces = self.forces
-        self.equal("held", forces.torque, torque, unit=forces.coordinates.joint_scale)
+        self.equal("held", forces.torque_rows, torque, unit=forces.coordinates.joint_scale)
 
     def curve(self, epsilon: float) -> None:
         """Add the regularisation (epsilon / 2) |f / F|^2 to the objective."""

@@ -36,29 +36,29 @@ class ForceLayout:
 
     Attributes:
         size: n.
-        normal: (M,) column of each contact's normal coordinate.
-        tangent: (M, 2) columns of t1 and t2; -1 where there is no cone.
+        normal_columns: (M,) column of each contact's normal coordinate.
+        tangent_columns: (M, 2) columns of t1 and t2; -1 where there is no cone.
         cones: (c,) indices of the contacts with a cone.
         cone_contacts: The same as plain integers.
-        friction: (c, 2) their columns of t1 and t2.
+        friction_columns: (c, 2) their columns of t1 and t2.
         without_cone: (M,) bool, contacts without one.
         owner: (n,) contact of each column.
         axes: (n,) index of each column's axis among the contacts' n, t1, t2, one after the other.
         places: (n, 3) places of each column's entries in the flat (3M, n) basis.
-        picks: (M, n) picks n^T f / F.
+        normal_rows: (M, n) with n^T f / F = normal_rows x.
     """
 
     size: int
-    normal: NDArray[np.int_]
-    tangent: NDArray[np.int_]
+    normal_columns: NDArray[np.int_]
+    tangent_columns: NDArray[np.int_]
     cones: NDArray[np.int_]
     cone_contacts: tuple[int, ...]
-    friction: NDArray[np.int_]
+    friction_columns: NDArray[np.int_]
     without_cone: NDArray[np.bool_]
     owner: NDArray[np.int_]
     axes: NDArray[np.int_]
     places: NDArray[np.int_]
-    picks: FloatArray
+    normal_rows: FloatArray
 
 
 @lru_cache(maxsize=_LAYOUTS_KEPT)
@@ -75,20 +75,21 @@ def layout_of(mask: bytes) -> ForceLayout:
     cones = np.flatnonzero(has_cone)
     owner = np.repeat(np.arange(len(widths)), widths)
     places = (3 * owner[:, None] + _FRAME) * size + np.arange(size)[:, None]
-    picks = np.zeros((len(widths), size))
-    picks[np.arange(len(widths)), normal] = 1.0
+    rows = np.zeros((len(widths), size))
+    rows[np.arange(len(widths)), normal] = 1.0
     arrays = {
-        "normal": normal,
-        "tangent": np.where(has_cone[:, None], normal[:, None] + _FRAME[1:], -1),
+        "normal_columns": normal,
+        "tangent_columns": np.where(has_cone[:, None], normal[:, None] + _FRAME[1:], -1),
         "cones": cones,
-        "friction": normal[cones, None] + _FRAME[1:],
+        "friction_columns": normal[cones, None] + _FRAME[1:],
         "without_cone": ~has_cone,
         "owner": owner,
         "axes": 3 * owner + np.arange(size) - normal[owner],
         "places": places,
+        "normal_rows": rows,
     }
     arrays = {name: read_only(array) for name, array in arrays.items()}
-    return ForceLayout(size, cone_contacts=tuple(cones.tolist()), picks=read_only(picks), **arrays)
+    return ForceLayout(size, cone_contacts=tuple(cones.tolist()), **arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ def face_rows(layout: ForceLayout, friction: FloatArray, section: Section) -> Co
     """
     cones, edges = layout.cones, len(section.corners)
     faces = np.zeros((len(cones), edges, layout.size))
-    columns = layout.normal[cones, None] + _FRAME
+    columns = layout.normal_columns[cones, None] + _FRAME
     faces[np.arange(len(cones))[:, None], :, columns] = section.faces(friction)
     rows = np.asfortranarray(faces.reshape(-1, layout.size))
     return _rows("faces", rows, np.ones(len(rows)), layout, edges)
@@ -141,7 +142,7 @@ def round_cones(layout: ForceLayout, friction: FloatArray) -> ConeRows:
     """
     cones = layout.cones
     rows = np.zeros((len(cones), 3, layout.size))
-    columns = layout.normal[cones, None] + _FRAME
+    columns = layout.normal_columns[cones, None] + _FRAME
     rows[np.arange(len(cones))[:, None], _FRAME, columns] = 1.0
     rows[:, 0] *= friction[:, None]
     margin = np.zeros((len(cones), 3))
@@ -161,7 +162,7 @@ def _rows(
 ) -> ConeRows:
     """Return the rows of a model that has as many for each cone."""
     places = (layout.cones[:, None] * each + np.arange(each)).ravel()
-    owner, shape = np.repeat(layout.cones, each), (len(layout.normal), each)
+    owner, shape = np.repeat(layout.cones, each), (len(layout.normal_columns), each)
     return ConeRows(name, second_order, read_only(rows), read_only(margin), owner, shape, places)
 
 
@@ -191,10 +192,10 @@ def reach_of(mask: bytes, friction: bytes) -> FloatArray:
         friction: Bytes of its `friction`.
     """
     layout = layout_of(mask)
-    coefficients, tangent = np.frombuffer(friction)[layout.cones, None], layout.friction
+    coefficients, columns = np.frombuffer(friction)[layout.cones, None], layout.friction_columns
     reach = np.zeros((2, layout.size))
-    reach[1, layout.normal] = 1.0
-    reach[1, tangent], reach[0, tangent] = coefficients, -coefficients
+    reach[1, layout.normal_columns] = 1.0
+    reach[1, columns], reach[0, columns] = coefficients, -coefficients
     return read_only(reach)
 
 
@@ -228,19 +229,19 @@ class ForceCoordinates:
     def basis(self) -> FloatArray:
         """(3M, n) with f = F basis x."""
         layout = self.layout
-        basis = np.zeros((3 * len(layout.normal), layout.size))
+        basis = np.zeros((3 * len(layout.normal_columns), layout.size))
         basis.put(layout.places, self.directions.reshape(-1, 3)[layout.axes])
         return read_only(basis)
 
     @property
-    def normal(self) -> NDArray[np.int_]:
+    def normal_columns(self) -> NDArray[np.int_]:
         """(M,) column of each contact's normal coordinate."""
-        return self.layout.normal
+        return self.layout.normal_columns
 
     @property
-    def tangent(self) -> NDArray[np.int_]:
+    def tangent_columns(self) -> NDArray[np.int_]:
         """(M, 2) columns of t1 and t2; -1 where there is no cone."""
-        return self.layout.tangent
+        return self.layout.tangent_columns
 
     def curvature(self, epsilon: float) -> FloatArray:
         """Return the (n,) diagonal of the quadratic term (epsilon / 2) |f / F|^2."""
@@ -296,10 +297,10 @@ class ForceRows:
         cones: Rows of the friction cones.
         reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
         limit: (M,) f_n,max / F.
-        balance: (P, n) W f / F, moment rows over the length scale.
+        balance_rows: (P, n) W f / F, moment rows over the length scale.
         wrench: (P,) right-hand side of the balance (19).
         weight: (P,) scale of each balance row: 1, or 1 over the length scale.
-        torque: (L, n) J^T f / joint scale (18).
+        torque_rows: (L, n) J^T f / joint scale (18).
         lower: (L,) lower torque limits less gravity, over the joint scale.
         upper: (L,) upper torque limits less gravity, over the joint scale.
         gravity: (L,) g / joint scale.
@@ -312,10 +313,10 @@ class ForceRows:
     cones: ConeRows
     reach: FloatArray
     limit: FloatArray
-    balance: FloatArray
+    balance_rows: FloatArray
     wrench: FloatArray
     weight: FloatArray
-    torque: FloatArray
+    torque_rows: FloatArray
     lower: FloatArray
     upper: FloatArray
     gravity: FloatArray
@@ -327,9 +328,9 @@ class ForceRows:
         return self.coordinates.layout.size
 
     @property
-    def normal(self) -> FloatArray:
-        """(M, n) picks n^T f / F."""
-        return self.coordinates.layout.picks
+    def normal_rows(self) -> FloatArray:
+        """(M, n) n^T f / F."""
+        return self.coordinates.layout.normal_rows
 
     @property
     def without_cone(self) -> NDArray[np.bool_]:
@@ -360,10 +361,10 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
         cones=cone_rows(problem.cone_model, mask, friction, problem.cone_edges),
         reach=reach,
         limit=limit,
-        balance=(effects[:, :passive] * weight).T,
+        balance_rows=(effects[:, :passive] * weight).T,
         wrench=-weight * problem.external_wrench / force,
         weight=weight,
-        torque=(effects[:, passive:] * (force / joints)).T,
+        torque_rows=(effects[:, passive:] * (force / joints)).T,
         lower=(problem.lower_torque - problem.gravity_torques) / joints,
         upper=(problem.upper_torque - problem.gravity_torques) / joints,
         gravity=problem.gravity_torques / joints,
@@ -378,7 +379,7 @@ def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Floa
     if len(layout.cones) < len(local):
         without_cone = layout.without_cone
         kinetic = problem.kinetic_directions[without_cone, None] @ problem.frames[without_cone]
-        effects[layout.normal[without_cone]] = (kinetic @ local[without_cone])[:, 0]
+        effects[layout.normal_columns[without_cone]] = (kinetic @ local[without_cone])[:, 0]
     return effects
 
 

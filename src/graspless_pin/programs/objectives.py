@@ -159,10 +159,10 @@ class Side(NamedTuple):
 def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
     """Add t, the largest of all torques or shares: blocks ``share_upper``, ``share_lower``."""
     forces = program.forces
-    scale, count = forces.coordinates.joint_scale, len(forces.torque)
+    scale, count = forces.coordinates.joint_scale, len(forces.torque_rows)
     highest = []
     for box in forces.boxes:
-        most = (np.abs(forces.torque) @ box[1] + np.abs(forces.gravity)) * scale
+        most = (np.abs(forces.torque_rows) @ box[1] + np.abs(forces.gravity)) * scale
         levels = [most[joints] / (unit * level) for _, joints, unit, level in sides]
         highest.append(float(np.concatenate(levels).max(initial=0.0)) + 1.0)
     t = program.columns(
@@ -174,7 +174,7 @@ def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
         factor = sign * scale[joints] / unit
         program.rows(
             name,
-            factor[:, None] * forces.torque[joints],
+            factor[:, None] * forces.torque_rows[joints],
             -factor * forces.gravity[joints],
             {t: -level},
             unit=unit,

@@ -70,7 +70,7 @@ def objective_data(solution: TorqueSolution) -> dict[str, Any]:
     cost, curvature = unit * program.c[size:] / scale, unit * program.P[size:] / scale**2
     bent = np.zeros(3 * count)
     bent[coordinates.layout.axes] = unit * program.P[:size] / force**2
-    normal = force * np.array([program.lb, program.ub])[:, coordinates.normal]
+    normal = force * np.array([program.lb, program.ub])[:, coordinates.normal_columns]
     faces = blocks["faces"]
     margins = faces.spread(-faces.unit * program.sides[1][faces.at])[:, 0] + 0.0
     kept = {name: terms(blocks[name]) for name in KEPT if name in blocks}
@@ -342,12 +342,12 @@ class StatedObjective(Objective):
         )  # fmt: skip
         if "normal_upper" in kept:
             upper = terms(own.normal_upper)
-            program.rows("normal_upper", forces.normal, forces.limit, upper, unit=force)
+            program.rows("normal_upper", forces.normal_rows, forces.limit, upper, unit=force)
         if "normal_lower" in kept:
             without_cone = np.flatnonzero(forces.without_cone)
             program.rows(
-                "normal_lower", -forces.normal[without_cone], 0.0,
-                terms(own.normal_lower[without_cone]), unit=force, shape=(len(forces.normal),),
+                "normal_lower", -forces.normal_rows[without_cone], 0.0,
+                terms(own.normal_lower[without_cone]), unit=force, shape=(len(forces.normal_rows),),
                 places=without_cone,
             )  # fmt: skip
         if "torque" in kept:
@@ -355,7 +355,8 @@ class StatedObjective(Objective):
         if np.isfinite(own.normal_range).any():
             program.bound_normals(*(own.normal_range / force))
         rows, first = own.rows, 0
-        flat, axes = rows.forces.reshape(-1, 3 * len(forces.normal)), forces.coordinates.layout.axes
+        flat = rows.forces.reshape(-1, 3 * len(forces.normal_rows))
+        axes = forces.coordinates.layout.axes
         if np.delete(flat, axes, axis=1).any():
             raise ValueError("a row of the objective has friction where there is no cone")
         for name, sign, shape in rows.blocks:
@@ -376,7 +377,7 @@ class StatedObjective(Objective):
             )  # fmt: skip
         # Forces have no costs of their own but those of a regularisation.
         curved = own.force_curvature[0, 0] * force**2 / own.unit
-        normal = forces.coordinates.normal[0]
+        normal = forces.coordinates.normal_columns[0]
         program.curve(float(curved / forces.coordinates.curvature(1.0)[normal]))
 
     def _columns(self, program: ProgramBuilder) -> Columns:
