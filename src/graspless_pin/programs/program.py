@@ -204,10 +204,20 @@ class Program:
         """
         if lb is self.lb and ub is self.ub:
             return self
-        if "worst" not in self.__dict__:
-            _ = self.is_linear, self.rows, self._sparse, self.sides, self.pattern, self.worst
-            _ = self.is_far, self.farthest, self.highest, self.has_rows_in_range
-        return changed(self, "reach", lb=lb, ub=ub, worst=min(self.worst, cutoff))
+        worst = min(self.worst, cutoff)
+        return changed(self, "reach", **self._shared, lb=lb, ub=ub, worst=worst)
+
+    @cached_property
+    def _shared(self) -> dict[str, Any]:
+        """What is derived once for all programs that differ in bounds alone.
+
+        Whether a limit is too far away is told by the bounds of the first.
+        """
+        names = (
+            "rows", "_sparse", "sides", "pattern", "is_linear", "is_far", "farthest", "highest",
+            "has_rows_in_range",
+        )  # fmt: skip
+        return {name: getattr(self, name) for name in names}
 
     @cached_property
     def farthest(self) -> float:
