@@ -196,8 +196,8 @@ def test_an_answer_says_that_held_joints_need_not_have_its_torques(ball: Scene) 
     }
     remark = "Joints hold their positions, with whatever torques that takes: those below balance "
     assert remark in said["position"] and remark not in said["torque"]
-    assert "At worst, held joints leave a margin of " in said["position"]
-    assert "At worst, these torques leave a margin of " in said["torque"]
+    assert "Held joints enforce that margin, " in said["position"]
+    assert "These torques enforce that margin, " in said["torque"]
     held = ball.with_changes(controller="position")
     for case in (case_of_scene(held, solution), case_of_scene(ball, solution)):
         assert (remark in report_html(case)) is (case.scene is held)

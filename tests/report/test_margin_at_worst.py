@@ -12,6 +12,7 @@ from graspless_pin import Scene, Status, TorqueSolution, contact_force_bounds, l
 from graspless_pin.report import scene_solution_text
 
 ROOT = Path(__file__).resolve().parents[2]
+SMALL = "These torques do not enforce that margin: it may be as small as"
 RULE = "over all admissible contact forces."
 BEYOND = (
     "over all admissible contact forces: a contact may be pressed so far beyond max_normal_force."
@@ -24,6 +25,9 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
     if case == "walls":
         scene = load_scene(ROOT / "examples" / "box_between_walls.yaml")
         return scene, scene.solve()
+    if case == "edge":
+        scene = load_scene(ROOT / "examples" / "trihand_pivot_box.yaml")
+        return scene, scene.solve()
     scene = load_scene(ALLEGRO)
     if case == "weak":
         scene = scene.with_changes(max_normal_force=WEAK)
@@ -33,23 +37,24 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
 @pytest.mark.parametrize(
     ("case", "status", "said"),
     [
-        ("corners", Status.OPTIMAL, f"At worst, these torques leave a margin of # N, {RULE}"),
-        ("weak", Status.OPTIMAL, f"At worst, these torques leave a margin of -# N, {BEYOND}"),
+        ("edge", Status.OPTIMAL, f"These torques enforce that margin, {RULE}"),
+        ("corners", Status.OPTIMAL, f"{SMALL} # N, {RULE}"),
+        ("weak", Status.OPTIMAL, f"{SMALL} -# N, {BEYOND}"),
         (
             "corners",
             Status.LIMIT_REACHED,
-            f"At worst, these torques leave a margin of # N or less (not proven), {RULE}",
+            f"{SMALL} # N or smaller (not proven), {RULE}",
         ),
         (
             "walls",
             Status.OPTIMAL,
-            "At worst, these torques leave no margin: contact forces are unbounded (jamming is "
+            "These torques do not enforce any margin: contact forces are unbounded (jamming is "
             "possible).",
         ),
         (
             "corners",
             Status.NOT_FOUND_IN_LIMIT,
-            "The margin that these torques leave at worst was not found in time.",
+            "Whether these torques enforce that margin was not found in time.",
         ),
     ],
 )
@@ -61,9 +66,7 @@ def test_each_outcome_has_a_sentence_that_the_page_explains(case, status, said):
     page = (ROOT / "docs" / "margin.md").read_text(encoding="utf-8")
     explained = re.sub(r"\d+(\.\d+)?", "#", " ".join(page.split()))
     words = (
-        said.removeprefix("At worst, these torques leave ")
-        .removesuffix(f", {RULE}")
-        .removesuffix(f", {BEYOND}")
+        said.removeprefix("These torques ").removesuffix(f", {RULE}").removesuffix(f", {BEYOND}")
     )
     assert words.removesuffix(".") in explained
 

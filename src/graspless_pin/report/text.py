@@ -20,6 +20,9 @@ from graspless_pin.solution.tables import COLUMNS, counted, figure, headed
 if TYPE_CHECKING:
     from graspless_pin.scene.robust_answer import RobustAnswer
 
+_SAME_MARGIN = 1e-6
+"""Of the load: margins closer than this count as one."""
+
 
 def scene_solution_text(
     scene: Scene,
@@ -84,7 +87,7 @@ def _serious(solution: TorqueSolution) -> str:
 def _remarks(
     scene: Scene, solution: TorqueSolution, bounds: ContactForceBounds | None
 ) -> list[str]:
-    """Return the margin at worst, and what limits margin and torques."""
+    """Return whether the margin is enforced, and what limits margin and torques."""
     held = scene.controller.holds_joints
     words = [
         TORQUES_OF_HELD_JOINTS if held and solution.problem.joint_count else "",
@@ -96,17 +99,23 @@ def _remarks(
 
 
 def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held: bool) -> str:
-    who = "held joints" if held else "these torques"
+    who = "Held joints" if held else "These torques"
     if not bounds.found:
-        return f"The margin that {who} leave at worst was not found in time."
+        return f"Whether {who.lower()} enforce that margin was not found in time."
     if bounds.smallest_margin == -inf:
         why = "contact forces are unbounded (jamming is possible)"
-        return f"At worst, {who} leave no margin: {why}."
-    least = figure(bounds.smallest_margin, solution.problem.scales.force)
-    unproven = "" if bounds.status is Status.OPTIMAL else " or less (not proven)"
+        return f"{who} do not enforce any margin: {why}."
+    load, is_proven = solution.problem.scales.force, bounds.status is Status.OPTIMAL
+    if is_proven and bounds.smallest_margin >= solution.margin - _SAME_MARGIN * load:
+        return f"{who} enforce that margin, {bounds.covers}."
+    least = figure(bounds.smallest_margin, load)
+    unproven = "" if is_proven else " or smaller (not proven)"
     beyond = ": a contact may be pressed so far beyond max_normal_force"
     pressed = beyond if least.startswith("-") else ""
-    return f"At worst, {who} leave a margin of {least} N{unproven}, {bounds.covers}{pressed}."
+    return (
+        f"{who} do not enforce that margin: it may be as small as {least} N{unproven}, "
+        f"{bounds.covers}{pressed}."
+    )
 
 
 def _touching(scene: Scene) -> list[str]:
