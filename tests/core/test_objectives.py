@@ -101,6 +101,7 @@ def test_a_weighted_margin_is_the_largest_over_all_modes(page, index):
     assert solution.status is Status.OPTIMAL
     assert solution.value == pytest.approx(best, abs=1e-6)
     assert solution.certificate.bound == pytest.approx(best, abs=1e-6)
+    assert f", value = {solution.value:g} N\n" in str(solution)
     even = optimize(problem, page["WeightedMargin"]((1.0,) * problem.contact_count))
     assert even.value == pytest.approx(maximize_margin(problem).margin, abs=1e-7)
     assert solution.value < even.value - 1e-3

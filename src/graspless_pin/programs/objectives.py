@@ -48,12 +48,14 @@ class Objective(ABC):
         required_margin: Margin that the forces keep, N.
         regularization: The epsilon of (epsilon / 2) |f / F|^2 in the program.
         by_limits: Whether torques count as shares of the joints' limits.
+        unit_text: The unit of its value as it is printed, such as ``N``; empty: it is not told.
     """
 
     name: str
     maximizes: bool = False
     algorithm: ClassVar[Algorithm | None] = None
     by_limits: ClassVar[bool] = False
+    unit_text: ClassVar[str] = ""
     required_margin: float = 0.0
     regularization: float = 0.0
 

@@ -370,17 +370,18 @@ class TorqueSolution:
             "torque": f"Algorithm 2, smallest torque {margin}",
         }.get(self.algorithm or "", f"largest margin {name}" if of_margin else f"{name} {margin}")
         size = torque_size(self.problem, self.torques)
+        value = "" if self.algorithm or of_margin else f", value = {self.value:g}"
         return (
             f"{headed(what, self.status.message)}\n"
             f"margin e = {figure(self.margin, self.problem.scales.force)} N, max |torque| = "
             f"{figure(self.max_torque, size)} {self.max_torque_unit}"
-            f"{'' if self.algorithm or of_margin else f', value = {self.value:g}'}"
+            f"{value} {self.objective.unit_text if value else ''}".rstrip()
         )
 
     def _certificate_text(self) -> str:
         unit, size = "N", self.problem.scales.force
         if self.algorithm is None and not self.objective.of_margin:
-            unit, size = "of its own unit", 1.0
+            unit, size = self.objective.unit_text or "of its own unit", 1.0
         elif self.found and self.objective.by_limits:
             unit, size = "of the limit", 1.0
         elif self.found and self.algorithm is Algorithm.TORQUE:
