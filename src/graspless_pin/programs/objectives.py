@@ -159,7 +159,10 @@ class Side(NamedTuple):
 
 
 def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
-    """Add t, the largest of all torques or shares: blocks ``share_upper``, ``share_lower``."""
+    """Add t, the largest of all torques or shares: blocks ``share_upper``, ``share_lower``.
+
+    They are called so whether torques or shares are compared: documents have them as keys.
+    """
     forces = program.forces
     scale, count = forces.coordinates.joint_scale, len(forces.torque_rows)
     highest = []
