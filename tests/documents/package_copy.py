@@ -34,24 +34,27 @@ def inserted(file: Path, line: str, before: str) -> None:
     file.write_text(f"{text[:at]}{line.rstrip()}\n{text[at:]}", encoding="utf-8")
 
 
-def followed(folder: Path, word: str, module: Path, listed: Path, beside: str) -> Path:
+def followed(
+    folder: Path, word: str, module: Path, listed: Path, beside: str, text: str | None = None
+) -> Path:
     """Copy the package, add the module of a walk-through, and change the list as it says.
 
     Args:
         folder: Where to.
         word: What stands in the blocks of the walk-through, and is added to the list.
         module: Where its first block is written.
-        listed: The module with the list: its second block has an import, and how the list begins.
+        listed: The module with the list: its next block has an import, and how the list begins.
         beside: How the import begins before which the new one goes.
+        text: What is written instead of its first block; then that is the next one.
     """
     copied(folder)
     blocks = walkthrough(word)
-    (folder / module).write_text(blocks[0], encoding="utf-8")
-    line, names = blocks[1].splitlines()
+    (folder / module).write_text(text or blocks.pop(0), encoding="utf-8")
+    line, names = blocks[0].splitlines()
     ((name, first),) = re.findall(r"(\w+) = \.\.\. (\(.*?, )\w", names)
-    text = (folder / listed).read_text(encoding="utf-8")
-    at = text.index("(", text.index(f"\n{name}:"))
-    (folder / listed).write_text(f"{text[:at]}{first}{text[at + 1 :]}", encoding="utf-8")
+    code = (folder / listed).read_text(encoding="utf-8")
+    at = code.index("(", code.index(f"\n{name}:"))
+    (folder / listed).write_text(f"{code[:at]}{first}{code[at + 1 :]}", encoding="utf-8")
     inserted(folder / listed, line, beside)
     return folder
 

@@ -10,22 +10,18 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry.bodies.collision import (
-    BodyShapes,
-    CollisionBody,
-    PlacedBodies,
-    Polytope,
-)
+from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.polytopes import Polytope
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact import finding
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
-from graspless_pin.geometry.contact.convex_sets import convex_set
 from graspless_pin.geometry.contact.distances import near_pairs, separation
 from graspless_pin.geometry.contact.finding import (
     ContactLimits,
     contact_arrays,
     near_and_closed_form,
 )
+from graspless_pin.geometry.contact.patches import convex_set
 from graspless_pin.geometry.poses import pose_matrix
 
 LIMITS = ContactLimits(1e-3, 5e-3, 1e-3, 8)

@@ -5,10 +5,12 @@ from itertools import combinations_with_replacement
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
+from ellipsoid import Ellipsoid
 from hand_tools import random_pose
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.shapes import SHAPES as SHAPES_OF_SCENES
 from graspless_pin.geometry.contact.curvature import (
     Velocities,
     face_along,
@@ -27,9 +29,16 @@ SHAPES = {
     "cylinder": coal.Cylinder(0.03, 0.07),
     "cone": coal.Cone(0.03, 0.07),
     "plane": coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
+    "ellipsoid": coal.Ellipsoid(0.06, 0.05, 0.04),
 }
 
-ROUNDED = {"sphere", "capsule", "plane"}
+ROUNDED = {"sphere", "capsule", "plane", "ellipsoid"}
+
+
+@pytest.fixture(autouse=True)
+def _ellipsoids(monkeypatch):
+    """A kind of surface that the package does not have."""
+    monkeypatch.setitem(SHAPES_OF_SCENES, Ellipsoid.kind, Ellipsoid)
 
 
 def placed(name, T):

@@ -25,7 +25,6 @@ from graspless_pin.algorithms.gradients import (
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.geometry.bodies.shapes import Sphere
-from graspless_pin.geometry.contact.convex_sets import Revolved
 from graspless_pin.geometry.contact.distances import bounded_set
 from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 from graspless_pin.geometry.hand.joint_columns import JointColumns
@@ -243,7 +242,7 @@ def _radius(hand: Hand, columns: JointColumns, contact: ContactPoint) -> float:
         near = -float(np.linalg.norm(tip - contact.position))
         if near > reach + _RADIUS_ERROR:
             reach = near
-            radius = solid.swept_radius if isinstance(solid, Revolved) else 0.0
+            radius = solid.swept_radius
     return radius
 
 

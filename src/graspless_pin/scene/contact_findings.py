@@ -13,7 +13,8 @@ from itertools import chain
 import numpy as np
 
 from graspless_pin.findings import Finding, FindingCode
-from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.convex_sets import PARALLEL_ANGLE
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.curvature import normal_jumps
 from graspless_pin.geometry.contact.distances import (

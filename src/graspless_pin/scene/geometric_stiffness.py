@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.convex_sets import FLAT
 from graspless_pin.geometry.contact.curvature import (
-    FLAT,
     Rolling,
     has_mesh,
     is_surface_of,

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.collision import hull_of, qhull
+from graspless_pin.geometry.bodies.polytopes import hull_of, qhull
 from graspless_pin.problem.checks import FloatArray, read_only
 
 if TYPE_CHECKING:

@@ -26,7 +26,9 @@ from pydantic import Field, GetPydanticSchema, create_model
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.geometry.bodies.convex_sets import ConvexSet
 from graspless_pin.geometry.bodies.meshes import MOST_FACES, Triangles
+from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.intake.fields import METRES, Entry, FilePath, Finite, Length
 from graspless_pin.problem.checks import FloatArray, read_only
 
@@ -39,6 +41,9 @@ ShapeFile = Annotated[Path, GetPydanticSchema(lambda _, handler: handler(FilePat
 _LISTED = Annotated[list[tuple[Finite, Finite, Finite]], Field(min_length=4, max_length=10_000)]
 Points = Annotated[FloatArray, GetPydanticSchema(lambda _, handler: handler(_LISTED))]
 """(V, 3) that are not all in one plane: a list of lists in the scene file."""
+
+_HALVES = {"size": "halfSide", "length": "halfLength"}
+"""Of the lengths of these names coal has the half."""
 
 _RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
 _THINNEST = 1e-6
@@ -90,7 +95,8 @@ class Shape(ABC):
     Attributes:
         kind: The ``type`` of the shape in scene files.
         rolls: Whether it can roll on a plane.
-        coal_type: The coal geometry that is made for this shape alone, if there is one.
+        coal_type: The coal geometry that stands for shapes of this class, if there is one: such a
+            class has `set_of`, too.
     """
 
     kind: ClassVar[str]
@@ -120,6 +126,26 @@ class Shape(ABC):
         return (
             self.coal_type(*np.hstack([getattr(self, key) for key in self.lengths()]).tolist()),
         )
+
+    @classmethod
+    def of_coal(cls, geometry: Any) -> Self:
+        """Return the shape of a coal geometry, one of `coal_type`.
+
+        As long as nothing else is said here, its lengths have the names that coal has for them.
+        """
+        return cls(
+            *(
+                2.0 * np.array(getattr(geometry, _HALVES[key]))
+                if key in _HALVES
+                else getattr(geometry, key)
+                for key in cls.lengths()
+            )
+        )
+
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """Return the set that a coal geometry fills, one of `coal_type`: contacts are found so."""
+        raise NotImplementedError(f"{cls.__name__} has a coal_type and needs 'set_of', too")
 
     def placements(self) -> FloatArray | None:
         """Return (K, 4, 4) poses of its convex pieces in its frame; None: all are in that frame."""
@@ -253,6 +279,7 @@ class Hull(Polyhedron):
     """
 
     kind = "hull"
+    coal_type = coal.ConvexBase
     points: Annotated[
         Points, Field(description="[m] its corners, in its frame; points inside do no harm")
     ]
@@ -260,6 +287,16 @@ class Hull(Polyhedron):
     def __post_init__(self) -> None:
         """Take the points as they are."""
         object.__setattr__(self, "points", np.asarray(self.points))
+
+    @classmethod
+    def of_coal(cls, geometry: Any) -> Self:
+        """See `Shape.of_coal`."""
+        return cls(np.array(geometry.points()))
+
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """See `Shape.set_of`."""
+        return hull_of(np.array(geometry.points(), dtype=float))
 
     def vertices(self) -> FloatArray:
         """Return the points."""

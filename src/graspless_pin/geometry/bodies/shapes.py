@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -15,6 +14,7 @@ from pydantic import Field
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, capture, emit
+from graspless_pin.geometry.bodies.convex_sets import ConvexSet, Plane, Revolved
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
@@ -36,6 +36,7 @@ from graspless_pin.geometry.bodies.meshes import (
     scaled_mesh,
     unit_surface,
 )
+from graspless_pin.geometry.bodies.polytopes import box_of
 from graspless_pin.geometry.bodies.shape import (
     Filling,
     Hull,
@@ -73,6 +74,11 @@ class Box(Shape):
     coal_type = coal.Box
     size: Annotated[Lengths, Field(description="[m] full edge lengths along x, y, z")]
 
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """See `Shape.set_of`."""
+        return box_of(np.array(geometry.halfSide, dtype=float))
+
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
         return Filling.symmetric(math.prod(self.size), np.square(self.size) / 12.0)
@@ -100,6 +106,11 @@ class Sphere(Shape):
     rolls = True
     coal_type = coal.Sphere
     radius: Annotated[Length, Field(description="[m] from the origin of its frame")]
+
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """See `Shape.set_of`."""
+        return Revolved(0.0, 0.0, 0.0, geometry.radius)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
@@ -135,6 +146,11 @@ class Cylinder(Shape):
         Length, Field(description="[m] full height, half of it on each side of the origin")
     ]
 
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """See `Shape.set_of`."""
+        return Revolved(geometry.radius, geometry.radius, geometry.halfLength)
+
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
         return Filling.symmetric(
@@ -169,6 +185,11 @@ class Capsule(Shape):
     coal_type = coal.Capsule
     radius: Annotated[Length, Field(description="[m] of the cylinder and of its round ends")]
     length: Annotated[Length, Field(description="[m] of the cylinder, without its ends")]
+
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """See `Shape.set_of`."""
+        return Revolved(0.0, 0.0, geometry.halfLength, geometry.radius)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
@@ -208,6 +229,11 @@ class Cone(Shape):
     length: Annotated[
         Length, Field(description="[m] from the base to the tip, the origin in its middle")
     ]
+
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """See `Shape.set_of`."""
+        return Revolved(geometry.radius, 0.0, geometry.halfLength)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
@@ -346,6 +372,11 @@ class HalfSpace(Shape):
         """Make the coal geometry."""
         return (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),)
 
+    @classmethod
+    def set_of(cls, geometry: Any) -> ConvexSet:
+        """See `Shape.set_of`."""
+        return Plane(np.array(geometry.n, dtype=float), float(geometry.d))
+
     def filling(self) -> Filling:
         """Refuse: it encloses no volume."""
         raise ArgumentError("shape", "a half-space has no mass; use a bounded shape")
@@ -368,12 +399,6 @@ SHAPES: dict[str, type[Shape]] = {
 A `compound.Compound` is made of them.
 """
 
-_OF_COAL: dict[str, Callable[[Any], Any]] = {
-    "size": lambda box: 2.0 * np.array(box.halfSide),
-    "radius": lambda ball: ball.radius,
-    "length": lambda axial: 2.0 * axial.halfLength,
-}
-
 
 def shape_of(geometry: Any) -> Shape:
     """Return the shape of a coal geometry, a primitive or a convex hull.
@@ -383,14 +408,17 @@ def shape_of(geometry: Any) -> Shape:
     Raises:
         ArgumentError: It is neither a primitive nor a convex hull.
     """
-    for kind in SHAPES.values():
-        if isinstance(geometry, kind.coal_type):
-            return kind(*(_OF_COAL[key](geometry) for key in kind.lengths()))
-    if isinstance(geometry, coal.ConvexBase):
-        return Hull(np.array(geometry.points()))
-    raise ArgumentError(
-        "geometry", f"needs a bounded primitive or a convex hull, got {type(geometry).__name__}"
-    )
+    kind = kind_of(geometry)
+    if kind is None:
+        raise ArgumentError(
+            "geometry", f"needs a bounded primitive or a convex hull, got {type(geometry).__name__}"
+        )
+    return kind.of_coal(geometry)
+
+
+def kind_of(geometry: Any) -> type[Shape] | None:
+    """Return which class of `SHAPES` a coal geometry stands for, if any."""
+    return next((kind for kind in SHAPES.values() if isinstance(geometry, kind.coal_type)), None)
 
 
 @lru_cache(maxsize=32)

@@ -27,30 +27,23 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.collision import (
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.convex_sets import (
+    AT_BORDER,
+    FLAT,
     PARALLEL_ANGLE,
-    CollisionBody,
-    PlacedBodies,
-    Polytope,
-)
-from graspless_pin.geometry.contact.contact_points import ContactArrays
-from graspless_pin.geometry.contact.convex_sets import (
-    Patch,
     Plane,
-    Revolved,
-    find_patch,
-    is_hull,
-    placed_set,
+    foot_on_segment,
 )
+from graspless_pin.geometry.bodies.polytopes import Polytope, is_hull
+from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.distances import solids_of
+from graspless_pin.geometry.contact.patches import Patch, find_patch, placed_set
 from graspless_pin.geometry.contact.polygons import plane_basis
 from graspless_pin.problem.checks import FloatArray
 
-FLAT = 1e6
-"""Radius of curvature of what is flat, m."""
 FITTED_RADIUS = 2e-3
 """A surface is fitted to the vertices of a hull at least so far from the contact, m."""
-_AT_BORDER = 1e-6
 _EDGES_AROUND = 2.0
 """A surface is fitted at least so many edges far around."""
 _SAME_SURFACE = math.tan(math.radians(15.0))
@@ -116,12 +109,8 @@ def radii_of_curvature(
     piece = min(pieces, key=lambda one: _distance(one, point, outward))
     solid, R, t = placed_set(piece)
     local = (point - t) @ R, outward @ R, R.T @ tangents
-    if isinstance(solid, Plane):
-        return FLAT * np.eye(2)
-    if isinstance(solid, Revolved):
-        return _of_revolved(solid, *local)
     smooth = _of_fitted_surface(solid, *local) if fitted and is_hull(solid) else None
-    return _of_polytope(solid, *local) if smooth is None else smooth
+    return solid.radii_of_curvature(*local) if smooth is None else smooth
 
 
 def is_surface_of(
@@ -153,47 +142,6 @@ def _distance(piece: CollisionBody, point: FloatArray, outward: FloatArray) -> f
     return max(abs(below), float(solid.faces_at(local)[1].max()))
 
 
-def _of_revolved(
-    solid: Revolved, point: FloatArray, outward: FloatArray, tangents: FloatArray
-) -> FloatArray:
-    """Return the radii of two discs' hull, and those of the sphere that sweeps it."""
-    swept = solid.swept_radius * np.eye(2)
-    across = math.hypot(outward[0], outward[1])
-    feature = solid.feature(outward)
-    if across <= PARALLEL_ANGLE:
-        disc = solid.top_radius if outward[2] > 0.0 else solid.bottom_radius
-        at_rim = math.hypot(point[0], point[1]) > disc - _AT_BORDER
-        return swept if at_rim else swept + FLAT * np.eye(2)
-    azimuth = np.array([-outward[1], outward[0], 0.0]) / across @ tangents
-    disc = math.hypot(point[0], point[1]) - solid.swept_radius * across
-    radii = max(disc, 0.0) / across * np.outer(azimuth, azimuth)
-    if len(feature) == 2:
-        line = feature[1] - feature[0]
-        radii = radii + _along_edge(feature[0], feature[1], point) * _outer(line @ tangents)
-    return radii + swept
-
-
-def _of_polytope(
-    solid: Polytope, point: FloatArray, outward: FloatArray, tangents: FloatArray
-) -> FloatArray:
-    """Return the radii of a face, edge or corner: `FLAT` along what is flat, else zero."""
-    corners = solid.farthest(outward)
-    if len(corners) == 1:
-        return np.zeros((2, 2))
-    if len(corners) == 2:
-        first, second = solid.vertices[list(corners)]
-        return _along_edge(first, second, point) * _outer((second - first) @ tangents)
-    # A point on the border of a face may be where a corner or an edge of it rests.
-    inside = set(corners)
-    for first in corners:
-        for second, _ in solid.edges[first]:
-            if first < second and second in inside:
-                ends = solid.vertices[first], solid.vertices[second]
-                if np.linalg.norm(_foot_on_segment(point, *ends) - point) < _AT_BORDER:
-                    return _along_edge(*ends, point) * _outer((ends[1] - ends[0]) @ tangents)
-    return FLAT * np.eye(2)
-
-
 def _of_fitted_surface(
     solid: Polytope, point: FloatArray, outward: FloatArray, tangents: FloatArray
 ) -> FloatArray | None:
@@ -205,7 +153,7 @@ def _of_fitted_surface(
     reach = max(FITTED_RADIUS, _EDGES_AROUND * float(np.mean(around)) if around else 0.0)
     u, depth = arms @ tangents, -arms @ outward
     beside = np.hypot(u[:, 0], u[:, 1])
-    kept = (beside <= reach) & (depth <= _SAME_SURFACE * beside + _AT_BORDER)
+    kept = (beside <= reach) & (depth <= _SAME_SURFACE * beside + AT_BORDER)
     if int(kept.sum()) < _LEAST_VERTICES:
         return None
     x, y = (u[kept] / reach).T
@@ -216,23 +164,6 @@ def _of_fitted_surface(
     a, b, c = found[:3] / reach**2
     values, axes = np.linalg.eigh([[a, b], [b, c]])
     return axes / np.maximum(values, 1.0 / FLAT) @ axes.T
-
-
-def _outer(direction: FloatArray) -> FloatArray:
-    return np.outer(direction, direction) / float(direction @ direction)
-
-
-def _along_edge(first: FloatArray, second: FloatArray, point: FloatArray) -> float:
-    """Return the radius along an edge at a point of it: `FLAT`, and zero at its ends."""
-    away = min(float(np.linalg.norm(point - first)), float(np.linalg.norm(point - second)))
-    return 0.0 if away < _AT_BORDER else FLAT
-
-
-def _foot_on_segment(point: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the point (3,) of a segment that is nearest to a point, m."""
-    line = second - first
-    share = float(np.clip((point - first) @ line / (line @ line), 0.0, 1.0))
-    return first + share * line
 
 
 def normal_jumps(
@@ -279,7 +210,7 @@ def _nearest_face(
         T = bodies.poses[row]
         local, direction = T[:3, :3].T @ (point - T[:3, 3]), T[:3, :3].T @ outward
         one = sets[row]
-        if isinstance(one, Revolved):
+        if one.is_curved:
             if (np.abs(local - one.center) <= one.half_extents + 2.0 * near).all():
                 return 0.0
             continue
@@ -342,10 +273,11 @@ def _of_pieces(one: CollisionBody, other: CollisionBody) -> Patch:
     else:
         found = find_patch(one, other, math.inf, math.inf)
     assert found is not None  # noqa: S101 - no gap is too wide
-    curved = any(
-        isinstance(one, Revolved) and one.half_extents[0] > one.swept_radius for one in sets
+    is_rough = any(
+        not isinstance(one, Plane) and one.is_curved and one.half_extents[0] > one.swept_radius
+        for one in sets
     )
-    return _settled(one, other, found) if curved and len(found.gaps) == 1 else found
+    return _settled(one, other, found) if is_rough and len(found.gaps) == 1 else found
 
 
 def _settled(one: CollisionBody, other: CollisionBody, patch: Patch) -> Patch:
@@ -385,8 +317,8 @@ def _farthest(body: CollisionBody, direction: FloatArray) -> FloatArray:
 def _nearest_of(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the nearest points of two points, or of a point and a segment."""
     if len(first) > 1:
-        return _foot_on_segment(second[0], *first), second[0]
-    return first[0], second[0] if len(second) == 1 else _foot_on_segment(first[0], *second)
+        return foot_on_segment(second[0], *first), second[0]
+    return first[0], second[0] if len(second) == 1 else foot_on_segment(first[0], *second)
 
 
 def face_along(
@@ -410,14 +342,7 @@ def face_along(
     best, found = -1.0, (along, 0.0)
     for piece in pieces:
         solid, T = placed_set(piece)[0], np.linalg.inv(T_world_body) @ piece.T_world_geometry
-        if isinstance(solid, Plane):
-            normals, offsets = solid.normal[None], np.array([solid.offset])
-        elif isinstance(solid, Polytope):
-            normals, offsets = solid.face_normals, solid.face_offsets
-        else:
-            normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-            wide = np.array([solid.top_radius, solid.bottom_radius]) > 0.0
-            normals, offsets = normals[wide], solid.support_values(normals)[wide]
+        normals, offsets = solid.flat_faces()
         for normal, offset in zip(normals @ T[:3, :3].T, offsets, strict=True):
             if normal @ along > best:
                 best, found = float(normal @ along), (normal, float(offset + normal @ T[:3, 3]))

@@ -19,20 +19,13 @@ from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.contact.convex_sets import (
-    DISTANCE_REQUEST,
-    ConvexSet,
-    Plane,
-    Polytope,
-    Revolved,
-    convex_set,
-)
+from graspless_pin.geometry.bodies.convex_sets import BoundedSet, ConvexSet, Plane
+from graspless_pin.geometry.bodies.polytopes import Polytope
+from graspless_pin.geometry.contact.patches import DISTANCE_REQUEST, convex_set
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
 from graspless_pin.geometry.poses import rigid, transformed
 from graspless_pin.problem.checks import FloatArray
-
-_ENDLESS = 1e12  # m; finite, as zero times infinity is not a number
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +61,14 @@ class Solids:
         planes = [
             [*one.normal, one.offset] if isinstance(one, Plane) else [0.0] * 4 for one in self.sets
         ]
-        kind_of = {Plane: core.PLANE, Revolved: core.OTHER}
         kinds = [
-            core.BALL
-            if isinstance(one, Revolved) and one.is_sphere
-            else kind_of.get(type(one), core.POLYTOPE)
+            core.PLANE
+            if isinstance(one, Plane)
+            else core.POLYTOPE
+            if isinstance(one, Polytope)
+            else core.BALL
+            if one.is_sphere
+            else core.OTHER
             for one in self.sets
         ]
         return core.ConvexSets(
@@ -99,26 +95,21 @@ def solids_of(shapes: BodyShapes) -> Solids:
         convex_set(name, geometry)
         for name, geometry in zip(shapes.names, shapes.geometries, strict=True)
     )
-    centers, halves = np.zeros((len(sets), 3)), np.full((len(sets), 3), _ENDLESS)
-    reaches = np.full(len(sets), _ENDLESS)
-    for index, one in enumerate(sets):
-        if not isinstance(one, Plane):
-            centers[index], halves[index], reaches[index] = one.center, one.half_extents, one.radius
     return Solids(
         shapes.names,
         sets,
-        tuple(map(_rank, shapes.names, shapes.geometries, sets)),
-        centers,
-        halves,
-        reaches,
+        tuple(
+            (_rank(one), -one.radius, type(geometry).__name__, name)
+            for name, geometry, one in zip(shapes.names, shapes.geometries, sets, strict=True)
+        ),
+        np.array([one.center for one in sets]).reshape(-1, 3),
+        np.array([one.half_extents for one in sets]).reshape(-1, 3),
+        np.array([one.radius for one in sets]),
     )
 
 
-def _rank(name: str, geometry: Any, solid: ConvexSet) -> tuple[int, float, str, str]:
-    kind = type(geometry).__name__
-    if isinstance(solid, Plane):
-        return 0, 0.0, kind, name
-    return (1 if isinstance(solid, Polytope) else 2), -solid.radius, kind, name
+def _rank(solid: ConvexSet) -> int:
+    return 0 if isinstance(solid, Plane) else 2 if solid.is_curved else 1
 
 
 def near_pairs(
@@ -250,7 +241,7 @@ def nearest_separation(
     return min(pairs, key=lambda found: found.distance)
 
 
-def bounded_set(item: LinkGeometry) -> Polytope | Revolved:
+def bounded_set(item: LinkGeometry) -> BoundedSet:
     """Return the set that a link's shape fills, in the shape's own frame.
 
     Raises:

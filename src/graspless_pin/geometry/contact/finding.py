@@ -10,11 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies, Polytope
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.convex_sets import Plane
+from graspless_pin.geometry.bodies.polytopes import Polytope
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
-from graspless_pin.geometry.contact.convex_sets import Plane, find_patch
 from graspless_pin.geometry.contact.distances import near_pairs, solids_of
 from graspless_pin.geometry.contact.merging import Touch, is_on_both, merge_touches, on_surfaces
+from graspless_pin.geometry.contact.patches import find_patch
 from graspless_pin.geometry.contact.polygons import corner_groups, group_means, hull_order
 from graspless_pin.problem.checks import FloatArray
 

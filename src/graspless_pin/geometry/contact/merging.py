@@ -13,19 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.geometry.bodies.collision import PARALLEL_ANGLE, CollisionBody
-from graspless_pin.geometry.contact.convex_sets import (
-    ConvexSet,
-    Plane,
-    Polytope,
-    Revolved,
-    is_hull,
-    placed_set,
-)
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.convex_sets import PARALLEL_ANGLE, SAME_SURFACE, Plane
+from graspless_pin.geometry.bodies.polytopes import is_hull
+from graspless_pin.geometry.contact.patches import placed_set
 from graspless_pin.geometry.contact.polygons import hull_order
 from graspless_pin.problem.checks import FloatArray
 
-_SAME_SURFACE = 1e-4  # m: how far pieces of one body may be off where they meet
 _COS_FLAT = math.cos(math.radians(45.0))  # what is steeper is a step or groove, not a seam
 _INTO_COSINE = -0.1  # cosine below which a direction goes into a surface
 _STEP_SHARE = 0.1  # part of a piece's size by which it passes another's face where they make a step
@@ -122,7 +116,7 @@ def on_surfaces(
     sides = []
     for piece, way in ((touch.other_piece, inward), (touch.object_piece, -inward)):
         solid, R, t = placed_set(piece)
-        if isinstance(solid, Polytope) and is_hull(solid):
+        if is_hull(solid):
             sides.append(solid.heights_from((points - t) @ R, way @ R))
         else:
             sides.append(-half)
@@ -176,32 +170,18 @@ def _covers(
     local, direction = (point - t) @ R, outward @ R
     normals, heights = solid.faces_at(local)
     highest = float(heights.max())
-    if highest > _SAME_SURFACE:
+    if highest > SAME_SURFACE:
         return False
-    if highest < -_SAME_SURFACE:
+    if highest < -SAME_SURFACE:
         return True
-    here = normals[heights >= -_SAME_SURFACE]
+    here = normals[heights >= -SAME_SURFACE]
     leanings = here @ direction
     k = int(leanings.argmax())
     if leanings[k] < _INTO_COSINE:
         return True
-    if not _rises(solid, local, direction):
+    if not solid.rises(local, direction):
         return False
     return leanings[k] >= _COS_FLAT or not _passes(own, point, R @ here[k])
-
-
-def _rises(solid: ConvexSet, point: FloatArray, direction: FloatArray) -> bool:
-    """Return whether a set has points higher along a direction than a point of its surface."""
-    match solid:
-        case Plane(normal=normal):
-            return bool(normal @ direction < math.cos(PARALLEL_ANGLE))
-        case Polytope(vertices=vertices):
-            arms = vertices - point
-            lengths = np.linalg.norm(arms, axis=1)
-            return bool((arms @ direction > _SAME_SURFACE + PARALLEL_ANGLE * lengths).any())
-        case Revolved(radius=radius):
-            rise = float(solid.support_values(direction[None])[0] - direction @ point)
-            return rise > _SAME_SURFACE + PARALLEL_ANGLE * 2.0 * radius
 
 
 def _passes(piece: CollisionBody, point: FloatArray, normal: FloatArray) -> bool:
@@ -231,7 +211,7 @@ def _in_plane(touch: Touch, seed: Touch) -> bool:
     if touch.into_object @ seed.into_object < math.cos(2.0 * PARALLEL_ANGLE):
         return False
     arms = touch.points - seed.points.mean(axis=0)
-    reach = _SAME_SURFACE + 2.0 * PARALLEL_ANGLE * float(np.linalg.norm(arms, axis=1).max())
+    reach = SAME_SURFACE + 2.0 * PARALLEL_ANGLE * float(np.linalg.norm(arms, axis=1).max())
     return bool((np.abs(arms @ seed.normal) <= reach).all())
 
 
@@ -286,7 +266,7 @@ def _leads_to(touch: Touch, nearer: Touch, pieces: Sequence[CollisionBody], side
     start = touch.points[0] + side * touch.gaps[0] * touch.into_object
     end = nearer.points[k] + side * nearer.gaps[k] * nearer.into_object
     return all(
-        any(_height(piece, start + share * (end - start)) <= _SAME_SURFACE for piece in pieces)
+        any(_height(piece, start + share * (end - start)) <= SAME_SURFACE for piece in pieces)
         for share in _SHARES
     )
 

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
-from graspless_pin.geometry.contact.convex_sets import Revolved
 from graspless_pin.geometry.contact.distances import LinkDistances, bounded_set, nearest_separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
@@ -111,8 +110,7 @@ def _farthest(
     solid = bounded_set(item)
     T = T_world_joint @ item.T_joint_geometry
     touch = T[:3, :3] @ solid.feature(T[:3, :3].T @ normal).mean(axis=0) + T[:3, 3]
-    swept = solid.swept_radius if isinstance(solid, Revolved) else 0.0
-    return touch, touch - swept * normal
+    return touch, touch - solid.swept_radius * normal
 
 
 _UNLIMITED = np.pi  # rad or m to each side of where it stands that a joint without limits is tried

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies, hull_of
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.geometry.bodies.shapes import Capsule, MeshShape
 from graspless_pin.geometry.contact.distances import (
     box_centers,

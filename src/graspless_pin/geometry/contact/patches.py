@@ -1,30 +1,18 @@
-"""Convex sets by their support functions, faces and edges, and where two of them touch.
+"""Where two convex bodies touch: in the polygon that they share, at a gap of either sign or none.
 
-coal finds the nearest points of two bodies reliably, but its support polygons depend on the order
-of the shapes and collapse at zero gap. Here every geometry is one of three sets whose touching
-part in a given direction is known in closed form:
-
-- `Plane`: a half-space;
-- `Polytope`: a box or a convex hull;
-- `Revolved`: a sphere, capsule, cylinder or cone, that is, the hull of two coaxial discs, swept by
-  a sphere.
-
-All coordinates are those of the geometry's own frame, in metres.
-
-Two bodies touch in the polygon that they share, at a gap of either sign and at none. coal's nearest
-points tell where two bodies are close. Direction and points are then found from the bodies' own
-faces, edges and corners: the signed distance of convex bodies is the largest gap that any direction
-leaves between them, so among coal's normal and the normals of the faces at hand the one with the
-largest gap is right. Along it, the face, edge or corner of each body that lies farthest is
-projected onto the contact plane, and their common part is where they touch. A half-space, and a
-sphere on a face, need no coal.
+coal's nearest points tell where two bodies are close. Direction and points are then found from the
+bodies' own faces, edges and corners (`convex_sets`): the signed distance of convex bodies is the
+largest gap that any direction leaves between them, so among coal's normal and the normals of the
+faces at hand the one with the largest gap is right. Along it, the face, edge or corner of each body
+that lies farthest is projected onto the contact plane, and their common part is where they touch. A
+half-space, and a sphere on a face, need no coal.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from typing import Any, NamedTuple
 
 import coal  # pyright: ignore[reportMissingImports]
@@ -32,14 +20,10 @@ import numpy as np
 
 from graspless_pin.caching import Derived
 from graspless_pin.errors import MeshError, SceneError
-from graspless_pin.geometry.bodies.collision import (
-    PARALLEL_ANGLE,
-    CollisionBody,
-    Cuboid,
-    Polytope,
-    box_of,
-    hull_of,
-)
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.convex_sets import BoundedSet, ConvexSet, Plane
+from graspless_pin.geometry.bodies.polytopes import Polytope, is_hull
+from graspless_pin.geometry.bodies.shapes import kind_of
 from graspless_pin.geometry.contact.polygons import (
     Polygon,
     hull_order,
@@ -52,152 +36,16 @@ from graspless_pin.geometry.contact.polygons import (
 from graspless_pin.geometry.poses import unit_vector
 from graspless_pin.problem.checks import FloatArray
 
-RIM_POINTS = 8
-"""A rim stands for the inscribed regular polygon of so many points, the first on the x axis."""
-
 DISTANCE_REQUEST: Any = coal.DistanceRequest()
 """With coal's default of 1e-6, one pair in hundreds comes out inside out at a micrometre of gap."""
 DISTANCE_REQUEST.gjk_tolerance = DISTANCE_REQUEST.epa_tolerance = 1e-9
 
-_NEAR_FACE = 1e-3  # a face within 1 mm of the nearest point may be the touching one
-_RIM = np.array(
-    [
-        [math.cos(2.0 * math.pi * k / RIM_POINTS), math.sin(2.0 * math.pi * k / RIM_POINTS), 0.0]
-        for k in range(RIM_POINTS)
-    ]
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """The half-space normal . x <= offset.
-
-    Attributes:
-        normal: (3,) outward unit normal.
-        offset: Distance of the plane from the origin along the normal, m.
-    """
-
-    normal: FloatArray
-    offset: float
-
-    def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (1, 3) of the faces and a point's (3,) heights (1,) over them, m."""
-        return self.normal[None], np.array([self.normal @ point - self.offset])
-
-
-@dataclass(frozen=True, eq=False)
-class Revolved:
-    """The hull of two discs about the z axis, swept by a sphere.
-
-    Attributes:
-        bottom_radius: Radius of the disc at z = -half_length, m.
-        top_radius: Radius of the disc at z = +half_length, m.
-        half_length: Half the distance of the discs, m.
-        swept_radius: Radius of the sweeping sphere, m.
-    """
-
-    bottom_radius: float
-    top_radius: float
-    half_length: float
-    swept_radius: float
-
-    constant_normals = None
-
-    @cached_property
-    def center(self) -> FloatArray:
-        """(3,) centre of a sphere around the set, and of the box around it along its axes."""
-        return np.zeros(3)
-
-    @cached_property
-    def radius(self) -> float:
-        """Radius of that sphere, m."""
-        disc = max(self.bottom_radius, self.top_radius)
-        return math.hypot(disc, self.half_length) + self.swept_radius
-
-    @cached_property
-    def half_extents(self) -> FloatArray:
-        """(3,) half the edge lengths of that box, m."""
-        disc = max(self.bottom_radius, self.top_radius)
-        return np.array([disc, disc, self.half_length]) + self.swept_radius
-
-    @cached_property
-    def is_sphere(self) -> bool:
-        """Whether nothing but the sweeping sphere is left."""
-        return self.half_length == self.bottom_radius == self.top_radius == 0.0
-
-    def support_values(self, directions: FloatArray) -> FloatArray:
-        """Largest d . x over the set for each row d of ``directions`` (K, 3): (K,)."""
-        along = self.half_length * directions[:, 2]
-        across = np.hypot(directions[:, 0], directions[:, 1])
-        discs = np.maximum(self.bottom_radius * across - along, self.top_radius * across + along)
-        return discs + self.swept_radius * np.linalg.norm(directions, axis=1)
-
-    def feature(self, direction: FloatArray) -> FloatArray:
-        """Rim, line ends or point that lies farthest along a unit direction.
-
-        Args:
-            direction: (3,) unit vector.
-
-        Returns:
-            (`RIM_POINTS`, 3) for a flat end, (2, 3) for a line of the mantle, (1, 3) for a point.
-        """
-        shift = self.swept_radius * direction
-        if self.is_sphere:
-            return shift[None]
-        x, y, z = direction.tolist()
-        across = math.hypot(x, y)
-        if across <= PARALLEL_ANGLE:
-            disc = self.top_radius if z > 0 else self.bottom_radius
-            end = np.array([0.0, 0.0, math.copysign(self.half_length, z)])
-            return end + shift + disc * _RIM if disc > 0 else (end + shift)[None]
-        radial = np.array([x / across, y / across, 0.0])
-        bottom = self.bottom_radius * radial - [0.0, 0.0, self.half_length]
-        top = self.top_radius * radial + [0.0, 0.0, self.half_length]
-        line = top - bottom
-        length = float(np.linalg.norm(line))
-        rise = float(line @ direction)
-        if length > 0 and abs(rise) <= PARALLEL_ANGLE * length:
-            return np.stack([bottom, top]) + shift
-        return (top if rise > 0 else bottom)[None] + shift
-
-    def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:
-        """Outward normals (K, 3) of the flat ends near a point and of the mantle in a direction."""
-        normals = []
-        if self.top_radius > 0 and self.half_length - point[2] <= _NEAR_FACE:
-            normals.append([0.0, 0.0, 1.0])
-        if self.bottom_radius > 0 and self.half_length + point[2] <= _NEAR_FACE:
-            normals.append([0.0, 0.0, -1.0])
-        across = math.hypot(direction[0], direction[1])
-        if self.half_length > 0 and across > 0:
-            normals.append(self._mantle_normal(direction[0] / across, direction[1] / across))
-        return np.array(normals).reshape(-1, 3)
-
-    def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m.
-
-        Of the mantle, the tangent plane that is nearest to the point counts.
-        """
-        x, y, z = point.tolist()
-        if self.swept_radius > 0.0:
-            core = np.array([0.0, 0.0, min(max(z, -self.half_length), self.half_length)])
-            away = point - core
-            distance = float(np.linalg.norm(away))
-            normal = away / distance if distance > 0.0 else np.array([1.0, 0.0, 0.0])
-            return normal[None], np.array([distance - self.swept_radius])
-        across = math.hypot(x, y)
-        mantle = self._mantle_normal(*((x / across, y / across) if across > 0.0 else (1.0, 0.0)))
-        normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], mantle])
-        return normals, normals @ point - self.support_values(normals)
-
-    def _mantle_normal(self, x: float, y: float) -> list[float]:
-        """Return the normal of the mantle towards the unit vector (x, y)."""
-        taper = self.bottom_radius - self.top_radius
-        slant = math.hypot(2.0 * self.half_length, taper)
-        outward = 2.0 * self.half_length / slant
-        return [x * outward, y * outward, taper / slant]
-
-
-ConvexSet = Plane | Polytope | Revolved
+_IDENTITY: Any = coal.Transform3s()
+_DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
+_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
+_MOST_ATTEMPTS = 5
+_AGREED_COSINE = 1.0 - 1e-5  # cosine between a face normal and coal's direction
+_SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
 
 
 def convex_set(name: str, geometry: Any) -> ConvexSet:
@@ -228,43 +76,16 @@ def placed_set(body: CollisionBody) -> tuple[ConvexSet, FloatArray, FloatArray]:
     return convex_set(body.name, body.geometry), T[:3, :3], T[:3, 3]
 
 
-def is_hull(solid: ConvexSet) -> bool:
-    """Return whether a set is the hull of points, whose faces may be those of a rough mesh."""
-    return isinstance(solid, Polytope) and not isinstance(solid, Cuboid)
-
-
-def _convert(geometry: Any) -> ConvexSet:
-    if isinstance(geometry, coal.ShapeBase) and geometry.getSweptSphereRadius() == 0.0:
-        match geometry:
-            case coal.Halfspace():
-                return Plane(np.array(geometry.n, dtype=float), float(geometry.d))
-            case coal.Box():
-                return box_of(np.array(geometry.halfSide, dtype=float))
-            case coal.Convex():
-                return hull_of(np.array(geometry.points(), dtype=float))
-            case coal.Sphere():
-                return Revolved(0.0, 0.0, 0.0, geometry.radius)
-            case coal.Capsule():
-                return Revolved(0.0, 0.0, geometry.halfLength, geometry.radius)
-            case coal.Cylinder():
-                return Revolved(geometry.radius, geometry.radius, geometry.halfLength, 0.0)
-            case coal.Cone():
-                return Revolved(geometry.radius, 0.0, geometry.halfLength, 0.0)
-    raise SceneError(
-        f"contacts cannot be found for a {type(geometry).__name__}; use a box, "
-        "sphere, capsule, cylinder, cone, half-space or convex hull without a swept radius"
-    )
-
-
-_set_of: Derived[Any, ConvexSet] = Derived(_convert, most=math.inf)
-
-
-_IDENTITY: Any = coal.Transform3s()
-_DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
-_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
-_MOST_ATTEMPTS = 5
-_AGREED_COSINE = 1.0 - 1e-5  # cosine between a face normal and coal's direction
-_SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
+@partial(Derived, most=math.inf)
+def _set_of(geometry: Any) -> ConvexSet:
+    kind = kind_of(geometry)
+    if kind is None or geometry.getSweptSphereRadius() != 0.0:
+        raise SceneError(
+            f"contacts cannot be found for a {type(geometry).__name__}; use a box, sphere, "
+            "capsule, cylinder, cone, half-space or convex hull without a swept radius, or add a "
+            "shape of this kind to `SHAPES`"
+        )
+    return kind.set_of(geometry)
 
 
 class Patch(NamedTuple):
@@ -307,7 +128,7 @@ def find_patch(
         subject = two.feature(-(normal @ R_second)) @ R_second.T + origin_second
         return _on_plane(normal, float(normal @ origin) + one.offset, subject, tolerance)
     t = (origin_second - origin) @ R
-    if isinstance(one, Polytope) and isinstance(two, Revolved) and two.is_sphere:
+    if isinstance(one, Polytope) and two.is_sphere:
         face, height, on_face = one.highest_face(t)
         gap = height - two.radius
         if gap > tolerance:
@@ -358,7 +179,7 @@ def _on_plane(
 
 
 def _heights(
-    solid: Polytope | Revolved,
+    solid: BoundedSet,
     direction: FloatArray,
     points: FloatArray,
     feature: FloatArray,
@@ -369,7 +190,7 @@ def _heights(
     Of a hull it is the surface itself. All others touch along a plane or a line, that of the
     feature (N, 3), which goes on beyond them; ``basis`` (2, 3) spans what is across the direction.
     """
-    if isinstance(solid, Polytope) and is_hull(solid):
+    if is_hull(solid):
         return solid.heights_from(points, direction)
     flat = feature @ np.vstack([basis, direction]).T
     over = plane_fit([(u, v, h) for u, v, h in flat.tolist()])
@@ -388,9 +209,9 @@ class _Nearest:
     """
 
     first: CollisionBody
-    one: Polytope | Revolved
+    one: BoundedSet
     second: CollisionBody
-    two: Polytope | Revolved
+    two: BoundedSet
     R: FloatArray
     t: FloatArray
 
