@@ -166,12 +166,12 @@ class BoundedSet(ABC):
         return self.support_values(np.vstack([np.eye(3), -np.eye(3)]))
 
     @property
-    def constant_normals(self) -> FloatArray | None:
-        """All face normals (F, 3) if they are few; None if those near a point must be picked."""
-        return None
+    def constant_normals(self) -> FloatArray:
+        """Outward normals (K, 3) to try wherever the nearest point is."""
+        return np.empty((0, 3))
 
     def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:  # noqa: ARG002
-        """Outward normals (K, 3) to try near a point (3,) close to the surface, m.
+        """Outward normals (K, 3) to try, too, near a point close to the surface.
 
         Args:
             point: (3,) where coal has the nearest point, m.

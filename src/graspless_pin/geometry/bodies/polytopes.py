@@ -54,9 +54,9 @@ class Polytope(BoundedSet):
     is_curved = False
 
     @property
-    def constant_normals(self) -> FloatArray | None:
-        """See `BoundedSet.constant_normals`."""
-        return self.face_normals if len(self.face_normals) <= _FEW_FACES else None
+    def constant_normals(self) -> FloatArray:
+        """All face normals if they are few; else those near a point are picked."""
+        return self.face_normals if len(self.face_normals) <= _FEW_FACES else np.empty((0, 3))
 
     @cached_property
     def radius(self) -> float:
@@ -115,9 +115,9 @@ class Polytope(BoundedSet):
         return mean if float((between @ mean).max()) > _COS_PARALLEL else None
 
     def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:  # noqa: ARG002
-        """Outward normals (K, 3) of the faces within a millimetre of a point (3,); of few, all."""
-        if self.constant_normals is not None:
-            return self.constant_normals
+        """See `BoundedSet.normals_near`: those of many faces that are within a millimetre."""
+        if len(self.constant_normals):
+            return np.empty((0, 3))
         return self.face_normals[self.face_offsets - self.face_normals @ point <= NEAR_FACE]
 
     def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:

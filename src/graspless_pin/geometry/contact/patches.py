@@ -137,32 +137,12 @@ def find_patch(
             normal = R @ one.face_normals[face]
             middle = origin_second - 0.5 * (height + two.radius) * normal
             return Patch(normal, middle[None], [gap])
-    relative = R.T @ R_second
-    nearest = _Nearest(first, one, second, two, relative, t).find(tolerance, max_penetration)
+    pair = _Pair(first, one, second, two, R.T @ R_second, t)
+    nearest = pair.nearest(tolerance, max_penetration)
     if nearest is None:
         return None
-    normal, witness, gap = nearest
-    back = -(normal @ relative)
-    window, subject = one.feature(normal), two.feature(back) @ relative.T + t
-    basis = plane_basis(normal)
-    if len(subject) == 1 or len(window) == 1:
-        # Along the direction that leaves the largest gap the point is one of the nearest pair.
-        side = -0.5 if len(subject) == 1 else 0.5
-        points, gaps = (subject if len(subject) == 1 else window) + side * gap * normal, [gap]
-    else:
-        # With nothing in common the bodies meet at the borders of their features. Where all corners
-        # are too far apart, surfaces that bend less than `PARALLEL_ANGLE` touch between them.
-        flat, other = _project(window, basis), _project(subject, basis)
-        polygon = intersection(flat, other) or shared_border(flat, other)
-        feet = np.array([*polygon, basis @ witness]) @ basis
-        low = _heights(one, normal, feet, window, basis)
-        across = (subject - t) @ relative, basis @ relative
-        high = -_heights(two, back, (feet - t) @ relative, *across)
-        middles = feet + (0.5 * (low + high))[:, None] * normal
-        gaps = (high - low).tolist()
-        near = [k for k in range(len(polygon)) if gaps[k] <= tolerance] or [-1]
-        points, gaps = middles[near], [gaps[k] for k in near]
-    return Patch(R @ normal, points @ R.T + origin, gaps)
+    points, gaps = pair.shared(*nearest, tolerance)
+    return Patch(R @ nearest[0], points @ R.T + origin, gaps)
 
 
 def _on_plane(
@@ -198,14 +178,16 @@ def _heights(
 
 
 @dataclass(frozen=True, eq=False)
-class _Nearest:
-    """Search for the direction from one body to the other and a point between them.
+class _Pair:
+    """Two bounded bodies in the frame of the first.
 
-    coal's direction is only as good as its distance, and at a gap of a micrometre that is poor. Of
-    all directions the true one leaves the largest gap, so that the faces near the nearest points
-    are tried against it. An overlap along no face is asked for again with the bodies pulled apart,
-    first along their middles, then along the best direction so far: of rims that overlap by a
-    hair, coal may take any direction for the shallowest, while of bodies apart it is sure.
+    Attributes:
+        first: The first body.
+        one: Its set.
+        second: The second body.
+        two: Its set.
+        R: (3, 3) rotation of the second in the first's frame.
+        t: (3,) its origin there, m.
     """
 
     first: CollisionBody
@@ -215,11 +197,22 @@ class _Nearest:
     R: FloatArray
     t: FloatArray
 
-    def find(
+    def nearest(
         self, tolerance: float, max_penetration: float
     ) -> tuple[FloatArray, FloatArray, float] | None:
-        """Return direction (3,), point (3,) and gap, m; None if the bodies are far apart."""
-        fixed = self._constant_directions()
+        """Search for the direction from one body to the other and a point between them.
+
+        coal's direction is only as good as its distance, and at a gap of a micrometre that is poor.
+        Of all directions the true one leaves the largest gap, so that the faces near the nearest
+        points are tried against it. An overlap along no face is asked for again with the bodies
+        pulled apart, first along their middles, then along the best direction so far: of rims that
+        overlap by a hair, coal may take any direction for the shallowest, while of bodies apart it
+        is sure.
+
+        Returns:
+            Direction (3,), point (3,) and gap, m; None if the bodies are far apart.
+        """
+        fixed = np.concatenate([self.one.constant_normals, -self.two.constant_normals @ self.R.T])
         fixed_gaps = self._gaps(fixed)
         if len(fixed) and float(fixed_gaps.max()) > tolerance:
             return None
@@ -255,44 +248,31 @@ class _Nearest:
             - self.one.support_values(directions)
         )
 
-    def _constant_directions(self) -> FloatArray:
-        """Directions (K, 3) that are tried wherever the nearest points are."""
-        parts = []
-        if self.one.constant_normals is not None:
-            parts.append(self.one.constant_normals)
-        if self.two.constant_normals is not None:
-            parts.append(-self.two.constant_normals @ self.R.T)
-        return np.concatenate(parts) if parts else np.empty((0, 3))
-
     def _directions_near(
         self, on_first: FloatArray, on_second: FloatArray, guess: FloatArray
     ) -> FloatArray:
         """Directions (K, 3) to try for nearest points and coal's direction, which comes last."""
-        parts = [guess[None]]
-        crossing = self._across_edges(guess)
-        if crossing is not None:
-            parts.insert(0, crossing[None])
-        if self.two.constant_normals is None:
-            near = self.two.normals_near((on_second - self.t) @ self.R, -(guess @ self.R))
-            parts.insert(0, -near @ self.R.T)
-        if self.one.constant_normals is None:
-            parts.insert(0, self.one.normals_near(on_first, guess))
-        return np.concatenate(parts)
+        beside = self.two.normals_near((on_second - self.t) @ self.R, -(guess @ self.R))
+        return np.concatenate(
+            [
+                self.one.normals_near(on_first, guess),
+                -beside @ self.R.T,
+                self._across_edges(guess),
+                guess[None],
+            ]
+        )
 
-    def _across_edges(self, guess: FloatArray) -> FloatArray | None:
-        """Return common normal of two crossing edges, along the guess; None for other features."""
+    def _across_edges(self, guess: FloatArray) -> FloatArray:
+        """Return the common normal (1, 3) of crossing edges, along the guess; (0, 3) for others."""
         first = self.one.feature(guess)
-        if len(first) != 2:
-            return None
-        second = self.two.feature(-(guess @ self.R))
-        if len(second) != 2:
-            return None
-        edge, other = first[1] - first[0], (second[1] - second[0]) @ self.R.T
-        normal = np.cross(edge, other)
-        length = float(np.linalg.norm(normal))
-        if length <= 1e-3 * np.linalg.norm(edge) * np.linalg.norm(other):
-            return None
-        return np.sign(normal @ guess) * normal / length
+        second = self.two.feature(-(guess @ self.R)) if len(first) == 2 else first
+        if len(first) == len(second) == 2:
+            edge, other = first[1] - first[0], (second[1] - second[0]) @ self.R.T
+            normal = np.cross(edge, other)
+            length = float(np.linalg.norm(normal))
+            if length > 1e-3 * np.linalg.norm(edge) * np.linalg.norm(other):
+                return (np.sign(normal @ guess) * normal / length)[None]
+        return np.empty((0, 3))
 
     def _ask_coal(
         self, apart: FloatArray
@@ -311,6 +291,31 @@ class _Nearest:
             np.array(result.getNearestPoint2()) - apart,
             unit_vector(guess) if sure else None,
         )
+
+    def shared(
+        self, normal: FloatArray, witness: FloatArray, gap: float, tolerance: float
+    ) -> tuple[FloatArray, list[float]]:
+        """Return points (K, 3) of what the bodies share along a direction, and their gaps, m."""
+        window = self.one.feature(normal)
+        back = -(normal @ self.R)
+        subject = self.two.feature(back) @ self.R.T + self.t
+        if len(subject) == 1 or len(window) == 1:
+            # Along the direction that leaves the largest gap the point is one of the nearest pair.
+            side = -0.5 if len(subject) == 1 else 0.5
+            return (subject if len(subject) == 1 else window) + side * gap * normal, [gap]
+        # With nothing in common the bodies meet at the borders of their features. Where all corners
+        # are too far apart, surfaces that bend less than `PARALLEL_ANGLE` touch between them.
+        basis = plane_basis(normal)
+        flat, other = _project(window, basis), _project(subject, basis)
+        polygon = intersection(flat, other) or shared_border(flat, other)
+        feet = np.array([*polygon, basis @ witness]) @ basis
+        low = _heights(self.one, normal, feet, window, basis)
+        across = (subject - self.t) @ self.R, basis @ self.R
+        high = -_heights(self.two, back, (feet - self.t) @ self.R, *across)
+        middles = feet + (0.5 * (low + high))[:, None] * normal
+        gaps = (high - low).tolist()
+        near = [k for k in range(len(polygon)) if gaps[k] <= tolerance] or [-1]
+        return middles[near], [gaps[k] for k in near]
 
 
 def _project(points: FloatArray, basis: FloatArray) -> Polygon:
