@@ -9,7 +9,6 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -230,11 +229,10 @@ def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _stated_alone(hand: Hand) -> dict[str, Any]:
     """Return what its robots alone would make of a hand."""
-    mounts = [replace(one, T_world_base=hand.base_poses[one.prefix]) for one in hand.mounts]
     with warnings.catch_warnings():
         # Of limits that the scene replaces.
         warnings.simplefilter("ignore", GrasplessPinWarning)
-        alone = stated_hand(Hand.assemble(mounts), str)
+        alone = stated_hand(Hand.assemble(hand.mounts), str)
     return alone | {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
 
 

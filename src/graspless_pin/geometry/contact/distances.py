@@ -99,17 +99,18 @@ def solids_of(shapes: BodyShapes) -> Solids:
         shapes.names,
         sets,
         tuple(
-            (_rank(one), -one.radius, type(geometry).__name__, name)
+            (
+                0 if isinstance(one, Plane) else 2 if one.is_curved else 1,
+                -one.radius,
+                type(geometry).__name__,
+                name,
+            )
             for name, geometry, one in zip(shapes.names, shapes.geometries, sets, strict=True)
         ),
         np.array([one.center for one in sets]).reshape(-1, 3),
         np.array([one.half_extents for one in sets]).reshape(-1, 3),
         np.array([one.radius for one in sets]),
     )
-
-
-def _rank(solid: ConvexSet) -> int:
-    return 0 if isinstance(solid, Plane) else 2 if solid.is_curved else 1
 
 
 def near_pairs(

@@ -7,7 +7,7 @@ tree, their fingers, tendons and limits, and rotor inertias that are given inste
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,7 +45,7 @@ from graspless_pin.geometry.robots.description import (
 )
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray, unknown_name
+from graspless_pin.problem.checks import FloatArray, read_only, unknown_name
 from graspless_pin.records import Brief, changed
 
 
@@ -94,7 +94,7 @@ class JoinedMounts:
 
     Attributes:
         tree: Their common tree.
-        base_poses: (4, 4) ``T_world_base`` by prefix, in mounting order.
+        mounts: The robots, each found and at a (4, 4) pose.
         palms: The links that carry fingers.
         fingers: All fingers, checked.
         arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
@@ -107,7 +107,7 @@ class JoinedMounts:
     """
 
     tree: KinematicTree
-    base_poses: dict[str, FloatArray]
+    mounts: tuple[Mount, ...]
     palms: tuple[str, ...]
     fingers: dict[str, FingerSpec]
     arms: dict[str, tuple[str, ...]]
@@ -142,6 +142,10 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         as_pose("T_world_base", np.eye(4) if mount.T_world_base is None else mount.T_world_base)
         for mount in mounts
     ]
+    found = tuple(
+        replace(mount, source=robot, T_world_base=T, package_dirs=(), root_link=None, srdf=None)
+        for mount, robot, T in zip(mounts, robots, poses, strict=True)
+    )
     models: list[RobotModel] = []
     couplings: list[JointCoupling] = []
     cuts: dict[str, Cut] = {}
@@ -154,9 +158,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     tree = build_tree(
         list(zip(models, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
     )
-    joined = JoinedMounts(
-        tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), (), {}, {}, {}, {}
-    )
+    joined = JoinedMounts(tree, found, (), {}, {}, (), (), {}, {}, {}, {})
     for mount, robot, model in zip(mounts, robots, models, strict=True):
         joined = _add(joined, mount, robot, model)
     return joined
@@ -309,14 +311,12 @@ class AssembledMounts:
 
     Attributes:
         joined: The mounted robots as one tree.
-        mounts: The robots, each found.
         plan: Control modes of the independent joints, and the hybrid fingers.
         actuation: The L actuators.
         findings: What looked wrong.
     """
 
     joined: JoinedMounts
-    mounts: tuple[Mount, ...]
     plan: ControlPlan
     actuation: Actuation
     findings: tuple[Finding, ...]
@@ -349,18 +349,21 @@ class AssembledMounts:
         Raises:
             ArgumentError: If a pose is not rigid.
         """
-        before = self.joined.base_poses
-        now = {name: as_pose("T_world_base", T) for name, T in zip(before, poses, strict=True)}
-        tree = displaced_tree(
-            self.joined.tree, [T @ invert(before[name]) for name, T in now.items()]
-        )
-        joined = replace(self.joined, tree=tree, base_poses=now)
-        return replace(self, joined=joined, mounts=at_poses(self.mounts, now))
+        mounts, now = self.joined.mounts, [as_pose("T_world_base", T) for T in poses]
+        before = base_poses(mounts).values()
+        ways = [T @ invert(T_before) for T, T_before in zip(now, before, strict=True)]
+        tree = displaced_tree(self.joined.tree, ways)
+        return replace(self, joined=replace(self.joined, tree=tree, mounts=at_poses(mounts, now)))
 
 
-def at_poses(mounts: Sequence[Mount], poses: Mapping[str, FloatArray]) -> tuple[Mount, ...]:
-    """Return mounts at (4, 4) poses by prefix."""
-    return tuple(replace(one, T_world_base=poses[one.prefix]) for one in mounts)
+def base_poses(mounts: Sequence[Mount]) -> dict[str, FloatArray]:
+    """Return the (4, 4) ``T_world_base`` by prefix of mounts that are at poses."""
+    return {one.prefix: read_only(np.asarray(one.T_world_base)) for one in mounts}
+
+
+def at_poses(mounts: Sequence[Mount], poses: Iterable[FloatArray]) -> tuple[Mount, ...]:
+    """Return mounts at (4, 4) poses, in the order of the mounts."""
+    return tuple(replace(one, T_world_base=T) for one, T in zip(mounts, poses, strict=True))
 
 
 def assembled_mounts(
@@ -378,17 +381,6 @@ def assembled_mounts(
     with capture() as found:
         joined = join_mounts(mounts)
         tree = joined.tree
-        mounted = tuple(
-            replace(
-                mount,
-                source=mount.robot(),
-                T_world_base=joined.base_poses[mount.prefix],
-                package_dirs=(),
-                root_link=None,
-                srdf=None,
-            )
-            for mount in mounts
-        )
         # A group of an SRDF stands for its joints as an arm does.
         arms, held = {**tree.groups, **joined.arms}, joined.held_joints
         if isinstance(control, Mapping):
@@ -399,7 +391,7 @@ def assembled_mounts(
         for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():
             tree.pinocchio_model.armature[joint] = value
     emit(*found)
-    return AssembledMounts(joined, mounted, plan, actuation, tuple(found))
+    return AssembledMounts(joined, plan, actuation, tuple(found))
 
 
 _ANYWHERE = (

@@ -20,6 +20,7 @@ from graspless_pin.geometry.hand.assembly import (
     Mount,
     assembled_mounts,
     at_poses,
+    base_poses,
     displaced_tree,
 )
 from graspless_pin.geometry.hand.configuration import (
@@ -59,8 +60,7 @@ class Hand(Record):
 
     Attributes:
         tree: Kinematics and shapes of all mounted robots.
-        mounts: The robots that it was assembled from, each found.
-        base_poses: (4, 4) ``T_world_base`` by mount prefix, in mounting order.
+        mounts: The robots that it was assembled from, each found and at its pose.
         palms: The links that carry fingers or a jaw, empty if there is none.
         fingers: Fingers by (prefixed) name.
         arms: The joints that carry a palm, by the name that stands for them in ``control``.
@@ -73,7 +73,6 @@ class Hand(Record):
 
     tree: KinematicTree
     mounts: tuple[Mount, ...]
-    base_poses: Mapping[str, FloatArray]
     palms: tuple[str, ...]
     fingers: Mapping[str, FingerSpec]
     arms: Mapping[str, tuple[str, ...]]
@@ -211,6 +210,11 @@ class Hand(Record):
             T = as_pose(f"T_world_base[{prefix!r}]", pose)
             ways[prefix] = T @ invert(self.base_poses[prefix])
         return displaced_hand(self, np.array([*ways.values()]))
+
+    @property
+    def base_poses(self) -> Mapping[str, FloatArray]:
+        """(4, 4) ``T_world_base`` by mount prefix, in mounting order."""
+        return base_poses(self.mounts)
 
     @property
     def T_world_base(self) -> FloatArray:
@@ -408,8 +412,8 @@ def hand_of(
     """Return the hand of mounted robots with (L,) lower and upper limits and (n,) positions."""
     joined = parts.joined
     return Hand(
-        joined.tree, parts.mounts, joined.base_poses, joined.palms, joined.fingers, joined.arms,
-        parts.plan, parts.actuation, limits, positions, parts.findings,
+        joined.tree, joined.mounts, joined.palms, joined.fingers, joined.arms, parts.plan,
+        parts.actuation, limits, positions, parts.findings,
     )  # fmt: skip
 
 
@@ -422,12 +426,9 @@ def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
             ``T @ T_world_base``.
     """
     ways = np.broadcast_to(T, (len(hand.mounts), 4, 4))
-    poses = {
-        prefix: way @ pose
-        for way, (prefix, pose) in zip(ways, hand.base_poses.items(), strict=True)
-    }
-    tree, mounts = displaced_tree(hand.tree, list(ways)), at_poses(hand.mounts, poses)
-    return replace(hand, tree=tree, base_poses=poses, mounts=mounts)
+    poses = [way @ pose for way, pose in zip(ways, hand.base_poses.values(), strict=True)]
+    tree = displaced_tree(hand.tree, list(ways))
+    return replace(hand, tree=tree, mounts=at_poses(hand.mounts, poses))
 
 
 _links_of: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))
