@@ -70,7 +70,7 @@ def test_pieces_at_one_pose_are_near_what_they_are_near_one_by_one(count: int) -
     rng = np.random.default_rng(count)
     (first,), second = random_bodies(rng, 1, 0.05), random_bodies(rng, 30, 0.3)
     shapes = BodyShapes(("piece",) * count, SHAPES[-count:])  # the hull is not about its origin
-    together = PlacedBodies.at_one_pose(shapes, first.T_world_geometry)
+    together = PlacedBodies(shapes, first.T_world_geometry[None].repeat(count, axis=0))
     apart = [CollisionBody("piece", shape, first.T_world_geometry) for shape in SHAPES[-count:]]
     pairs = near_pairs(together, second, TOLERANCE)
     assert pairs == near_pairs(apart, second, TOLERANCE)

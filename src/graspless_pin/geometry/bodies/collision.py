@@ -75,12 +75,6 @@ class PlacedBodies(Sequence[CollisionBody]):
         self._made: dict[int, CollisionBody] = {}
 
     @classmethod
-    def at_one_pose(cls, shapes: BodyShapes, T: FloatArray) -> PlacedBodies:
-        """Place all shapes, at least one, at the same pose (4, 4), which is kept."""
-        count = len(shapes.names)
-        return cls(shapes, T[None] if count == 1 else np.repeat(T[None], count, axis=0))
-
-    @classmethod
     def joined(cls, parts: Sequence[PlacedBodies]) -> PlacedBodies:
         """Put bodies that are placed together one after the other."""
         if len(parts) == 1:

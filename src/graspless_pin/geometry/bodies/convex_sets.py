@@ -23,7 +23,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 PARALLEL_ANGLE = 5e-3
 """Faces and edges tilted by less than this angle (rad) against the contact plane lie in it."""
@@ -65,8 +65,8 @@ class Plane:
     offset: float
 
     is_curved: ClassVar[bool] = False
-    center: ClassVar[FloatArray] = np.zeros(3)
-    half_extents: ClassVar[FloatArray] = np.full(3, _ENDLESS)
+    center: ClassVar[FloatArray] = read_only(np.zeros(3))
+    half_extents: ClassVar[FloatArray] = read_only(np.full(3, _ENDLESS))
     radius: ClassVar[float] = _ENDLESS
 
     def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -158,7 +158,7 @@ class BoundedSet(ABC):
 
     @property
     def is_sphere(self) -> bool:
-        """Whether nothing but the sweeping sphere is left."""
+        """Whether nothing but the sweeping sphere is left, about the origin."""
         return self.swept_radius == self.radius
 
     @cached_property

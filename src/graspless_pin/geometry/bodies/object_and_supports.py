@@ -61,7 +61,7 @@ class _PlacedShape(PickledByFields, ABC):
         """Return the pieces where they are when the shape is at a (4, 4) pose."""
         own = self.shape.placements()
         if own is None:
-            return PlacedBodies.at_one_pose(self.shapes, T)
+            return PlacedBodies(self.shapes, T[None].repeat(len(self.shapes.names), axis=0))
         return PlacedBodies(self.shapes, T @ own)
 
 

@@ -192,7 +192,7 @@ def expand_overrides(
     tree: KinematicTree,
     fingers: Mapping[str, FingerSpec],
     overrides: Mapping[str, EffortLimit],
-    tendons: Mapping[str, Mapping[str, float]] | None = None,
+    tendons: Mapping[str, Mapping[str, float]],
 ) -> dict[str, tuple[float, float]]:
     """Spread overrides by finger, joint or tendon name over joints and tendons.
 
@@ -215,7 +215,7 @@ def expand_overrides(
         target: pairs[name]
         for target, name in spread_names(tree, fingers, overrides, tendons).items()
     }
-    for name in tendons or ():
+    for name in tendons:
         if name in expanded and np.ndim(overrides[name]) == 0:
             expanded[name] = (0.0, expanded[name][1])
     return expanded
@@ -225,7 +225,7 @@ def spread_names(
     tree: KinematicTree,
     fingers: Mapping[str, FingerSpec],
     names: Collection[str],
-    tendons: Mapping[str, Mapping[str, float]] | None = None,
+    tendons: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     *,
     argument: str = "effort_limits",
     instead: str = "limit the joint it follows",
@@ -245,7 +245,6 @@ def spread_names(
     Raises:
         ArgumentError: If a name is unknown or that of a joint without a motor.
     """
-    tendons = tendons or {}
     leaders = tree.leader_names
     pulled = {
         joint: tendon
@@ -280,9 +279,9 @@ def resolve_effort_limits(
     tree: KinematicTree,
     actuation: Actuation,
     overrides: Mapping[str, tuple[float, float]],
-    unknown: Mapping[str, str] | None = None,
-    arm_joints: Collection[str] = (),
-    tensions: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+    unknown: Mapping[str, str],
+    arm_joints: Collection[str],
+    tensions: Mapping[str, tuple[float, float]],
 ) -> tuple[FloatArray, FloatArray]:
     """Return the (lower, upper) effort limits of the actuators.
 
@@ -303,7 +302,6 @@ def resolve_effort_limits(
     """
     lower, upper = np.zeros(len(actuation.names)), np.zeros(len(actuation.names))
     urdf_lower, urdf_upper = urdf_efforts(tree)
-    unknown = unknown or {}
     doubtful: dict[str, str] = {}
     noted: dict[str, list[str]] = {}
     for row, name in enumerate(actuation.names):

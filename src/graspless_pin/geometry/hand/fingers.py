@@ -6,7 +6,7 @@ A robot file may name them; otherwise fingers are the branches below the palm of
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -241,9 +241,7 @@ def discover_hands(
         if palm not in walker.links:
             raise unknown_name("palm", "link", palm, walker.links)
     found = tuple(palms) or tuple(walker.palms_below(root)) or walker.fixed_jaw()
-    branches = [branch for palm in found for branch in walker.branches(palm)]
-    order = list(tree.link_frames)
-    branches.sort(key=order.index)
+    branches = walker.in_order(branch for palm in found for branch in walker.branches(palm))
     inside = [walker.subtree(branch) for branch in branches]
     joints = [walker.joints_of(links) for links in inside]
     names = _finger_names(tree, joints, prefix)
@@ -281,7 +279,11 @@ class _Walker:
         found = [link]
         for item in found:  # grows while it is walked
             found += self._children[item]
-        return [link, *sorted(found[1:], key=self._order.__getitem__)]
+        return [link, *self.in_order(found[1:])]
+
+    def in_order(self, links: Iterable[str]) -> list[str]:
+        """Return links in model order."""
+        return sorted(links, key=self._order.__getitem__)
 
     def branches(self, link: str) -> list[str]:
         """Return the first link of every movable branch below ``link``."""

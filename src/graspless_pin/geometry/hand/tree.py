@@ -386,19 +386,17 @@ class _Builder:
     """Adds one robot to a model."""
 
     def __init__(self, model: Any, robot: RobotModel, T_world_base: Any) -> None:
-        self._model, self._base = model, T_world_base
+        self._model, self._robot, self._base = model, robot, T_world_base
         self._links = {link.name: link for link in robot.links}
         self._below: dict[str, list[RobotJoint]] = {}
         for joint in sorted(robot.joints, key=lambda one: one.name):
             self._below.setdefault(joint.parent, []).append(joint)
-        self._root = self._links[robot.root]
-        self._joints: list[str] = []
         self._frames: list[_Frame] = []
         self._fixed = pin.Inertia.Zero()
 
     def add(self) -> tuple[frozenset[str], Any]:
         """Add it; return its names and the inertia of what does not move."""
-        self._visit(self._root, 0, pin.SE3.Identity(), None)
+        self._visit(self._links[self._robot.root], 0, pin.SE3.Identity(), None)
         at: dict[tuple[Any, str], int] = {}
         for frame in sorted(self._frames, key=lambda one: one.joint):
             above = 0 if frame.above is None else at[frame.above]
@@ -409,7 +407,8 @@ class _Builder:
             )
         fixed = self._base.act(self._fixed)
         self._model.inertias[0] = self._model.inertias[0] + fixed
-        return frozenset([*self._joints, *(name for _, name in at)]), fixed
+        joints = [one.name for one in self._robot.joints if one.is_movable]
+        return frozenset([*joints, *(name for _, name in at)]), fixed
 
     def _visit(
         self, link: RobotLink, joint: int, placement: Any, above: tuple[Any, str] | None
@@ -439,7 +438,6 @@ class _Builder:
             self._visit(child, carrier, T, frame)
 
     def _add_joint(self, item: RobotJoint, parent: int, placement: Any) -> int:
-        self._joints.append(item.name)
         ends = np.array([item.lower]), np.array([item.upper])
         if item.kind == "continuous":
             ends = -_BEYOND_COSINES * np.ones(2), _BEYOND_COSINES * np.ones(2)
