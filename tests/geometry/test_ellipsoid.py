@@ -8,13 +8,14 @@ from hand_tools import random_pose
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody
 from graspless_pin.geometry.bodies.convex_sets import BoundedSet
 from graspless_pin.geometry.bodies.shape import Polyhedron, convex_geometry
 from graspless_pin.geometry.bodies.shapes import SHAPES, shape_of
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.contact.curvature import (
+    face_along,
     nearest_patch,
     normal_jumps,
     radii_of_curvature,
@@ -133,6 +134,11 @@ def test_its_normal_does_not_jump():
     touching = contact_arrays([body(np.eye(4))], [pin], BodyKind.HAND)
     assert len(touching) == 1
     assert normal_jumps([body(np.eye(4))], [pin], touching, 1e-3) == [0.0]
+
+
+def test_it_has_no_face_that_looks_anywhere():
+    with pytest.raises(ArgumentError, match="no face looks that way, the nearest looks along none"):
+        face_along("pins[0]", [body(np.eye(4))], np.eye(4), np.eye(3)[2])
 
 
 @pytest.mark.parametrize(
