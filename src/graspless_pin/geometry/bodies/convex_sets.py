@@ -144,12 +144,12 @@ class BoundedSet(ABC):
     @cached_property
     def center(self) -> FloatArray:
         """(3,) centre of a sphere around the set, and of the box around it along its axes."""
-        return 0.5 * (self._ends[:3] - self._ends[3:])
+        return 0.5 * (self.support_values(np.eye(3)) - self.support_values(-np.eye(3)))
 
     @cached_property
     def half_extents(self) -> FloatArray:
         """(3,) half the edge lengths of that box, m."""
-        return 0.5 * (self._ends[:3] + self._ends[3:])
+        return 0.5 * (self.support_values(np.eye(3)) + self.support_values(-np.eye(3)))
 
     @cached_property
     def radius(self) -> float:
@@ -160,10 +160,6 @@ class BoundedSet(ABC):
     def is_sphere(self) -> bool:
         """Whether nothing but the sweeping sphere is left, about the origin."""
         return self.swept_radius == self.radius
-
-    @cached_property
-    def _ends(self) -> FloatArray:
-        return self.support_values(np.vstack([np.eye(3), -np.eye(3)]))
 
     @property
     def constant_normals(self) -> FloatArray:

@@ -6,7 +6,7 @@ A robot file may name them; otherwise fingers are the branches below the palm of
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -241,7 +241,8 @@ def discover_hands(
         if palm not in walker.links:
             raise unknown_name("palm", "link", palm, walker.links)
     found = tuple(palms) or tuple(walker.palms_below(root)) or walker.fixed_jaw()
-    branches = walker.in_order(branch for palm in found for branch in walker.branches(palm))
+    branches = [branch for palm in found for branch in walker.branches(palm)]
+    branches.sort(key=walker.order.__getitem__)
     inside = [walker.subtree(branch) for branch in branches]
     joints = [walker.joints_of(links) for links in inside]
     names = _finger_names(tree, joints, prefix)
@@ -271,7 +272,7 @@ class _Walker:
         for link, parent in tree.parent_links.items():
             if parent is not None:
                 self._children[parent].append(link)
-        self._order = {link: index for index, link in enumerate(tree.link_frames)}
+        self.order = {link: index for index, link in enumerate(tree.link_frames)}
         self.links = self.subtree(root)
 
     def subtree(self, link: str) -> list[str]:
@@ -279,11 +280,7 @@ class _Walker:
         found = [link]
         for item in found:  # grows while it is walked
             found += self._children[item]
-        return [link, *self.in_order(found[1:])]
-
-    def in_order(self, links: Iterable[str]) -> list[str]:
-        """Return links in model order."""
-        return sorted(links, key=self._order.__getitem__)
+        return [link, *sorted(found[1:], key=self.order.__getitem__)]
 
     def branches(self, link: str) -> list[str]:
         """Return the first link of every movable branch below ``link``."""
