@@ -46,7 +46,6 @@ def branch_and_bound(state: SearchState) -> Status:
     if answer.outcome is not Outcome.SOLVED:
         return unsolved(answer, Status.INFEASIBLE_FORCES)
     tree = ModeTree(state.formulation, state.rules)
-    every = ModePart.every_mode(state.formulation.problem, state.rules)
 
     def expand(part: ModePart, before: float) -> Left | Split[ModePart]:
         state.oracle.kinematic_programs += int(part.selected.any())
@@ -58,22 +57,10 @@ def branch_and_bound(state: SearchState) -> Status:
             return Left(max(before, answer.bound))
         return _split(state, tree, part, answer, before)
 
+    every = ModePart.every_mode(state.formulation.problem, state.rules)
     root = _split(state, tree, every, answer, -np.inf)
     status, state.cover = best_first(state, root, expand, state.closed)
     return status
-
-
-def _level(before: float, bound: float) -> float:
-    """Return the proven bound by which the children of a node come in turn.
-
-    Where a mode is as good as the relaxation, the bounds of all nodes are equal but for rounding,
-    which would lead the search from one to another instead of down to an answer.
-
-    Args:
-        before: The one of the node itself.
-        bound: What its program proves.
-    """
-    return bound if bound > before + 0.5 * closeness(before) else before
 
 
 def _guess(state: SearchState, answer: Answer) -> None:
@@ -126,7 +113,10 @@ def _split(
         # after the other: those children that turn friction come first. The last one is visited
         # first.
         children = sorted(children, key=lambda child: -np.count_nonzero(child.released))
-    return Split(_level(before, answer.bound), children)
+    # Where a mode is as good as the relaxation, the bounds of all nodes are equal but for rounding,
+    # which would lead the search from one to another instead of down to an answer.
+    rises = answer.bound > before + 0.5 * closeness(before)
+    return Split(answer.bound if rises else before, children)
 
 
 def search_exhaustively(state: SearchState) -> Status:

@@ -148,7 +148,8 @@ def disturbance_margin(
     for index, unit in enumerate(units):
         formulation = formulate(problem, Disturbance(scale * unit, held))
         if index == 0:
-            status = _undisturbed(formulation, how, limits)
+            # Whether some mode balances the object as it is; the direction does not matter.
+            status = search_modes(SearchState(formulation.capped(0.0), how, limits))
         if status is Status.OPTIMAL:
             status, magnitudes[index] = _largest(formulation, how, limits)
         if status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
@@ -157,11 +158,6 @@ def disturbance_margin(
             magnitudes[:] = np.nan
             break
     return DisturbanceMargin(status, units, read_only(magnitudes), length, problem)
-
-
-def _undisturbed(formulation: Formulation, how: SolveOptions, limits: Limits) -> Status:
-    """Whether some mode balances the object as it is; the direction does not matter."""
-    return search_modes(SearchState(formulation.capped(0.0), how, limits))
 
 
 def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tuple[Status, float]:

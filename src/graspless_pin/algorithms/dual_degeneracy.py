@@ -261,8 +261,11 @@ class OptimalSet:
             abs(formulation.unit) if unit is None else unit,
             own,
         )
-        value = formulation.unit * formulation.program.value(x)
-        return OptimalPoint(formulation.coordinates.forces(x), value, found)
+        return OptimalPoint(
+            forces=formulation.coordinates.forces(x),
+            value=formulation.unit * formulation.program.value(x),
+            multipliers=found,
+        )
 
 
 def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -354,8 +354,7 @@ class ContactForceBounds(Brief):
         """Over which forces the ranges go, in words."""
         if self.rules.static_friction is not StaticFriction.COULOMB:
             return "over all admissible contact forces"
-        cones = self.problem.cone_model.words(self.problem.cone_edges)
-        return f"over all forces of rest ({cones})"
+        return f"over all forces of rest ({self.problem.cone_model.words(self.problem.cone_edges)})"
 
     def squeeze_words(self, bodies: Sequence[str] | None = None) -> str:
         """Return who may press with any force, because the torques do not limit it; empty: none.

@@ -246,8 +246,7 @@ class ForcePolicy(Brief):
 
     @property
     def _flat_slopes(self) -> FloatArray:
-        count = self.forces[0].size
-        return self.slopes.reshape(len(self.corners), count, self.unknowns.count)
+        return self.slopes.reshape(len(self.corners), self.forces[0].size, self.unknowns.count)
 
     @cached_property
     def rooms(self) -> FloatArray:

@@ -177,8 +177,7 @@ def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
 
 def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:
     """Return (M, 3) c = W^T y + J kappa: what a change of each contact's force costs."""
-    y = at.multipliers["balance"]
-    return (problem.W.T @ y + problem.jacobian @ at.torque).reshape(-1, 3)
+    return (problem.W.T @ at.multipliers["balance"] + problem.jacobian @ at.torque).reshape(-1, 3)
 
 
 def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:

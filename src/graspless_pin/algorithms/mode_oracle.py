@@ -123,17 +123,12 @@ class ModeOracle:
     def _asked(self, x: FloatArray, known: list[Requirement]) -> Witness | Conflict:
         """Ask for a motion that does not depend on the signs of vanishing components."""
         rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
-        self.kinematic_programs += 1
-        return self.formulation.kinematics.solve(known, rule, self._importance(x, known))
-
-    def _importance(self, x: FloatArray, known: list[Requirement]) -> FloatArray:
-        """How much the friction along each required sign matters to the forces in x.
-
-        Conflicts among large friction forces cost the most to resolve, so splitting on them
-        raises the bounds of the children the most.
-        """
+        # Conflicts among large friction forces cost the most to resolve, so splitting on them
+        # raises the bounds of the children the most.
         size = self.formulation.friction_size(x)[[one.contact for one in known]]
-        return np.sqrt(np.maximum(size / size.max(initial=1e-300), _LEAST_IMPORTANCE))
+        importance = np.sqrt(np.maximum(size / size.max(initial=1e-300), _LEAST_IMPORTANCE))
+        self.kinematic_programs += 1
+        return self.formulation.kinematics.solve(known, rule, importance)
 
     def heuristic_mode(self, x: FloatArray) -> FoundMode | None:
         """Return a feasible mode near the friction in x: a guess whose program may be as good.

@@ -242,8 +242,7 @@ def solve_robust(
     found = replace(found, coverage=Coverage.SAMPLED)
     lacks = _lacks(found.solution, objective, options, found.members, tried, directions, limits)
     if limits.passed:
-        late = without_forces(found.solution, Status.NOT_FOUND_IN_LIMIT)
-        return replace(found, solution=late)
+        return replace(found, solution=without_forces(found.solution, Status.NOT_FOUND_IN_LIMIT))
     return replace(found, samples=Samples(len(tried), int((lacks == 0.0).sum()), _SOLVED, covered))
 
 

@@ -364,6 +364,7 @@ def _without(
     idle = np.flatnonzero(hybrid_contacts(problem) == contact)
     changed, tau = with_joints_held(fewer, verdict.torques, idle), verdict.torques
     if limits.passed:
-        why = "undecided: the time was over before it was looked at"
-        return undecided_verdict(changed, tau, why)
+        return undecided_verdict(
+            changed, tau, "undecided: the time was over before it was looked at"
+        )
     return stability(changed, tau, node_limit=node_limit, time_limit=limits.left)

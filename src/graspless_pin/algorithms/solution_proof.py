@@ -90,9 +90,6 @@ class ModeProver:
             search.add(reversed(children))
         return ModeProof(tuple(nodes))
 
-    def _closes(self, bound: float) -> bool:
-        return bound >= self.target - _BOUND_TOLERANCE * max(1.0, abs(self.target))
-
     def _node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
         """Return the node of a part with its children, or why there is none."""
         excluded = None if part is None else self.tree.exclusion(part)
@@ -139,9 +136,10 @@ class ModeProver:
             refuting: Whether the multipliers prove that the part has no forces of interest.
         """
         program = self.formulation.program.bounded(*self.tree.bounds(part))
+        enough = self.target - _BOUND_TOLERANCE * max(1.0, abs(self.target))
         for kept in (_thinned(z), z):
             refined = sharpened(program, y, kept)
-            if self._closes(certain_bound(program, *refined)):
+            if certain_bound(program, *refined) >= enough:
                 return BoundLeaf(*refined, objective=True)
         return self._refuting(program, y, z) if refuting else None
 
@@ -231,13 +229,13 @@ def _of_infeasible(solution: TorqueSolution) -> SolutionProof:
         return SolutionProof(prover.prove(root, solution.evidence.relaxation), solution.motion)
     if solution.status is Status.INFEASIBLE_FORCES:
         return SolutionProof(prover.prove(None, solution.evidence.relaxation))
-    tree = prover.prove(ModePart.every_mode(solution.problem, solution.rules))
-    return SolutionProof(tree, forces=solution.evidence.forces)
+    every = ModePart.every_mode(solution.problem, solution.rules)
+    return SolutionProof(prover.prove(every), forces=solution.evidence.forces)
 
 
 def _has_modes(solution: TorqueSolution) -> bool:
-    given = solution.given_mode is not None
-    return given or solution.rules.static_friction is not StaticFriction.COULOMB
+    rule = solution.rules.static_friction
+    return solution.given_mode is not None or rule is not StaticFriction.COULOMB
 
 
 def motion_of(solution: TorqueSolution) -> FloatArray | None:

@@ -123,8 +123,7 @@ def _best_case(
         search = partial(_search_in_mode, mode=mode, requirements=requirements)
     state = SearchState(formulate(problem, objective), options, limits)
     status = search(state)
-    optima = threshold_optima(state, search, gap)
-    return solution_of(status, state, given_mode=mode, optima=optima)
+    return solution_of(status, state, given_mode=mode, optima=threshold_optima(state, search, gap))
 
 
 @Derived

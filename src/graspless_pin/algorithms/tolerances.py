@@ -441,8 +441,9 @@ class _Search:
         change = change - self.problem.external_wrench[:3]
         size = float(np.linalg.norm(change))
         way = read_only(change / size) if size > 0.0 and quantity is Quantity.TILT else None
-        deflection = 0.0 if self.stiffness is None else np.nan
-        return Tolerance(quantity, low, high, way, deflection=deflection)
+        return Tolerance(
+            quantity, low, high, way, deflection=0.0 if self.stiffness is None else np.nan
+        )
 
 
 def _corners(ends: FloatArray) -> FloatArray:

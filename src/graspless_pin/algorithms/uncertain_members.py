@@ -208,8 +208,10 @@ def under_load(
         wrench: (P,) N and N m.
         carried: (L,) what carries the links, N m (N).
     """
-    load = {"external_wrench": read_only(wrench), "gravity_torques": read_only(carried)}
-    return changed(problem, *_OF_LOAD, **load)
+    return changed(
+        problem, *_OF_LOAD,
+        external_wrench=read_only(wrench), gravity_torques=read_only(carried),
+    )  # fmt: skip
 
 
 def member_at(

@@ -102,8 +102,9 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
                     figures[... if place is None else place] *= times
                 return figures
 
-            moved = [scaled_member(one, weight, uncertainty, scaled) for one in members]
-            return joined(moved, directions)
+            return joined(
+                [scaled_member(one, weight, uncertainty, scaled) for one in members], directions
+            )
 
         ends = at_end(1.0 - _STEP), at_end(1.0 + _STEP)
         return [

@@ -176,8 +176,7 @@ class _WarmState(SearchState):
             self.force_programs += 1
             return known
         answer = self.solve(lb, ub)
-        solved = answer.outcome is Outcome.SOLVED
-        return answer, active_set_of(program, answer) if solved else None
+        return answer, active_set_of(program, answer) if answer.outcome is Outcome.SOLVED else None
 
     def left_behind(self) -> WarmStart:
         """Return what the search leaves behind; what it did not come to stays as it began."""

@@ -347,8 +347,9 @@ class QuasistaticProblem:
         directions = self.kinetic_directions
         lengths = np.where(self.has_cone, 1.0, np.linalg.norm(directions, axis=1))
         directions = directions / lengths[:, None]
-        edges = self.cone_section.edges
-        return cone_blocks(self.frames, self.friction, self.has_cone, edges, directions)
+        return cone_blocks(
+            self.frames, self.friction, self.has_cone, self.cone_section.edges, directions
+        )
 
     @cached_property
     def H(self) -> FloatArray:
@@ -359,9 +360,8 @@ class QuasistaticProblem:
         A sliding or frictionless contact has no side face: its one column is zero and `D_star`
         strikes its row.
         """
-        faces = self.cone_section.faces
-        directions = np.zeros_like(self.normals)
-        return cone_blocks(self.frames, self.friction, self.has_cone, faces, directions)
+        none = np.zeros_like(self.normals)
+        return cone_blocks(self.frames, self.friction, self.has_cone, self.cone_section.faces, none)
 
     @property
     def J(self) -> FloatArray:

@@ -272,17 +272,12 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
     if margin > 0.0 and not problem.external_wrench.any():
         scales = scales.without_load(margin)
         strict = problem.strictness_in(scales)
-    force, length, joints = scales
-    return ForceCoordinates(_directions(problem, layout), layout, force, joints, length, strict)
-
-
-def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
-    """(M, 3, 3) see `ForceCoordinates`."""
     directions = problem.frames.swapaxes(1, 2)
     if len(layout.cones) < problem.contact_count:
         directions = directions.copy()
         np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.without_cone[:, None])
-    return directions
+    force, length, joints = scales
+    return ForceCoordinates(directions, layout, force, joints, length, strict)
 
 
 @dataclass(frozen=True, eq=False)

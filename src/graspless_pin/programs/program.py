@@ -204,8 +204,7 @@ class Program:
         """
         if lb is self.lb and ub is self.ub:
             return self
-        worst = min(self.worst, cutoff)
-        return changed(self, "reach", **self._shared, lb=lb, ub=ub, worst=worst)
+        return changed(self, "reach", **self._shared, lb=lb, ub=ub, worst=min(self.worst, cutoff))
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
@@ -213,11 +212,17 @@ class Program:
 
         Whether a limit is too far away is told by the bounds of the first.
         """
-        names = (
-            "rows", "_sparse", "sides", "pattern", "is_linear", "is_far", "farthest", "highest",
-            "has_rows_in_range",
-        )  # fmt: skip
-        return {name: getattr(self, name) for name in names}
+        return {
+            "rows": self.rows,
+            "_sparse": self._sparse,
+            "sides": self.sides,
+            "pattern": self.pattern,
+            "is_linear": self.is_linear,
+            "is_far": self.is_far,
+            "farthest": self.farthest,
+            "highest": self.highest,
+            "has_rows_in_range": self.has_rows_in_range,
+        }
 
     @cached_property
     def farthest(self) -> float:

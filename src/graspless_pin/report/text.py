@@ -103,15 +103,17 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held:
     if not bounds.found:
         return f"Whether {who.lower()} enforce that margin was not found in time."
     if bounds.smallest_margin == -inf:
-        why = "contact forces are unbounded (jamming is possible)"
-        return f"{who} do not enforce any margin: {why}."
+        return (
+            f"{who} do not enforce any margin: contact forces are unbounded (jamming is possible)."
+        )
     load, is_proven = solution.problem.scales.force, bounds.status is Status.OPTIMAL
     if is_proven and bounds.smallest_margin >= solution.margin - _SAME_MARGIN * load:
         return f"{who} enforce that margin, {bounds.covers}."
     least = figure(bounds.smallest_margin, load)
     unproven = "" if is_proven else " or smaller (not proven)"
-    beyond = ": a contact may be pressed so far beyond max_normal_force"
-    pressed = beyond if least.startswith("-") else ""
+    pressed = (
+        ": a contact may be pressed so far beyond max_normal_force" if least.startswith("-") else ""
+    )
     return (
         f"{who} do not enforce that margin: it may be as small as {least} N{unproven}, "
         f"{bounds.covers}{pressed}."

@@ -46,8 +46,9 @@ def contact_rooms(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray
         forces: (M, 3) contact forces on the object, N.
     """
     normal = np.einsum("ij,ij->i", problem.normals, forces)
-    rooms = normal, problem.max_normal_force - normal, problem.room_in_cones(forces)
-    return np.column_stack(rooms)
+    return np.column_stack(
+        (normal, problem.max_normal_force - normal, problem.room_in_cones(forces))
+    )
 
 
 def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]:

@@ -320,14 +320,12 @@ def torque_rounding(problem: QuasistaticProblem, from_contacts: FloatArray) -> l
         from_contacts: (L,) torques that hold the contact forces.
     """
     sizes = [joint_sizes(problem), np.abs(problem.gravity_torques), np.abs(from_contacts)]
-    rounding: list[float] = (_ZERO_SHARE * np.maximum.reduce(sizes)).tolist()
-    return rounding
+    return [_ZERO_SHARE * size for size in np.maximum.reduce(sizes).tolist()]
 
 
 def force_rounding(problem: QuasistaticProblem) -> list[float]:
     """Return for each of M contacts the largest force that is rounding of zero."""
-    rounding: list[float] = (_ZERO_SHARE * force_sizes(problem)).tolist()
-    return rounding
+    return [_ZERO_SHARE * size for size in force_sizes(problem).tolist()]
 
 
 def torque_size(problem: QuasistaticProblem, torques: FloatArray) -> float:
