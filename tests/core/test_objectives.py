@@ -25,6 +25,7 @@ from graspless_pin import (
     optimize,
 )
 from graspless_pin.errors import ArgumentError
+from graspless_pin.programs.analysis_objectives import at_torques
 from graspless_pin.programs.objectives import Margin, Torque, TorqueShare
 from graspless_pin.solution import Status
 
@@ -105,6 +106,17 @@ def test_a_weighted_margin_is_the_largest_over_all_modes(page, index):
     even = optimize(problem, page["WeightedMargin"]((1.0,) * problem.contact_count))
     assert even.value == pytest.approx(maximize_margin(problem).margin, abs=1e-7)
     assert solution.value < even.value - 1e-3
+
+
+@pytest.mark.parametrize("objective", [Margin(), Torque(0.1)])
+def test_a_solution_at_given_torques_is_told_as_what_it_is(objective):
+    problem = problems()[0]
+    free = optimize(problem, objective)
+    held = optimize(problem, at_torques(objective, free.torques))
+    assert held.value == pytest.approx(free.value, abs=1e-6)
+    told = f"value = {held.value:g}" in str(held)
+    assert told is not ("largest margin at given torques" in str(held))
+    assert told is (objective == Torque(0.1))
 
 
 def test_multipliers_of_an_own_block_are_derivatives(page):

@@ -51,6 +51,13 @@ def test_a_search_is_closed_where_no_node_can_be_better(value):
         assert not state.closed(value - below * size)
 
 
+def test_a_guessed_mode_near_the_relaxations_friction_spares_nodes():
+    """No motion is behind that friction, but the guessed mode's own program is as good."""
+    solution = maximize_margin(general_scene(31, 6, joints=(1, 2)))
+    assert solution.status is Status.OPTIMAL
+    assert (solution.certificate.nodes, solution.certificate.force_programs) == (1, 2)
+
+
 def test_an_answer_whose_forbidden_friction_costs_something_is_not_the_modes_own():
     problem = SPLIT[0]
     best = maximize_margin(problem)
