@@ -20,7 +20,6 @@ from matplotlib.image import imread
 
 from graspless_pin import bounds, compiled, contact_force_bounds, load_scene
 from graspless_pin.cli import solve
-from graspless_pin.report.verify import Check, Verification
 from graspless_pin.scene import scene_json_schema
 
 SPHERE = PAPER / "sphere_on_slope.yaml"
@@ -82,25 +81,6 @@ def test_guaranteed_torques_state_what_they_cost_and_verify(tmp_path):
     assert "the torques are guaranteed: verdict: strong" in checked.stdout
     *_, empty, last = checked.stdout.splitlines()
     assert empty == "" and last.startswith("Verified: all figures and proofs of the document, in ")
-
-
-def test_a_check_of_a_document_ends_with_what_follows():
-    given = Check("the problem", passed=True, detail="", given=True)
-    good, open_, bad = (Check(f"figure {one}", one, "") for one in (True, None, False))
-
-    def last(*checks: Check) -> str:
-        return str(Verification(checks)).splitlines()[-1]
-
-    assert last(given, good, good) == (
-        "Verified: all figures and proofs of the document, in 2 checks, for the problem that is "
-        "taken as given."
-    )
-    assert last(given, good, open_) == (
-        "Nothing is wrong in 2 checks, but the document proves not all that it claims: 'figure "
-        "None'."
-    )
-    assert last(open_, open_).endswith("'figure None' and 1 more.")
-    assert last(good, open_, bad) == "Not so: 1 of 3 checks failed, first 'figure False'."
 
 
 def test_exit_code_1_says_why_and_writes_the_document(tmp_path):

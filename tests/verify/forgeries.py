@@ -382,14 +382,6 @@ def one_goal_twelve_times(document: Document) -> None:
 
 
 @forgery("slope")
-def tree_omits_a_child(document: Document) -> None:
-    nodes = document["stability"]["proof"]["nodes"]
-    (leaf, parent), *_ = [one for one in leaves(nodes) if one[1] is not None]
-    nodes[parent]["children"] -= 1
-    del nodes[leaf]
-
-
-@forgery("slope")
 def node_stands_for_its_sibling(document: Document) -> None:
     nodes = document["stability"]["proof"]["nodes"]
     first, second = leaves(nodes)[:2]
@@ -507,12 +499,6 @@ def nothing_beyond_was_looked_at(document: Document) -> None:
     claim["forces"] = (forces * 1e4 / np.abs(forces).max()).tolist()
 
 
-@forgery("borne slot")
-def failure_of_a_smaller_push(document: Document) -> None:
-    claim = _direction(document)
-    claim["failing"] = 0.9 * claim["guaranteed"]
-
-
 # answers: forces, figures and limits
 
 
@@ -555,12 +541,6 @@ def guaranteed_torques_are_the_best_case(document: Document) -> None:
     torque = document["max_torque"]
     document["guarantee"] |= {"best_case": torque, "gap": 0.0}
     document["certificate"] |= {"bound": torque, "gap": 0.0}
-
-
-@forgery("tree")
-def proof_omits_a_child(document: Document) -> None:
-    nodes = document["proof"]["nodes"]
-    del nodes[next(index for index, one in enumerate(nodes) if one["kind"] == "bound")]
 
 
 @forgery("limit")
@@ -647,10 +627,6 @@ _TABLE: tuple[tuple[Any, ...], ...] = (
     ("inertia_is_negative", "slope", put("object_inertia", 4, 4, by=times(-1.0))),
     ("disturbance_without_spans_is_borne", "borne flat",
      put("disturbances", "directions", 0, "spans", to=[])),
-    ("disturbance_is_twice_as_large", "borne flat",
-     put("disturbances", "directions", 0, "guaranteed", by=times(2.0))),
-    ("first_span_is_left_out", "borne slot",
-     put("disturbances", "directions", 0, "spans", by=lambda spans: spans[1:])),
     ("direction_is_turned_up", "borne flat",
      put("disturbances", "directions", 0, "direction", to=[0.0, 0.8, 0.6, 0.0, 0.0, 0.0])),
     ("direction_is_no_unit", "borne flat",
@@ -679,9 +655,7 @@ _TABLE: tuple[tuple[Any, ...], ...] = (
     ("force_is_null", "tree", put("contacts", 0, "force", to=None)),
     ("infinity_is_written_as_a_large_number", "tree", put("joints", 0, "upper", to=1e308)),
     ("selected_is_a_number", "tree", put("contacts", 0, "selected", to=1)),
-    ("format_is_true", "tree", put("format", to=True)),
     ("index_is_no_whole_number", "tree", put("multipliers", "faces", 0, 0, to=0.0)),
-    ("unit_is_another", "tree", put("max_torque_unit", to="N")),
     ("contact_is_left_out_of_the_problem", "tree",
      put("contacts", by=lambda contacts: contacts[:-1])),
     ("infeasible_in_a_mode_is_infeasible", "infeasible in a mode",

@@ -30,10 +30,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from forgeries import FORGERIES, REFUSED, bases, failing_before, follow
 from scenes import (  # pyright: ignore[reportMissingImports] - tests/core
     random_arguments,
+    rescaled,
     scene,
     structured_arguments,
 )
-from verified_documents import SCALES, Document, documented, refused, scaled, slab
+from verified_documents import SCALES, Document, documented, refused, slab
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -104,7 +105,7 @@ def originals() -> list[Document]:
     documents = []
     for index, (problem, algorithm, margin, options) in enumerate(cases):
         force, length = SCALES[index % len(SCALES)]
-        problem = scaled(problem, force, length)
+        problem = rescaled(problem, force, length)
         documents.append(documented(_solved(problem, algorithm, margin * force, **options)))
     return documents
 

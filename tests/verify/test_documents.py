@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import SCALES, SOLUTIONS, changed, documented, failed, scaled, slab
+from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+    rescaled,
+    scene,
+)
+from verified_documents import SCALES, SOLUTIONS, changed, documented, failed, slab
 
 import graspless_pin.report.verify
 from graspless_pin import QuasistaticProblem, load_scene, maximize_margin, minimize_torque
@@ -72,7 +75,7 @@ def test_proofs_hold_at_every_scale(force, length):
         (scene("up"), "exact"),
         (slab(), "nonzero"),
     ):
-        problem = scaled(problem, force, length)
+        problem = rescaled(problem, force, length)
         for scale in ("absolute", "limits"):
             found = minimize_torque(problem, 0.1 * force, scale=scale, sign_rule=sign_rule)
             assert verify_document(documented(found)).proven
@@ -115,7 +118,7 @@ FIGURES = {
 @pytest.mark.parametrize(("force", "length"), SCALES)
 @pytest.mark.parametrize(("path", "check"), FIGURES.values(), ids=FIGURES)
 def test_each_figure_is_worked_out_again(path, check, force, length):
-    document = documented(minimize_torque(scaled(scene("rest"), force, length), 0.1 * force))
+    document = documented(minimize_torque(rescaled(scene("rest"), force, length), 0.1 * force))
     value: Any = document
     for key in path:
         value = value[key]
@@ -169,8 +172,15 @@ def test_a_proof_that_is_withdrawn_is_not_proven(made):
 @pytest.mark.parametrize(
     ("passed", "words"),
     [
-        ((True, True, True), "Verified: all figures and proofs of the document, in 3 checks, for"),
-        ((True, None, True), "in 3 checks, but the document proves not all that it claims: 'b'."),
+        (
+            (True, True, True),
+            "Verified: all figures and proofs of the document, in 3 checks, for the problem that "
+            "is taken as given.",
+        ),
+        (
+            (True, None, True),
+            "Nothing is wrong in 3 checks, but the document proves not all that it claims: 'b'.",
+        ),
         ((None, None, None), "proves not all that it claims: 'a' and 2 more."),
         ((None, False, False), "Not so: 2 of 3 checks failed, first 'b'."),
     ],

@@ -4,36 +4,13 @@ import copy
 
 import numpy as np
 import pytest
+from scenes import slider  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 from verified_documents import Document, changed, documented, failed
 
-from graspless_pin import QuasistaticProblem, maximize_margin
+from graspless_pin import maximize_margin
 from graspless_pin.report.verify import verify_document
 
 COUNTS, DOES_NOT = 5e-6, 2e-7
-
-
-def slider(turned: float) -> QuasistaticProblem:
-    """A slider on three points of a floor and two of a wall, its tangents turned by an angle.
-
-    Along the first tangents it slides; along the second ones only as far as they are turned.
-    """
-    points = [
-        [0.1, 0.1, -0.1],
-        [-0.1, 0.1, -0.1],
-        [0, -0.05, -0.1],
-        [0.1, -0.1, -0.1],
-        [-0.1, -0.1, -0.1],
-    ]
-    normals = [[0.0, 0.0, 1.0]] * 3 + [[0.0, 1.0, 0.0]] * 2
-    first = np.array([1.0, 0.0, 0.0])
-    c, s = np.cos(turned), np.sin(turned)
-    tangents = []
-    for n in normals:
-        second = np.cross(n, first)
-        tangents.append(np.column_stack([c * first + s * second, -s * first + c * second]))
-    return QuasistaticProblem(
-        points, normals, [6, -5, -10, -0.5, -0.6, 0], friction=0.5, tangents=tangents, cone_edges=8
-    )  # fmt: skip
 
 
 def document(turned: float, sign_rule: str = "strict") -> Document:

@@ -15,8 +15,11 @@ from own_objectives import (
     WeightedMargin,
 )
 from random_scenes import general_scene  # pyright: ignore[reportMissingImports] - tests/core
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import SCALES, changed, documented, failed, places, refused, scaled
+from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+    rescaled,
+    scene,
+)
+from verified_documents import SCALES, changed, documented, failed, places, refused
 
 from graspless_pin import Objective, ProgramBuilder, maximize_margin, minimize_torque, optimize
 from graspless_pin.errors import ArgumentError
@@ -64,7 +67,7 @@ def test_documents_with_round_cones_are_refused_by_name(own):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("force", "length"), SCALES)
 def test_proofs_hold_at_every_scale(force, length):
-    problem = scaled(scene("rest"), force, length)
+    problem = rescaled(scene("rest"), force, length)
     for objective in (SquaredShares(0.1 * force), WeightedMargin(WEIGHTS), Helped(0.05 * force)):
         assert verify_document(documented(optimize(problem, objective))).proven
 

@@ -4,8 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import SCALES, changed, documented, failed, scaled
+from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+    rescaled,
+    scene,
+)
+from verified_documents import SCALES, changed, documented, failed
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.report.verify import verify_document
@@ -90,7 +93,7 @@ SPOILT = {
 @pytest.mark.parametrize(("force", "length"), SCALES)
 def test_forces_meet_each_constraint_to_a_millionth_of_load_or_limit(name, force, length):
     which, spoil = SPOILT[name]
-    solution = minimize_torque(scaled(scene(which), force, length), 0.05 * force)
+    solution = minimize_torque(rescaled(scene(which), force, length), 0.05 * force)
     problem, forces = answer(documented(solution))
     assert all(check.passed for check in force_checks(problem, forces))
     assert residual(problem, forces) < 1e-7

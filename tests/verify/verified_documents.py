@@ -30,25 +30,6 @@ SCALES = ((1.0, 1.0), (1e-9, 1.0), (1e9, 1.0), (1.0, 1e-9), (1.0, 1e9), (1e-9, 1
 """Factors on all forces and on all lengths."""
 
 
-def scaled(problem: QuasistaticProblem, force: float, length: float) -> QuasistaticProblem:
-    """The same problem in other units of force and length."""
-    torque = force * length
-    return QuasistaticProblem(
-        problem.positions * length,
-        problem.normals,
-        problem.external_wrench * np.repeat([force, torque], 3),
-        problem.jacobian * length,
-        friction=problem.friction,
-        tangents=problem.tangents,
-        sliding=problem.sliding,
-        torque_limits=(problem.lower_torque * torque, problem.upper_torque * torque),
-        max_normal_force=problem.max_normal_force * force,
-        cone_edges=problem.cone_edges,
-        cone=problem.cone,
-        gravity_torques=problem.gravity_torques * torque,
-    )
-
-
 def documented(solution: TorqueSolution) -> Document:
     """Its document as it comes back from a file.
 
