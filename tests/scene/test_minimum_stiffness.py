@@ -224,25 +224,28 @@ def test_a_hybrid_finger_follows_as_a_joint_along_the_normal_does(force, tmp_pat
     np.testing.assert_allclose(hybrid.forces, by_joint.forces, atol=1e-6)
 
 
-def pressing_arm(folder) -> Scene:
-    """Three links of 0.1 m press a box against a wall with a round tip, and may buckle."""
-    body, parent = '<link name="base"/>', "base"
-    for index, name in enumerate("abc"):
-        tip = (
-            '<collision><origin xyz="0.1 0 0"/><geometry><sphere radius="0.01"/></geometry>'
-            "</collision>"
-        )
-        body += (
-            f'<link name="{name}"><inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>'
-            '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>'
-            f'{tip if name == "c" else ""}</link><joint name="j{name}" type="revolute">'
-            f'<parent link="{parent}"/><child link="{name}"/>'
-            f'<origin xyz="{0.1 * (index > 0)} 0 0"/><axis xyz="0 0 1"/>'
-            '<limit lower="-3" upper="3" effort="5" velocity="1"/></joint>'
-        )
-        parent = name
+ARM = """<link name="{name}"><inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>{shape}</link>
+<joint name="j{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
+<origin xyz="{at} 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="5" velocity="1"/></joint>"""
+TIP = (
+    """<collision><origin xyz="0.1 0 0"/><geometry><sphere radius="0.01"/></geometry></collision>"""
+)
+BENT = np.array([0.5, -0.9, 0.6])
+
+
+def pressing_arm(folder, radius=0.01, **more) -> Scene:
+    """Three links of 0.1 m press a box against a wall, and may buckle.
+
+    They press with a round tip, or with the end of the last where it has no shape.
+    """
+    body = '<link name="base"/>'
+    for name, parent, at in zip("abc", ("base", "a", "b"), (0.0, 0.1, 0.1), strict=True):
+        shape = TIP if name == "c" and radius else ""
+        body += ARM.format(name=name, parent=parent, at=at, shape=shape)
     (folder / "arm.urdf").write_text(f'<robot name="arm">{body}</robot>')
-    x, y = tip_of(BENT)[:2].tolist()
+    x, y = end_of(BENT).tolist()
     return loaded(
         folder,
         {
@@ -252,7 +255,7 @@ def pressing_arm(folder) -> Scene:
                 "urdf": "arm.urdf",
                 "q": dict(zip(("ja", "jb", "jc"), BENT.tolist(), strict=True)),
                 "count_own_weight": False,
-                "base_pose": {"position": [-x - 0.01, -y, 0.0]},
+                "base_pose": {"position": [-x - radius, -y, 0.0]},
             },
             "object": {
                 "shape": {"type": "box", "size": [0.1, 0.1, 0.1]},
@@ -264,45 +267,53 @@ def pressing_arm(folder) -> Scene:
                 "shape": {"type": "half_space"},
                 "pose": {"position": [0.1, 0, 0], "rpy": [0, -np.pi / 2, 0]},
             }],
+            **more,
         },
     )  # fmt: skip
 
 
-BENT = np.array([0.5, -0.9, 0.6])
-
-
-def tip_of(q):
-    """Where the tip's centre is, and how far a point of the tip has rolled on the box."""
+def end_of(q):
+    """Where the last link ends."""
     angles = np.cumsum(q)
-    x, y = 0.1 * np.cos(angles).sum(), 0.1 * np.sin(angles).sum()
-    return np.array([x, y, y + 0.01 * angles[-1]])
+    return 0.1 * np.array([np.cos(angles).sum(), np.sin(angles).sum()])
 
 
-def test_a_pressing_arm_buckles_as_its_energy_tells(tmp_path):
-    """One motion is left: U = -tau q along the curve on which the tip rolls on the box."""
-    scene = pressing_arm(tmp_path)
+def rolled_end_of(q):
+    """How far the tip's centre is from the box, and how far a point of the tip has rolled on it."""
+    x, y = end_of(q)
+    return np.array([x, y + 0.01 * np.sum(q)])
+
+
+def assert_buckles(scene, torques, kept):
+    """One motion is left: U = -tau q along the curve on which some function of q keeps its value.
+
+    Returns what is found of it, its stiffness and its tangent.
+    """
     problem = scene.problem()
-    torques = problem.jacobian[:3].T @ [20.0, 0.0, 0.0]
     found = minimum_stiffness(scene, torques, armature=0.0, damping=0.0)
-    slope = np.array(
-        [(tip_of(BENT + e) - tip_of(BENT - e))[[0, 2]] / 2e-6 for e in 1e-6 * np.eye(3)]
-    ).T
+    slope = np.array([(kept(BENT + e) - kept(BENT - e)) / 2e-6 for e in 1e-6 * np.eye(3)]).T
     tangent = null_space(slope)[:, 0]
 
     def energy(s):
         q = BENT + s * tangent
         for _ in range(20):  # back to the curve, across it
-            off = (tip_of(q) - tip_of(BENT))[[0, 2]]
+            off = kept(q) - kept(BENT)
             q = q - np.linalg.solve(np.vstack([slope, tangent]), [*off, 0.0])
         return -torques @ q
 
     step = 1e-3
     K = (energy(step) - 2.0 * energy(0.0) + energy(-step)) / step**2
     assert K < 0.0
-    assert found.growth == pytest.approx(
-        np.sqrt(-K / (tangent @ problem.joint_inertia @ tangent)), rel=1e-4
-    )
+    inertia = tangent @ problem.joint_inertia @ tangent
+    assert found.growth == pytest.approx(np.sqrt(-K / inertia), rel=1e-4)
     assert found.stiffness == pytest.approx(-K, rel=1e-4)
+    return found, K, tangent
+
+
+def test_a_pressing_arm_buckles_as_its_energy_tells(tmp_path):
+    scene = pressing_arm(tmp_path)
+    torques = scene.problem().jacobian[:3].T @ [20.0, 0.0, 0.0]
+    found, K, tangent = assert_buckles(scene, torques, rolled_end_of)
     for name, share in zip(("ja", "jb", "jc"), tangent, strict=True):
         assert found.per_joint[name] == pytest.approx(-K / share**2, rel=1e-4)
     assert found.motion is not None

@@ -6,23 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.linalg import null_space
-from tests.scene.scene_tools import EXAMPLES, content, loaded
+from scene_tools import EXAMPLES, content, loaded
+from test_minimum_stiffness import G, assert_buckles, end_of, pressing_arm
 
 from graspless_pin import Scene, load_scene, minimum_stiffness
 from graspless_pin.geometry import unwanted_overlaps
 from graspless_pin.report import solution_document, write_document
 from graspless_pin.report.verify import verify_document
 
-G, RADIUS, MASS, LINK = 9.81, 0.05, 0.5, 0.1
+RADIUS, MASS = 0.05, 0.5
 BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
-BENT = np.array([0.5, -0.9, 0.6])
-ARM = """<robot name="arm"><link name="base"/>{links}</robot>"""
-JOINT = """<link name="{name}"><inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>
-<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
-<origin xyz="{at} 0 0"/><axis xyz="0 0 1"/>
-<limit lower="-3" upper="3" effort="5" velocity="1"/></joint>"""
 
 
 def stated(scene: Scene) -> list[dict[str, object]]:
@@ -70,77 +63,29 @@ def test_a_ball_that_is_said_to_touch_far_from_all_shapes_stands_on_a_point(
     assert said.endswith(words) is (off > 0.0)
 
 
-def pressing_arm(folder: Path, **more: object) -> Scene:
-    """Three links without shapes press a box against a wall with the end of the last."""
-    parents = zip("abc", ("base", "a", "b"), (0.0, LINK, LINK), strict=True)
-    links = "".join(JOINT.format(name=name, parent=by, at=at) for name, by, at in parents)
-    (folder / "arm.urdf").write_text(ARM.format(links=links))
+def stating_arm(folder: Path) -> Scene:
+    """The arm without shapes, and where it and the wall touch the box."""
     corners = [(0.1, y, z) for y in (-0.05, 0.05) for z in (-0.05, 0.05)]
-    x, y = end_of(BENT).tolist()
-    data = {
-        "gravity": [0, 0, -G],
-        "friction": 0.8,
-        "hand": {
-            "urdf": "arm.urdf",
-            "q": dict(zip(("ja", "jb", "jc"), BENT.tolist(), strict=True)),
-            "count_own_weight": False,
-            "base_pose": {"position": [-x, -y, 0.0]},
-        },
-        "object": {
-            "shape": {"type": "box", "size": [0.1, 0.1, 0.1]},
-            "mass": MASS,
-            "pose": {"position": [0.05, 0, 0]},
-        },
-        "supports": [{
-            "name": "wall", "shape": {"type": "half_space"},
-            "pose": {"position": [0.1, 0, 0], "rpy": [0, -np.pi / 2, 0]},
-        }],
-        "contacts": [
-            {"body": "c", "position": [0, 0, 0], "normal": [1, 0, 0]},
-            *({"body": "wall", "position": [*one], "normal": [-1, 0, 0]} for one in corners),
-        ],
-    }  # fmt: skip
-    return loaded(folder, data | more)
-
-
-def end_of(q: np.ndarray) -> np.ndarray:
-    """Where the last link ends."""
-    angles = np.cumsum(q)
-    return LINK * np.array([np.cos(angles).sum(), np.sin(angles).sum()])
+    rows = [("c", (0.0, 0.0, 0.0), 1), *(("wall", corner, -1) for corner in corners)]
+    contacts = [{"body": body, "position": [*at], "normal": [n, 0, 0]} for body, at, n in rows]
+    return pressing_arm(folder, radius=0.0, contacts=contacts)
 
 
 def test_an_arm_without_shapes_buckles_about_its_stated_contact(tmp_path: Path) -> None:
-    """One motion is left: U = -tau q along the curve on which the arm's end stays."""
-    scene = pressing_arm(tmp_path)
-    problem = scene.problem()
-    torques = problem.jacobian[:3].T @ [20.0, 0.0, 0.0]
-    found = minimum_stiffness(scene, torques, armature=0.0, damping=0.0)
-    slope = np.array([(end_of(BENT + e) - end_of(BENT - e)) / 2e-6 for e in 1e-6 * np.eye(3)]).T
-    tangent = null_space(slope)[:, 0]
-
-    def energy(s: float) -> float:
-        q = BENT + s * tangent
-        for _ in range(20):  # back to the curve, across it
-            off = end_of(q) - end_of(BENT)
-            q = q - np.linalg.solve(np.vstack([slope, tangent]), [*off, 0.0])
-        return -torques @ q
-
-    step = 1e-3
-    K = (energy(step) - 2.0 * energy(0.0) + energy(-step)) / step**2
-    assert K < 0.0 and found.assumed == (0,)
-    inertia = tangent @ problem.joint_inertia @ tangent
-    assert found.growth == pytest.approx(np.sqrt(-K / inertia), rel=1e-4)
-    assert found.stiffness == pytest.approx(-K, rel=1e-4)
+    """The arm's end stays."""
+    scene = stating_arm(tmp_path)
+    torques = scene.problem().jacobian[:3].T @ [20.0, 0.0, 0.0]
+    assert assert_buckles(scene, torques, end_of)[0].assumed == (0,)
 
 
 def test_a_hand_without_shapes_is_in_nothing(tmp_path: Path) -> None:
-    scene = pressing_arm(tmp_path)
+    scene = stating_arm(tmp_path)
     assert scene.hand is not None
     assert unwanted_overlaps(scene.hand, scene.supports) == ()
 
 
 def test_a_document_tells_what_is_assumed_of_contacts(tmp_path: Path) -> None:
-    arm = pressing_arm(tmp_path)
+    arm = stating_arm(tmp_path)
     needed = minimum_stiffness(arm, arm.solve("torque").torques).stiffness
     scene = arm.with_changes(controller=2.0 * needed)
     solution = scene.solve("torque")
