@@ -65,6 +65,13 @@ class Steps(NamedTuple):
         )
         return q, pose, friction, mass
 
+    def rows(self, *steps: float) -> list[np.ndarray]:
+        """Inputs after some steps, with a leading axis of these; their second is a screw."""
+        return [
+            np.array([one + step * way for step in steps])
+            for one, way in zip(self.start, self.way, strict=True)
+        ]
+
     def solved(self, step: float, mode: Any) -> np.ndarray:
         """(1 + P + L,) optimum in a mode, gaps and torques, of a scene of its own."""
         q, pose, friction, mass = self.at(step)

@@ -1,7 +1,5 @@
 """Drake's programs with an evaluator's gaps, optima and torques, and the states of its plants."""
 
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -180,12 +178,3 @@ def test_wrong_variables_and_evaluators():
         PinnedFunctions(Evaluator(evaluator.scene))
     with pytest.raises(ArgumentError, match="regulari"):
         PinnedFunctions(evaluator_of(regularization=1e-3))
-
-
-def test_what_is_said_without_drake():
-    text = "import sys; sys.modules['pydrake'] = None; import graspless_pin.interfaces.drake"
-    done = subprocess.run(  # noqa: S603 - our own text
-        [sys.executable, "-c", text], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    assert "pip install 'graspless-pin[drake]'" in done.stderr.splitlines()[-1]

@@ -24,10 +24,7 @@ def double_precision():
 
 
 def inputs_of(case: Steps, *steps: float) -> list[Any]:
-    rows = [
-        [one + step * way for step in steps] for one, way in zip(case.start, case.way, strict=True)
-    ]
-    return [jnp.asarray(np.array(one)) for one in rows]
+    return [jnp.asarray(one) for one in case.rows(*steps)]
 
 
 def figures_of(case: Steps, **options: Any) -> Any:

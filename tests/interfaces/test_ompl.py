@@ -1,8 +1,6 @@
 """OMPL plans with an evaluator: its states and motions are those that the evaluator finds valid."""
 
 import gc
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -268,12 +266,3 @@ def test_states_of_some_joints_need_a_function():
     setup = geometric.SimpleSetup(joint_space(evaluator, evaluator.joint_names[:2]))
     with pytest.raises(ArgumentError, match="2 values and the evaluator 7 joints"):
         attach_evaluator(setup, evaluator)
-
-
-def test_what_is_said_without_ompl():
-    text = "import sys; sys.modules['ompl'] = None; import graspless_pin.interfaces.ompl"
-    done = subprocess.run(  # noqa: S603 - our own text
-        [sys.executable, "-c", text], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    assert "pip install 'graspless-pin[ompl]'" in done.stderr.splitlines()[-1]

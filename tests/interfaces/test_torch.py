@@ -16,10 +16,7 @@ from graspless_pin.interfaces.torch import optimum
 
 def inputs_of(case: Steps, *steps: float) -> list[Any]:
     """Tensors of positions, screws, coefficients and masses that gradients are asked for."""
-    rows = [
-        [one + step * way for step in steps] for one, way in zip(case.start, case.way, strict=True)
-    ]
-    return [torch.tensor(np.array(one), requires_grad=True) for one in rows]
+    return [torch.tensor(one, requires_grad=True) for one in case.rows(*steps)]
 
 
 def figures_of(case: Steps, **options: Any) -> Any:
