@@ -9,16 +9,12 @@ import numpy as np
 import pytest
 from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
     general_scene,
-    slope_scene,
 )
 from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    SIGN_RULES,
-    SLIDING_RULES,
-    random_problem,
     scene,
-    structured_arguments,
 )
 from scipy.spatial.transform import Rotation
+from tests.analysis.analysis_scenes import PAIRS, scene_of
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -29,7 +25,6 @@ from graspless_pin import (
 from graspless_pin.algorithms.gradients import Gradients, optimum_gradients
 from graspless_pin.errors import ArgumentError, NoSolutionError
 
-PAIRS = tuple(product(SIGN_RULES, SLIDING_RULES))
 NAMES = (
     *("sphere", "rest", "up", "down"),
     *(f"general {seed}" for seed in range(4)),
@@ -47,19 +42,13 @@ def problem_of(name: str) -> QuasistaticProblem:
     seed = int(number or 0)
     if family == "general":
         return general_scene(seed, 2 + seed % 3, joints=(1, 3), cone_edges=5)
-    if family == "slope":
-        return slope_scene(seed, 3 + seed % 2, cone_edges=4)
-    if family == "random":
-        return random_problem(seed, 2 + seed % 3, slides=seed % 2)
-    if family == "structured":
-        kind = ("slab", "pinch", "planar")[seed % 3]
-        return QuasistaticProblem(**structured_arguments(seed, kind, 3, slides=seed % 2))
     if family == "tight":
         problem = general_scene(20 + seed, 3, joints=(1, 2), cone_edges=5)
         solution = maximize_margin(problem, static_friction="coulomb")
         press = np.einsum("ij,ij->i", problem.normals, solution.contact_forces)
         return problem.with_changes(max_normal_force=press + 0.7 * solution.margin)
-    return scene(name)
+    contacts = {"slope": 3 + seed % 2, "random": 2 + seed % 3, "structured": 3}
+    return scene_of(family, seed, contacts[family]) if number else scene(name)
 
 
 def solve(problem, algorithm, **options):

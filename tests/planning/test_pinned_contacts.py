@@ -86,62 +86,35 @@ def test_a_face_is_pinned_beyond_its_border():
     np.testing.assert_allclose(normals, [down] * 3, atol=1e-12)
 
 
-def test_sliding_contacts_turn_with_the_spin():
-    """A box that spins and slides on its slope: each contact's friction has its own direction."""
-    scene = example("allegro_box_on_slope")
+LOADS = [
+    {"name": "push", "force": [0.2, 0.1, 0.0], "at": [0.02, 0.0, 0.02], "axes": "object"},
+    {"name": "payload", "mass": 0.05, "at": [0.0, 0.02, 0.01]},
+]
+
+
+@pytest.mark.parametrize("slides", [True, False], ids=["sliding", "loaded"])
+def test_sliding_and_loads_turn_with_the_object(slides):
+    """A box that spins and slides on its slope: each contact's friction has its own direction.
+
+    Or a push in object axes at a corner, and a payload: their wrench changes with the pose.
+    """
+    scene = example("allegro_box_on_slope").with_changes({} if slides else {"loads": LOADS})
     evaluator = Evaluator(scene, pins=pins_of(scene), algorithm="torque", collisions=False)
-    up = scene.supports[0].T_world_support[:3, 2]
-    along = scene.supports[0].T_world_support[:3, 0]
-    twist = np.concatenate([0.05 * along, 0.5 * up])
-    rng = np.random.default_rng(0)
-    q = nearby(evaluator, rng, 0.01)
+    along, _, up = scene.supports[0].T_world_support[:3, :3].T
+    twist = np.concatenate([0.05 * along, 0.5 * up]) if slides else None
+    q, T = nearby(evaluator, np.random.default_rng(0), 0.01), scene.object.T_world_object
     state = evaluator.pinned(q, twist=twist)
-    assert state.evaluation.solution.problem.is_sliding.sum() == 4
-    mode, T = state.evaluation.solution.mode, scene.object.T_world_object
-    fixed = Evaluator(scene, pins=pins_of(scene), algorithm="torque", collisions=False)
+    assert state.evaluation.solution.problem.is_sliding.sum() == 4 * slides
+    mode, size = state.evaluation.solution.mode, np.abs(state.by_optimum.pose).max()
+    assert state.by_optimum.unique.all()
 
     def optimum(step):
-        there = fixed.scene_at(q + step[:-6], displaced(scene, T, step[-6:]), twist)
-        return minimum(there.problem(), mode, fixed.required_margin)
+        problem = evaluator.scene_at(q, displaced(scene, T, step), twist).problem()
+        return minimize_torque(problem, margin=evaluator.required_margin, mode=mode).max_torque
 
-    row = np.concatenate([state.by_optimum.q, state.by_optimum.pose])
-    assert state.by_optimum.unique.all()
-    for column in range(len(q), len(q) + 6):
-        step = STEP * np.eye(len(q) + 6)[column]
+    for column, step in enumerate(STEP * np.eye(6)):
         slope = (optimum(step) - optimum(-step)) / (2.0 * STEP)
-        assert row[column] == pytest.approx(slope, abs=1e-3 * np.abs(row).max())
-
-
-def test_loads_turn_with_the_object():
-    """A push in object axes at a corner, and a payload: their wrench changes with the pose."""
-    scene = example("allegro_box_on_slope").with_changes(
-        {
-            "loads": [
-                {
-                    "name": "push",
-                    "force": [0.2, 0.1, 0.0],
-                    "at": [0.02, 0.0, 0.02],
-                    "axes": "object",
-                },
-                {"name": "payload", "mass": 0.05, "at": [0.0, 0.02, 0.01]},
-            ]
-        }
-    )
-    evaluator = Evaluator(scene, pins=pins_of(scene), algorithm="torque", collisions=False)
-    q, T = nearby(evaluator, np.random.default_rng(0), 0.01), scene.object.T_world_object
-    state = evaluator.pinned(q)
-    mode, size = state.evaluation.solution.mode, np.abs(state.by_optimum.pose).max()
-    for column, twist in enumerate(STEP * np.eye(6)):
-        high, low = (
-            figures(evaluator, q, displaced(scene, T, way), mode)["optimum"]
-            for way in (twist, -twist)
-        )
-        slope = (high - low) / (2.0 * STEP)
         assert state.by_optimum.pose[column] == pytest.approx(slope, abs=1e-3 * size)
-
-
-def minimum(problem, mode, margin):
-    return minimize_torque(problem, margin=margin, mode=mode).max_torque
 
 
 def test_parallel_faces_are_marked_as_a_kink():
