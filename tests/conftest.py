@@ -28,6 +28,10 @@ from hypothesis import settings
 from graspless_pin import compiled
 from graspless_pin.errors import GrasplessPinError
 
+# Tests import what they share as `tests.core.scenes`, wherever pytest is started.
+if (_ROOT := str(Path(__file__).resolve().parents[1])) not in sys.path:
+    sys.path.insert(0, _ROOT)
+
 # Whoever runs the tests in the background, or with nohup, ignores these, and so would every process
 # that a test starts and interrupts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

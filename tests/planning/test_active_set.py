@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    general_scene,
-    slope_scene,
-)
-from scenes import assert_holds  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from tests.core.random_scenes import general_scene, slope_scene
+from tests.core.scenes import assert_holds
 
 from graspless_pin import maximize_margin
 from graspless_pin.algorithms.formulation import formulate

@@ -7,14 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    general_scene,
-)
-from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    scene,
-)
 from scipy.spatial.transform import Rotation
 from tests.analysis.analysis_scenes import PAIRS, scene_of
+from tests.core.random_scenes import general_scene
+from tests.core.scenes import scene
 
 from graspless_pin import (
     QuasistaticProblem,

@@ -4,11 +4,8 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    general_scene,
-    slope_scene,
-)
-from scenes import random_problem  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from tests.core.random_scenes import general_scene, slope_scene
+from tests.core.scenes import random_problem
 
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
 from graspless_pin.algorithms.named_objectives import torque_objective

@@ -1,14 +1,8 @@
-"""Let these tests import the shared builders of ``tests/core``; each document is made once."""
+"""Each document of these tests is made once."""
 
-import sys
 from functools import cache
-from pathlib import Path
 
 import pytest
-
-_CORE = str(Path(__file__).resolve().parents[1] / "core")
-if _CORE not in sys.path:
-    sys.path.insert(0, _CORE)
 
 
 @cache

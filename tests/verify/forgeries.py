@@ -18,8 +18,8 @@ import numpy as np
 import test_kept_disturbances
 from rest_documents import CASES, ONE_KILOGRAM, G, leaves, times
 from rest_documents import document as at_rest
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core
 from test_guarantee import document as guaranteed
+from tests.core.scenes import scene
 from verified_documents import SOLUTIONS, Document, documented
 
 from graspless_pin import (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from tests.core.scenes import scene
 
 from graspless_pin import Objective, ProgramBuilder, QuasistaticProblem, optimize
 from graspless_pin.programs.forces import ForceCoordinates

@@ -24,16 +24,10 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "core"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from forgeries import FORGERIES, REFUSED, bases, failing_before, follow
-from scenes import (  # pyright: ignore[reportMissingImports] - tests/core
-    random_arguments,
-    rescaled,
-    scene,
-    structured_arguments,
-)
+from tests.core.scenes import random_arguments, rescaled, scene, structured_arguments
 from verified_documents import SCALES, Document, documented, refused, slab
 
 from graspless_pin import (

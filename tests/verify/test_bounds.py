@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from own_objectives import SOLUTIONS
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from tests.core.scenes import scene
 from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque, optimize

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rest_documents import slope
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 from tampering import falsehood, originals, refused
+from tests.core.scenes import scene
 from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque

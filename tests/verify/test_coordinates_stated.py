@@ -7,13 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from own_objectives import Helped
-from two_bodies import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    HEIGHT,
-    THREE,
-    G,
-    on_a_rail,
-    stacked,
-)
+from tests.core.two_bodies import HEIGHT, THREE, G, on_a_rail, stacked
 from verified_documents import refused
 
 from graspless_pin import (

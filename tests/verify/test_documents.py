@@ -8,10 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    rescaled,
-    scene,
-)
+from tests.core.scenes import rescaled, scene
 from verified_documents import SCALES, SOLUTIONS, changed, documented, failed, slab
 
 import graspless_pin.report.verify

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 from own_objectives import Helped
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 from scipy.optimize import linprog
+from tests.core.scenes import scene
 from verified_documents import documented
 
 from graspless_pin import optimize

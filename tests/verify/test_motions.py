@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-from scenes import slider  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from tests.core.scenes import slider
 from verified_documents import Document, changed, documented, failed
 
 from graspless_pin import maximize_margin

@@ -14,11 +14,8 @@ from own_objectives import (
     SquaredShares,
     WeightedMargin,
 )
-from random_scenes import general_scene  # pyright: ignore[reportMissingImports] - tests/core
-from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    rescaled,
-    scene,
-)
+from tests.core.random_scenes import general_scene
+from tests.core.scenes import rescaled, scene
 from verified_documents import SCALES, changed, documented, failed, places, refused
 
 from graspless_pin import Objective, ProgramBuilder, maximize_margin, minimize_torque, optimize

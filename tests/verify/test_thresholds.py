@@ -4,10 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    rescaled,
-    scene,
-)
+from tests.core.scenes import rescaled, scene
 from verified_documents import SCALES, changed, documented, failed
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from tests.core.scenes import scene
 from verified_documents import changed, documented, failed
 
 from graspless_pin import QuasistaticProblem, maximize_margin

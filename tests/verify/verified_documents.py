@@ -8,11 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from scenes import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-    random_arguments,
-    scene,
-    structured_arguments,
-)
+from tests.core.scenes import random_arguments, scene, structured_arguments
 
 from graspless_pin import (
     QuasistaticProblem,
