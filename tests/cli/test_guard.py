@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from tests.core.child_calls import is_running
 
 from graspless_pin.cli.outcome import shortened
 
@@ -115,20 +116,11 @@ def test_an_exception_that_is_none_of_ours_is_one_line_that_asks_for_a_report():
     assert "AssertionError; " in last
 
 
-def is_alive(number: int) -> bool:
-    try:
-        os.kill(number, 0)
-    except ProcessLookupError:
-        return False
-    with open(f"/proc/{number}/stat", encoding="utf-8") as file:  # noqa: PTH123
-        return file.read().rpartition(")")[2].split()[0] != "Z"
-
-
 def gone(number: int) -> bool:
     deadline = time.monotonic() + PATIENCE
-    while is_alive(number) and time.monotonic() < deadline:
+    while is_running(number) and time.monotonic() < deadline:
         time.sleep(0.05)
-    return not is_alive(number)
+    return not is_running(number)
 
 
 def started() -> tuple[subprocess.Popen[str], int]:
@@ -140,7 +132,7 @@ def started() -> tuple[subprocess.Popen[str], int]:
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGKILL"])
 def test_what_ends_the_parent_ends_the_child(name):
     process, child = started()
-    assert child != process.pid and is_alive(child)
+    assert child != process.pid and is_running(child)
     number = getattr(signal, name)
     process.send_signal(number)
     assert process.wait(timeout=PATIENCE) == -number

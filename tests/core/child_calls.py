@@ -5,6 +5,7 @@ import re
 import sys
 import time
 import warnings
+from pathlib import Path
 
 from graspless_pin.errors import GrasplessPinWarning
 
@@ -50,3 +51,11 @@ def prints():
     os.write(1, b"to the descriptor\n")
     warnings.warn("noise", GrasplessPinWarning, stacklevel=1)
     return sys.stdin.read()
+
+
+def is_running(process):
+    """Whether a process runs, and not just waits to be asked how it ended."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False

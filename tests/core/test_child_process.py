@@ -14,6 +14,7 @@ from child_calls import (
     fails,
     fails_stubbornly,
     holds_the_process,
+    is_running,
     prints,
     squares,
     yields_then,
@@ -33,13 +34,6 @@ from graspless_pin.errors import (
 def child():
     with ChildProcess() as made:
         yield made
-
-
-def is_running(process):
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def wait_for_end(process):

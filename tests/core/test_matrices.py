@@ -39,15 +39,6 @@ def test_shapes():
         assert not matrix.flags.writeable, letter
 
 
-def test_w_by_hand():
-    # Columns are unit forces along x, y, z at (1, 2, 3): moments p x e.
-    expected = [
-        [1, 0, 0], [0, 1, 0], [0, 0, 1],
-        [0, -3, 2], [3, 0, -1], [-2, 1, 0],
-    ]  # fmt: skip
-    np.testing.assert_array_equal(table_with_slider().W[:, :3], expected)
-
-
 def test_c_by_hand():
     C = table_with_slider().C
     cone = np.array([[1, 0, -1, 0], [0, 1, 0, -1], [3, 3, 3, 3]]) / RT10

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.planning import Evaluator
+from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.scene import load_scene
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -50,3 +52,13 @@ def shifted(T: np.ndarray, step) -> np.ndarray:
     moved = np.array(T)
     moved[:3, 3] += step
     return moved
+
+
+def solved_alone(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What is added to as states are solved by a search, and not by loops."""
+    alone: list[Any] = []
+    solved = StateSolver.solved
+    monkeypatch.setattr(
+        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
+    )
+    return alone

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from planning_scenes import example
+from planning_scenes import example, solved_alone
 
 from graspless_pin import (
     Evaluator,
@@ -19,7 +19,6 @@ from graspless_pin import (
 )
 from graspless_pin.errors import ArgumentError, StateError
 from graspless_pin.planning import StateStatus, state_loops
-from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import Acceleration, Load
@@ -222,11 +221,7 @@ def test_most_states_of_a_path_are_answered_by_loops(monkeypatch):
     rng = np.random.default_rng(6)
     steps = rng.normal(0.0, 0.01, (60, 7)).cumsum(axis=0)
     q = np.clip(evaluator.configuration() + steps, *evaluator.joint_limits)
-    alone: list[Any] = []
-    solved = StateSolver.solved
-    monkeypatch.setattr(
-        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
-    )
+    alone = solved_alone(monkeypatch)
     found = evaluator.evaluate_many(q, workers=1)
     assert found.found.all()
     assert len(alone) <= 20
@@ -343,11 +338,7 @@ def test_loads_bear_on_a_carried_object(name, force, monkeypatch):
     """In loops, as on the scene in each state with the same contacts moved along."""
     scene = bar(force=force).with_changes(supports=(), **BEARING[name])
     evaluator = Evaluator(scene, attached_to="panda_hand", algorithm="margin", collisions=False)
-    alone: list[Any] = []
-    solved = StateSolver.solved
-    monkeypatch.setattr(
-        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
-    )
+    alone = solved_alone(monkeypatch)
     turns = np.random.default_rng(5).normal(0.0, 0.3, (4, 7))
     steps = np.concatenate([turn * np.linspace(0.0, 1.0, 5)[:, None] for turn in turns])
     q = np.clip(evaluator.configuration() + steps, *evaluator.joint_limits)

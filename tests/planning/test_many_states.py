@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from planning_scenes import example, nearby, shifted, with_hybrid_finger
+from planning_scenes import example, nearby, shifted, solved_alone, with_hybrid_finger
 
 from graspless_pin import Margin, SolveOptions, compiled
 from graspless_pin.errors import ArgumentError, CrashError
@@ -92,11 +92,7 @@ def test_states_that_are_like_none_before_are_answered_by_loops(
     evaluator = Evaluator(example(name), algorithm=algorithm)
     rng = np.random.default_rng(5)
     q = np.array([nearby(evaluator, rng, spread) for _ in range(32)])
-    alone: list[Any] = []
-    solved = StateSolver.solved
-    monkeypatch.setattr(
-        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
-    )
+    alone = solved_alone(monkeypatch)
 
     found = evaluator.evaluate_many(q, workers=1)
 

@@ -12,7 +12,7 @@ import pytest
 from scene_tools import EXAMPLES, PAPER, content, loaded
 from test_geometric_stiffness import on_mesh, turned_icosphere
 from test_minimum_stiffness import ball, board_on_cylinder, pressing_arm, standing
-from typer.testing import CliRunner, Result
+from tests.cli.cli_tools import run
 
 from graspless_pin import (
     Controller,
@@ -22,15 +22,10 @@ from graspless_pin import (
     minimum_stiffness,
     stability,
 )
-from graspless_pin.cli.commands import app
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.report import solution_document
 
 BOX_ON_SLOPE = EXAMPLES / "allegro_box_on_slope.yaml"
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in arguments])
 
 
 def test_fingers_that_buckle_are_told_from_an_object_that_goes(tmp_path: Path) -> None:

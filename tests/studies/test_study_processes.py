@@ -16,6 +16,7 @@ from distributed import Client, LocalCluster
 from distributed.utils import get_mp_context
 from faulty_evaluations import crashes_at_the_end, hangs_at_seven, misbehaves
 from study_tools import FRICTION, SLOPE, Here, data, study, study_file
+from tests.core.child_calls import is_running
 
 from graspless_pin.errors import StudyError
 from graspless_pin.studies import (
@@ -94,13 +95,6 @@ def rows_in(journal):
         return max(journal.read_bytes().count(b"\n") - 1, 0)
     except FileNotFoundError:
         return 0
-
-
-def is_running(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 CRASHED = ("crashed", "the process was ended by SIGSEGV, and so was a second one")
