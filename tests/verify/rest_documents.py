@@ -4,6 +4,8 @@ import json
 from functools import cache, partial
 
 import numpy as np
+from tests.oracles.compared_outcomes import outcome_case
+from tests.oracles.outcomes import enumerate_outcomes
 
 from graspless_pin import QuasistaticProblem, maximize_margin, stability
 from graspless_pin.report import solution_document
@@ -12,6 +14,7 @@ from graspless_pin.report.verify.reading import read_problem
 from graspless_pin.report.verify.rest_bounds import (
     RestMultipliers,
     commanded_contacts,
+    largest_goal,
     rest_dynamics,
 )
 
@@ -176,6 +179,21 @@ class StatedBody:
         """The acceleration and the forces of an outcome, in the checker's own units."""
         y = np.linalg.lstsq(dynamics.accelerations, acceleration, rcond=None)[0]
         return y, np.einsum("lij,lj->li", self.problem.frames, forces) / dynamics.force_unit
+
+
+def seeded(number):
+    """A seeded body, and an outcome of its own load."""
+    case, problem = outcome_case(3, number)
+    outcome = enumerate_outcomes(case, sectors=8).outcome
+    assert outcome is not None
+    return StatedBody(case, problem), outcome
+
+
+def slack_of(dynamics, states, y, f, rng, **options):
+    """How far a random bound on what is known of an outcome lies above what the outcome reaches."""
+    loads, multipliers, goal = random_bound(dynamics, f, rng, **options)
+    bound = largest_goal(dynamics, states, loads, multipliers, goal, float(f[:, 0].max()))
+    return bound - float(goal[0] @ y + (goal[1] * f).sum())
 
 
 def random_bound(dynamics, f, rng, *, tangential=1.0):
