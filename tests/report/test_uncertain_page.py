@@ -14,6 +14,7 @@ from tests.cli.cli_tools import run
 from graspless_pin import Uncertainty, load_scene
 
 SET = {"mass": 0.2, "center_of_mass": 0.01}
+QUICK = ("--no-ranges", "--no-verdict")
 SOLVE = {"algorithm": "torque", "margin": 0.1, "static_friction": "coulomb"}
 
 
@@ -26,7 +27,7 @@ def stating(folder: Path, source: Path, **keys: Any) -> Path:
 
 def test_torques_for_the_whole_set(tmp_path: Path) -> None:
     file, target = stating(tmp_path, AT_REST, solve=SOLVE), tmp_path / "report.html"
-    assert run("report", file, "-o", target, "--no-ranges").exit_code == 0
+    assert run("report", file, "-o", target, *QUICK).exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
     section = page.section("unknown")
     scene = load_scene(file)
@@ -54,20 +55,20 @@ def test_torques_for_the_whole_set(tmp_path: Path) -> None:
     # The document that goes along, and a page of it.
     document = tmp_path / "solution.json"
     run("solve", file, "--no-verdict", "--json", document)
-    assert run("report", document, "-o", target, "--no-ranges").exit_code == 0
+    assert run("report", document, "-o", target, *QUICK).exit_code == 0
     again = read_html(target.read_text(encoding="utf-8"))
     assert "mass ±20 %" in again.section("unknown").text
     assert "How far may each be off" not in again.text
     content = json.loads(document.read_text(encoding="utf-8"))
     del content["uncertainty"]["nominal"]
     document.write_text(json.dumps(content), encoding="utf-8")
-    refused = run("report", document, "-o", target, "--no-ranges")
+    refused = run("report", document, "-o", target, *QUICK)
     assert refused.exit_code == 2 and "uncertainty: is not complete" in refused.stderr
 
 
 def test_where_nothing_serves_the_set(tmp_path: Path) -> None:
     file, target = stating(tmp_path, SPHERE, solve=SOLVE), tmp_path / "report.html"
-    assert run("report", file, "-o", target, "--no-ranges").exit_code == 1
+    assert run("report", file, "-o", target, *QUICK).exit_code == 1
     page = read_html(target.read_text(encoding="utf-8"))
     section = page.section("unknown")
     scene = load_scene(file)

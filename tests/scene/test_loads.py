@@ -11,6 +11,7 @@ import pytest
 import yaml
 from scene_tools import EXAMPLES, PAPER, content, hand_of, loaded
 from scipy.spatial.transform import Rotation
+from tests.studies.study_tools import Here
 
 from graspless_pin import Evaluator, Scene, load_scene
 from graspless_pin.errors import ArgumentError, SceneError
@@ -285,7 +286,7 @@ def test_what_cannot_be_is_refused() -> None:
 def computed(scene: Path, vary: dict[str, Any], folder: Path) -> list[float]:
     study = Study.from_data({"scene": str(scene), "vary": vary})
     file = folder / f"{next(iter(vary))}.csv"
-    return run_study(study, file, workers=1, progress=False)["margin_N"].tolist()
+    return run_study(study, file, executor=Here(), progress=False)["margin_N"].tolist()
 
 
 def test_studies_vary_and_turn_loads(tmp_path: Path) -> None:

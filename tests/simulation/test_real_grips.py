@@ -15,6 +15,7 @@ from graspless_pin.simulation.model import STIFF
 GRIPS = sorted(Path(__file__).with_name("grips").glob("*.yaml"))
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("file", GRIPS, ids=lambda file: file.stem)
 def test_a_grip_does_as_it_is_said_to(file: Path) -> None:
     found = cases(file, ["margin"], soft=False)

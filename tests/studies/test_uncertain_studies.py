@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from study_tools import CUBOID, Here
@@ -26,14 +27,15 @@ def study_of(folder: Path, vary: dict, uncertainty: dict | None = None, **more) 
     return Study.from_data(content)
 
 
-@pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_rows_have_the_torques_for_the_whole_set(tmp_path: Path, ending: str) -> None:
+def test_rows_have_the_torques_for_the_whole_set(tmp_path: Path) -> None:
     shares = {"from": 0.0, "to": 0.3, "steps": 3}
     width = {"key": "uncertainty.center_of_mass", "from": 5, "to": 200, "steps": 2, "unit": "mm"}
     study = study_of(tmp_path, {"uncertainty.mass": shares, "width": width}, {"mass": 0.1})
-    output = tmp_path / f"results.{ending}"
-    run_study(study, output, executor=Here(), progress=False)
+    output, other = tmp_path / "results.csv", tmp_path / "results.parquet"
+    for file in (other, output):
+        run_study(study, file, executor=Here(), progress=False)
     table: Any = read_results(output)
+    pd.testing.assert_frame_equal(read_results(other), table)
     assert len(table) == 6 and table["found"].all()
     assert str(table["robust_found"].dtype) == "boolean"
     scene = load_scene(tmp_path / "scene.yaml")
