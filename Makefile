@@ -14,6 +14,8 @@ export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 unexport PYTHONDONTWRITEBYTECODE
 
 TESTS ?= tests
+# Tests of a file in one process; files in their order, for the longest come early.
+SPREAD := --dist loadgroup --no-loadscope-reorder
 # One more than there are cores: every fifth second, a test waits for a browser or another process.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
 SCALES ?= --count 2000 --jobs 2
@@ -51,11 +53,11 @@ run: $(RUN_STAMP)
 
 test: install
 	bash tests/browser/install_chromium.sh
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(TESTS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(SPREAD) $(TESTS)
 
 # All cases of all tests: `make test` takes a sample of those that are many of a kind.
 all-cases: install
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --all-cases $(TESTS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(SPREAD) --all-cases $(TESTS)
 
 # A wheel of this platform, and its tests where nothing can be compiled.
 wheel: install
