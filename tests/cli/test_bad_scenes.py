@@ -109,11 +109,6 @@ CASES = {
         "name: ''",
         ":13: supports[0].name: needs a name that messages can use, got ''",
     ),
-    "negative friction of a body": (
-        FRICTION,
-        "friction: {default: 0.3, floor: -0.2}",
-        f":2: friction.floor: found -0.2; needs {NUMBER} >= 0",
-    ),
     "friction not for all": (
         FRICTION,
         "friction: {floor: 0.2}",

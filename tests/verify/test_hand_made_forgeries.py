@@ -4,10 +4,9 @@ import json
 
 import pytest
 from forgeries import FORGERIES, REFUSED, Forgery, base, bases
-from typer.testing import CliRunner
+from tests.cli.cli_tools import run
 from verified_documents import changed
 
-from graspless_pin.cli.commands import app
 from graspless_pin.report.verify import verify_document
 
 
@@ -30,7 +29,7 @@ def test_a_key_that_stands_twice_is_refused(tmp_path):
     text = json.dumps(base("tree"))
     file = tmp_path / "twice.json"
     file.write_text(text.replace('"margin": ', '"margin": 7.0, "margin": ', 1))
-    said = CliRunner().invoke(app, ["verify", str(file)])
+    said = run("verify", file)
     assert said.exit_code == 2
     assert "'margin' twice" in said.output
 

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner
+from tests.cli.cli_tools import run
 
 from graspless_pin import load_scene
-from graspless_pin.cli.commands import app
 from graspless_pin.errors import SceneError
 from graspless_pin.planning import Waypoint, evaluate_path
 from graspless_pin.report import write_path_documents
@@ -18,10 +17,6 @@ from graspless_pin.report.verify import verify_document
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CUBOID = EXAMPLES / "paper" / "cuboid_at_rest.yaml"
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(one) for one in arguments], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +96,7 @@ def here(monkeypatch):
 def test_each_sample_of_a_study_has_a_proven_document(study, tmp_path, here):
     folder, output = tmp_path / "proofs", tmp_path / "out.csv"
     call = ("study", study, "-o", output, "--no-progress", "--proofs", folder)
-    assert run(*call, "--workers", 1).exit_code == 0
+    assert run(*call, "--workers", "1").exit_code == 0
     files = sorted(folder.iterdir())
     assert [file.name for file in files] == ["sample_000000.json", "sample_000002.json"]
     documents = [json.loads(file.read_text(encoding="utf-8")) for file in files]
