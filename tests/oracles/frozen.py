@@ -78,7 +78,8 @@ def of_problem(
     if not best.found or rules["sign_rule"] == "direction" or problem.contact_count > 8:
         return
     if seed % 6 == 0:
-        ranges = contact_force_bounds(problem, best.torques, **{**rules, "node_limit": 200})
+        few: dict[str, Any] = {**rules, "node_limit": 200}
+        ranges = contact_force_bounds(problem, best.torques, **few)
         values = [ranges.smallest_margin, *ranges.lower.ravel(), *ranges.upper.ravel()]
         yield f"{name}: force ranges", {"values": [number(one) for one in values]}
     if seed % 6 == 2 and not problem.is_sliding.any():
