@@ -203,9 +203,9 @@ class LargestShare(Objective):
         for name, sign in (("upward", 1.0), ("downward", -1.0)):
             program.rows(
                 name,
-                sign * forces.torque,
+                sign * forces.torque_rows,
                 -sign * forces.gravity,
-                {largest: -np.ones(len(forces.torque))},
+                {largest: -np.ones(len(forces.torque_rows))},
             )
 
 
