@@ -83,7 +83,7 @@ class ProgramBuilder:
             name: What they are.
             count: How many.
             box: Finite lower and upper bounds that every optimum keeps, for proofs, which look no
-                further. They are not imposed; an optimum outside them is an `ArgumentError`.
+                further. They are not imposed; an optimum that they hide is an `ArgumentError`.
             whole_box: The same for all forces where `ForceRows.boxes` has a second box; None: the
                 same as for the first.
             low: Lower bounds to be imposed.

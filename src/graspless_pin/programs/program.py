@@ -133,7 +133,7 @@ class Program:
         blocks: What its rows mean, in their order; empty: not told.
         bounded_blocks: What its columns with bounds mean.
         boxes_are_stated: Whether somebody stated the boxes of the blocks' columns: an optimum
-            outside them is a mistake of the objective.
+            that they hide is a mistake of the objective.
         strict: (m + k,) how many times as closely as others each row has to be met, at least 1;
             None: none more closely, and bounds neither.
     """
