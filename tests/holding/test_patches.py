@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cases import block_between_walls, block_on_slope, dynamics_of, pressed_on_wall
+from tests.core.random_scenes import slope_scene
 
 from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
 from graspless_pin.holding.bounds import States
@@ -126,6 +127,14 @@ def test_a_disc_on_a_slope_needs_few_sets_of_outcomes() -> None:
     verdict = stability(tilted, [])
     assert verdict.status is Stability.STRONG
     assert verdict.nodes < 100
+
+
+def test_a_motion_in_which_contacts_stick_with_friction_at_its_limit_is_found() -> None:
+    """Five contacts of one plane: no point of the split patch is near the outcome that moves."""
+    problem = slope_scene(806, 6).with_changes(
+        object_inertia=np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01]), joint_inertia=[[1e-3]]
+    )
+    assert stability(problem, [-0.06699656], node_limit=3000).status is Stability.WEAK
 
 
 def test_what_follows_is_proven_from_what_was_split_alone() -> None:

@@ -26,7 +26,7 @@ from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.least_squares import nonnegative_squares
 from graspless_pin.holding.patches import Patch, PatchSlip, find_patches
 from graspless_pin.holding.relaxation import Relaxation, Relaxed
-from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
+from graspless_pin.holding.unstable_motion import coulomb_gaps, polish, settled_motion
 from graspless_pin.holding.verdict import ContactState, DualBound, LoadProof, OutcomeSet, SlipRange
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.tree_search import TreeSearch
@@ -100,6 +100,9 @@ _FINGERS_FIRST = 3.0
 """Weight of contacts that joints drive: what fingers do decides what supports have to bear."""
 _LOADS_ANEW = 3
 """Sets of outcomes, of which each such one is asked for larger normal forces."""
+_SWEPT = 50
+"""Sets of outcomes, of which each such one's forces begin a search for a moving outcome, however
+far they are from one: points of split patches do not come near."""
 _LEAST_GAP = 1e-15
 """Power by which any contact counts as missing Coulomb's law: at rest what is widest is split."""
 _NARROW = 0.2
@@ -217,6 +220,8 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
                 continue
             y, forces = relaxed.y + aside, relaxed.forces
             motion = _near(dynamics, relaxed, y)
+            if motion is None and nodes % _SWEPT == 0:
+                motion = settled_motion(dynamics, forces)
             if motion is not None:
                 return Searched(None, motion, nodes, len(search), relaxation.programs)
         node.children = _children(dynamics, node.states, relaxation, y, forces, patches)

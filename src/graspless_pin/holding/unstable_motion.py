@@ -25,6 +25,10 @@ _EXACT = 1e-13
 _DIVERGING = 1e3
 _SETTLED = 1e-10
 """Forces that change by less have come to their end."""
+_LONG_SWEEPS = 4000
+_LONG_SETTLED = 1e-14
+"""Of the search from one point, whose end is an outcome as it is: where a contact sticks with
+friction at its limit, a polish of least norm leaves the cone by its last step."""
 _DIVERGED = 1e6
 """Forces that change by so much jam: more sweeps tell nothing."""
 _TOLERANCE = 1e-9
@@ -92,8 +96,19 @@ def found_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
                 yield polished
 
 
-def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
-    """Projected Gauss-Seidel with De Saxce's shift, all starts side by side: (K, M, 3)."""
+def settled_motion(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
+    """Return the moving outcome that sweeps from scaled (M, 3) forces end in, None if in none."""
+    settled = _relaxed(dynamics, forces[None], _LONG_SWEEPS, _LONG_SETTLED)[0]
+    return settled if is_outcome(dynamics, settled) else None
+
+
+def _relaxed(
+    dynamics: Dynamics, starts: FloatArray, sweeps: int = _SWEEPS, settled: float = _SETTLED
+) -> FloatArray:
+    """Projected Gauss-Seidel with De Saxce's shift, all starts side by side: (K, M, 3).
+
+    It ends after so many sweeps, or where none changes a force by more than `settled`.
+    """
     rows, pushes, mu = dynamics.rows, dynamics.pushes, dynamics.friction
     blocks = np.einsum("lin,ljn->lij", rows, pushes)
     steps = 1.0 / np.maximum(np.linalg.norm(blocks, ord=2, axis=(1, 2)), 1e-12)
@@ -109,11 +124,11 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
     # where nothing is compiled, and to test the loops with.
     if core is not None:
         core.swept(
-            rows, pushes.transpose(0, 2, 1), mu, commanded, dynamics.points, forces, y, _SWEEPS,
-            _LOOK, still, _SETTLED, _DIVERGED, _STILL,
+            rows, pushes.transpose(0, 2, 1), mu, commanded, dynamics.points, forces, y, sweeps,
+            _LOOK, still, settled, _DIVERGED, _STILL,
         )  # fmt: skip
         return forces.transpose(2, 0, 1)
-    for sweep in range(_SWEEPS):
+    for sweep in range(sweeps):
         if sweep % _LOOK == _LOOK - 1 and max(map(dynamics.point_acceleration, y.T)) < still:
             break
         for contact, coefficient in enumerate(mu.tolist()):
@@ -131,7 +146,7 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
             y += pushes[contact] @ changes[contact]
             forces[contact] = trial
         change = float(np.abs(changes).max())
-        if change < _SETTLED or change > _DIVERGED:
+        if change < settled or change > _DIVERGED:
             break
     return forces.transpose(2, 0, 1)
 
