@@ -263,3 +263,16 @@ def test_what_no_solver_decides_on_is_left_out(monkeypatch):
     monkeypatch.setattr(explanation_module, "branch_and_bound", search)
     found = explain(maximize_margin(pushed())).suggestions
     assert [item.text.split(" would")[0] for item in found] == ["all friction coefficients"]
+
+
+def test_a_help_far_beyond_all_that_is_at_hand_is_left_out():
+    """Tiny levers turn a margin of next to nothing into a wrench that no one would add."""
+    jacobian = [[0.5, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.5], [0.0, 0.0], [0.0, 0.0]]
+    problem = QuasistaticProblem(
+        [[0.0, -7e-5, 2.7e-4], [0.0, -1e-4, 2.5e-4]], [[-1.0, 0.0, 0.0]] * 2,
+        [0.0, 0.0, -2.6, 0.0, 0.0, 0.0], jacobian, friction=0.7,
+        torque_limits=([-1e-11, -3e-8], [1e-11, 3e-8]), max_normal_force=[5.0, 1e-5], cone_edges=6,
+    )  # fmt: skip
+    solution = minimize_torque(problem, 3.4e-8, scale="limits", sign_rule="nonzero")
+    (only,) = explain(solution).suggestions
+    assert only.text.startswith("with no required margin, an extra external wrench")

@@ -236,7 +236,8 @@ class Elastic(Objective):
         most = _at_hand(forces, margin)
         if self.normal:
             program.look_within(forces.cone_box(float(forces.limit.max()) + most))
-        s = program.columns("relief", low=0.0, box=(0.0, most), cost=1.0)
+        # More than that is no help, and the box holds of every solution as the limit is imposed.
+        s = program.columns("relief", low=0.0, high=most, box=(0.0, most), cost=1.0)
         up, down = self._given(forces)
         program.cones(margin)
         program.rows("torque_upper", forces.torque_rows, forces.upper, {s: -up})
