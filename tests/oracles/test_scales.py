@@ -1,8 +1,10 @@
 """A slice of `make scales`: no answer at any scale is wrong, and next to none is missing."""
 
-from tests.oracles.judging import Outcome, judge
+from tests.oracles.judging import Outcome, ask, judge
 from tests.oracles.scale_scenes import scale_case
 from tests.oracles.scales import judged, passes
+
+from graspless_pin import Status, contact_force_bounds
 
 SLICE = range(30, 37)
 
@@ -16,3 +18,10 @@ def test_scenes_of_every_scale_agree_with_the_exact_optimum():
 def test_rounding_of_endless_multipliers_makes_nothing_infeasible():
     """A solver left multipliers of 1e100 for a scene with a margin of 0.24 N."""
     assert judge(scale_case(1478)).outcome in (Outcome.AGREE, Outcome.UNVERIFIED)
+
+
+def test_forces_that_rounding_alone_allows_are_no_error():
+    """Torques next to nothing with tiny levers: a margin beyond all limits is not looked for."""
+    case = scale_case(143)
+    bounds = contact_force_bounds(case.problem, ask(case.problem, case.question).torques)
+    assert bounds.status is Status.OPTIMAL

@@ -142,13 +142,16 @@ class HeldMargin(Objective):
     maximizes = True
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add e/F; the forces stay in their cones whatever it is beyond the normal-force limit."""
+        """Add e/F; the forces stay in their cones whatever it is beyond the normal-force limit.
+
+        Forces a thousand times as large as the limit are not looked for.
+        """
         forces = program.forces
         largest = float(forces.limit.max())
         most = min(1e3 * largest, FARTHEST)
-        program.look_within(forces.cone_box(most))
+        program.look_within(forces.cone_box(min(most + largest, FARTHEST)))
         unit = forces.coordinates.force_scale
-        e = program.columns("margin", box=(-most, largest), cost=-1.0, unit=unit)
+        e = program.columns("margin", low=-most, box=(-most, largest), cost=-1.0, unit=unit)
         program.balance()
         program.held_torques(contact_torques(forces, self.torques))
         program.cones(e)
