@@ -10,6 +10,7 @@ from graspless_pin import compiled
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact.distances import deep_pairs, separation, solids_of
+from graspless_pin.geometry.poses import rigid
 
 COUNT = 60
 DEPTH = 0.004
@@ -27,7 +28,8 @@ def shape_of(rng, kind: int):
     a, b, c = rng.uniform(0.002, 0.06, 3)
     if kind == 3:
         return convex_geometry(rng.normal(size=(12, 3)) * [a, b, c])
-    return (coal.Box(a, b, c), coal.Sphere(a), coal.Capsule(a, b))[kind]
+    shapes = coal.Box(a, b, c), coal.Sphere(a), coal.Capsule(a, b), None, coal.Cylinder(a, b)
+    return (*shapes, coal.Cone(a, b))[kind]
 
 
 def shapes_of(rng, kinds) -> list:
@@ -70,7 +72,7 @@ def depths_of(bodies, around, pairs) -> dict[tuple[int, int], float]:
 @pytest.mark.parametrize("seed", range(6))
 def test_no_deep_pair_is_ruled_out(seed, form):
     rng = np.random.default_rng(seed)
-    bodies = placed(rng, shapes_of(rng, rng.integers(0, 4, COUNT)))
+    bodies = placed(rng, shapes_of(rng, rng.integers(0, 6, COUNT)))
     pairs = pairs_within(bodies)
     left = left_by(form, bodies, bodies, pairs)
     depths = depths_of(bodies, bodies, pairs)
@@ -109,6 +111,17 @@ def test_what_stands_around_is_compared_with_every_shape(seed, form):
         sharp |= {(k, m) for k in range(15) for m in (0, 1)}
     assert all(depths[pair] > DEPTH - 1e-7 for pair in left & sharp)
     assert len(left) < len(depths)
+
+
+@pytest.mark.skipif(compiled.core is None, reason="numpy compares with spheres alone")
+@pytest.mark.parametrize("other", [coal.Box(0.1, 0.1, 0.02), coal.Halfspace(0.0, 0.0, 1.0, 0.01)])
+def test_of_a_cylinder_the_corners_of_its_box_do_not_count(other):
+    """Its axis is level over a face, and its box is turned by 45 degrees about it."""
+    turn = Rotation.from_euler("ZXZ", [30.0, 90.0, 45.0], degrees=True).as_matrix()
+    shapes = BodyShapes(("link", "plate"), (coal.Cylinder(0.02, 0.05), other))
+    for height, left in ((0.0261, set()), (0.0259, {(0, 0)})):
+        bodies = PlacedBodies(shapes, np.array([rigid([0.0, 0.0, height], turn), np.eye(4)]))
+        assert left_by("compiled", parts(bodies, [0]), parts(bodies, [1]), [(0, 0)]) == left
 
 
 def test_what_is_smaller_than_the_depth_may_be_deeper(form):

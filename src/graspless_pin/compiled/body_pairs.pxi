@@ -1,7 +1,8 @@
 """Pairs of convex sets that may be deep in each other, by the boxes and spheres around them.
 
 Two sets are parted by a shift of at most some depth if their boxes, or the sphere around one and
-the box around the other, are: then nothing else has to be measured.
+the box around the other, are: then nothing else has to be measured. Around what is revolved the box
+is a cylinder.
 """
 
 cdef double _PARALLEL = 1e-6  # squared sine of the angle between two edges
@@ -71,6 +72,14 @@ cdef class BodyPairs(KeptArrays):
         return False
 
 
+cdef double _reach_along(ConvexSets sets, Py_ssize_t k, const double* sizes) noexcept nogil:
+    """Most that a bounded set reaches from its centre; sizes of a direction along its axes."""
+    cdef const double* half = sets.halves + 3 * k
+    if sets.kinds[k] == REVOLVED:
+        return sqrt(sizes[0] * sizes[0] + sizes[1] * sizes[1]) * half[0] + sizes[2] * half[2]
+    return dot(sizes, half)
+
+
 cdef bint _deep_in_plane(
     ConvexSets sets, Py_ssize_t k, const double* T, const double* center, const double* plane,
     const double* T_plane, double depth
@@ -78,7 +87,7 @@ cdef bint _deep_in_plane(
     """Whether a set may reach deeper than a depth into a half-space."""
     cdef double normal[3]
     cdef double local[3]
-    cdef double height, reach = 0.0
+    cdef double height
     cdef int i
     for i in range(3):
         normal[i] = dot(T_plane + 4 * i, plane)
@@ -87,8 +96,8 @@ cdef bint _deep_in_plane(
         height -= normal[i] * T_plane[4 * i + 3]
     turn_back(T, normal, local)
     for i in range(3):
-        reach += fabs(local[i]) * sets.halves[3 * k + i]
-    return min(reach, sets.reaches[k]) - height > depth
+        local[i] = fabs(local[i])
+    return min(_reach_along(sets, k, local), sets.reaches[k]) - height > depth
 
 
 cdef bint _from_box_by(double reach, const double* local, const double* half) noexcept nogil:
@@ -114,6 +123,9 @@ cdef bint may_be_deep(
     cdef double beyond[3]
     cdef double R[9]
     cdef double S[9]
+    cdef double turned[9]
+    cdef double sizes[3]
+    cdef double other_sizes[3]
     cdef double gap, reach, along, sine
     cdef int i, j, i1, i2, j1, j2
     for i in range(3):
@@ -132,12 +144,12 @@ cdef bint may_be_deep(
             R[3 * i + j] = (
                 T[i] * T_other[j] + T[4 + i] * T_other[4 + j] + T[8 + i] * T_other[8 + j]
             )
-            S[3 * i + j] = fabs(R[3 * i + j])
+            S[3 * i + j] = turned[3 * j + i] = fabs(R[3 * i + j])
     for i in range(3):
-        reach = half[i] + dot(S + 3 * i, other_half)
+        reach = half[i] + _reach_along(others, k, S + 3 * i)
         if reach - fabs(local[i]) <= depth:
             return False
-        reach = other_half[i] + S[i] * half[0] + S[3 + i] * half[1] + S[6 + i] * half[2]
+        reach = other_half[i] + _reach_along(ones, p, turned + 3 * i)
         if reach - fabs(beyond[i]) <= depth:
             return False
     # Along the common normals of an edge of one box and one of the other.
@@ -149,8 +161,9 @@ cdef bint may_be_deep(
             if sine <= _PARALLEL:
                 continue
             along = fabs(local[i2] * R[3 * i1 + j] - local[i1] * R[3 * i2 + j])
-            reach = half[i1] * S[3 * i2 + j] + half[i2] * S[3 * i1 + j]
-            reach += other_half[j1] * S[3 * i + j2] + other_half[j2] * S[3 * i + j1]
+            sizes[i], sizes[i1], sizes[i2] = 0.0, S[3 * i2 + j], S[3 * i1 + j]
+            other_sizes[j], other_sizes[j1], other_sizes[j2] = 0.0, S[3 * i + j2], S[3 * i + j1]
+            reach = _reach_along(ones, p, sizes) + _reach_along(others, k, other_sizes)
             gap = along - reach
             if -gap <= depth * sqrt(sine):
                 return False

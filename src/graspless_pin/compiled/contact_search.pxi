@@ -5,6 +5,7 @@ cpdef enum:
     BALL = 1
     PLANE = 2
     POLYTOPE = 3
+    REVOLVED = 4
 
 cdef double _ON_FACE = 1e-9  # m, as in `polytopes`
 
@@ -26,7 +27,7 @@ cdef class ConvexSets(KeptArrays):
         """Take the sets.
 
         Args:
-            kinds: (K,) `BALL`, `PLANE`, `POLYTOPE` or 0 for others.
+            kinds: (K,) `BALL`, `PLANE`, `POLYTOPE`, `REVOLVED` about the z axis, or 0 for others.
             bodies: (K,) number below K of the body that each is a piece of.
             centers: (K, 3) centres of boxes around them, m.
             half_extents: (K, 3) half the edge lengths of these boxes, m.

@@ -9,6 +9,7 @@ Numbers: TypeAlias = NDArray[np.int_]
 
 OTHER: int
 BALL: int
+REVOLVED: int
 PLANE: int
 POLYTOPE: int
 

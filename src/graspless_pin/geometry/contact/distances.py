@@ -19,7 +19,7 @@ from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.convex_sets import BoundedSet, ConvexSet, Plane
+from graspless_pin.geometry.bodies.convex_sets import BoundedSet, ConvexSet, Plane, Revolved
 from graspless_pin.geometry.bodies.polytopes import Polytope
 from graspless_pin.geometry.contact.patches import DISTANCE_REQUEST, convex_set
 from graspless_pin.geometry.hand.model import Hand
@@ -68,6 +68,8 @@ class Solids:
             if isinstance(one, Polytope)
             else core.BALL
             if one.is_sphere
+            else core.REVOLVED
+            if isinstance(one, Revolved)
             else core.OTHER
             for one in self.sets
         ]
