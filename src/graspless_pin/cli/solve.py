@@ -182,14 +182,15 @@ def solve_scene(
         show_findings()
         if solution.found and not no_verdict:
             bounds = _forces(loaded, solution)
-        if json_file is not None:
-            from graspless_pin.report import solution_document, write_document
-
-            write_document(solution_document(solution, loaded, verdict, answer=answer), json_file)
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution, note, bounds, answer))
             if answer is not None and answer.found:
                 typer.echo(f"\nHow far each may be off: graspless-pin tolerances {scene}")
+        # After what was found: not every answer has a document, and not every file can be written.
+        if json_file is not None:
+            from graspless_pin.report import solution_document, write_document
+
+            write_document(solution_document(solution, loaded, verdict, answer=answer), json_file)
     raise typer.Exit(exit_code(solution))
 
 
