@@ -4,7 +4,7 @@ from tests.oracles.judging import Outcome, ask, judge
 from tests.oracles.scale_scenes import scale_case
 from tests.oracles.scales import judged, passes
 
-from graspless_pin import Status, contact_force_bounds
+from graspless_pin import Status, contact_force_bounds, margin_torque_curve
 
 SLICE = range(30, 37)
 
@@ -25,3 +25,9 @@ def test_forces_that_rounding_alone_allows_are_no_error():
     case = scale_case(143)
     bounds = contact_force_bounds(case.problem, ask(case.problem, case.question).torques)
     assert bounds.status is Status.OPTIMAL
+
+
+def test_a_torque_that_costs_nothing_is_not_held_against_its_box():
+    """The largest margin is asked of Algorithm 2's program: its torque ends at 1e13."""
+    curve = margin_torque_curve(scale_case(858).problem, node_limit=20)
+    assert curve.status is Status.OPTIMAL

@@ -396,7 +396,7 @@ def _check_boxes(program: Program, x: FloatArray, y: FloatArray, z: FloatArray) 
         return
     larger = replace(program, box=np.stack((np.minimum(low, x), np.maximum(high, x))))
     value, bound = program.value(x), larger.dual_bound(y, z)
-    gap = GAP_TOLERANCE * max(1.0, abs(value))
+    gap = GAP_TOLERANCE * max(1.0, abs(value)) + _rounding(larger.farthest, y, z)
     hidden = value > program.highest + gap or program.dual_bound(y, z, whole=True) > bound + gap
     if not hidden or value > bound + gap:
         return
@@ -422,8 +422,12 @@ def _is_above(program: Program, bound: float, cutoff: float, y: FloatArray, z: F
         bound = program.dual_bound(y, z, whole=True)
         farthest = float(np.abs(program.whole_box).max(initial=0.0))
     # Multipliers may be so large that their rounding is above the cutoff.
-    rounding = _BOUND_ROUNDING * farthest * (np.abs(y).sum() + np.abs(z).sum())
-    return bool(bound > least and bound - cutoff > rounding)
+    return bool(bound > least and bound - cutoff > _rounding(farthest, y, z))
+
+
+def _rounding(farthest: float, y: FloatArray, z: FloatArray) -> float:
+    """Return what rounding of multipliers may add to a bound over a box that reaches so far."""
+    return _BOUND_ROUNDING * farthest * float(np.abs(y).sum() + np.abs(z).sum())
 
 
 def _is_within_reach(program: Program, x: FloatArray) -> bool:
