@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cases import block_between_walls, block_on_slope, dynamics_of, pressed_on_wall
+from scipy.optimize import linprog
 from tests.core.random_scenes import slope_scene
 
 from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
@@ -152,3 +153,36 @@ def test_what_follows_is_proven_from_what_was_split_alone() -> None:
         states = states.changed(forced.contact, forced.state, depends=forced.depends)
         followed += 1
     assert followed == 5 + 6
+
+
+def test_what_follows_from_what_is_not_exact_is_known_to_what_that_adds_up_to() -> None:
+    """Held against the largest motion within these tolerances, by linear programs."""
+    unit, rng = 1e-13, np.random.default_rng(3)
+    dynamics = dynamics_of(rim(8), ())
+    parts, slips = rng.uniform(0.2, 1.0, 3), rng.uniform(0.2, 1.0, 2)
+    states = States.unknown(8)
+    for contact, most in enumerate(parts):
+        states = states.changed(contact, ContactState.CLOSED, most=unit * most)
+    for contact, most in enumerate(slips):
+        states = states.changed(contact, ContactState.STICKING, most=unit * most)
+    told = np.vstack([dynamics.rows[:3, 0], *dynamics.rows[:2, 1:]])
+    within = np.repeat(slips, 2) / np.sqrt(2.0)
+    most, least = np.concatenate([parts, within]), np.concatenate([0.0 * parts, -within])
+    followed = 0
+    while (forced := forced_state(dynamics, states)) is not None:
+        rows = dynamics.rows[forced.contact]
+        for row in rows[:1] if forced.state is ContactState.CLOSED else [*rows[1:], *-rows[1:]]:
+            sides = np.concatenate([most, -least])
+            farthest = linprog(-row, np.vstack([told, -told]), sides, bounds=(None, None))
+            assert forced.most >= unit * -farthest.fun - 1e-16 > 0.0
+        states = states.changed(
+            forced.contact, forced.state, depends=forced.depends, most=forced.most
+        )
+        followed += 1
+    assert followed == 5 + 6
+    # An open contact parts by no more than its closed sibling may.
+    opened = States.unknown(8).changed(3, ContactState.OPEN)
+    for contact in range(3):
+        opened = opened.changed(contact, ContactState.CLOSED, most=unit)
+    found = forced_state(dynamics, opened)
+    assert found is None or found.contact != 3

@@ -28,7 +28,7 @@ cdef class Bounds(KeptArrays):
     """What multipliers prove, see `holding.bounds.outcome_bound`, for one dynamics and loads."""
 
     cdef Py_ssize_t count, n
-    cdef double tolerance, patch_tolerance, force_limit
+    cdef double tolerance, force_limit
     cdef double* rows
     cdef double* load
     cdef double* friction
@@ -46,7 +46,7 @@ cdef class Bounds(KeptArrays):
 
     def __init__(
         self, rows, load, friction, commanded, spread, commanded_spread, loads,
-        double tolerance, double patch_tolerance, double force_limit, aside, leaks,
+        double tolerance, double force_limit, aside, leaks,
     ):
         cdef Py_ssize_t n = len(load), count = len(rows), k
         self.count, self.n = count, n
@@ -61,7 +61,6 @@ cdef class Bounds(KeptArrays):
         self.leaks = self.reals(as_vector(leaks, count))
         self.is_whole = inner(self.aside, self.aside, n) == 0.0
         self.tolerance, self.force_limit = tolerance, force_limit
-        self.patch_tolerance = patch_tolerance
         self.reach, self.left = self.room(count), self.room(n)
         self.needed, self.pay = self.room(count), self.room(count)
         for k in range(count):
@@ -69,13 +68,17 @@ cdef class Bounds(KeptArrays):
                 inner(self.rows + (3 * k + 1) * n, self.rows + (3 * k + 1) * n, 2 * n)
             )
 
-    def bound(self, states, center, half_width, motion, normal, tangential, p, q):
+    def bound(
+        self, states, center, half_width, parts, slips, motion, normal, tangential, p, q
+    ):
         """Return what one set of multipliers proves; arguments as of `outcome_bound`.
 
         Args:
             states: (M,) numbers.
             center: (M,) rad.
             half_width: (M,) rad, as of `holding.bounds.States`.
+            parts: (M,) as there.
+            slips: (M,) as there.
             motion: (n,) lambda.
             normal: (M,) nu.
             tangential: (M, 2) kappa.
@@ -85,17 +88,19 @@ cdef class Bounds(KeptArrays):
         cdef cnp.ndarray kinds = as_integers(states, self.count)
         cdef cnp.ndarray at = as_vector(center, self.count)
         cdef cnp.ndarray wide = as_vector(half_width, self.count)
+        cdef cnp.ndarray open_by = as_vector(parts, self.count)
+        cdef cnp.ndarray slip_by = as_vector(slips, self.count)
         cdef cnp.ndarray one = as_vector(motion, self.n), two = as_vector(normal, self.count)
         cdef cnp.ndarray three = as_shaped(tangential, self.count, 2)
         cdef cnp.ndarray first = as_vector(p, self.n), second = as_shaped(q, self.count, 3)
         return self._bound(
-            numbers_of(kinds), data(at), data(wide), data(one), data(two), data(three),
-            data(first), data(second), INFINITY,
+            numbers_of(kinds), data(at), data(wide), data(open_by), data(slip_by), data(one),
+            data(two), data(three), data(first), data(second), INFINITY,
         )
 
     def first(
-        self, states, center, half_width, motions, normals, tangentials, p, Py_ssize_t known,
-        double enough,
+        self, states, center, half_width, parts, slips, motions, normals, tangentials, p,
+        Py_ssize_t known, double enough,
     ):
         """Return the last of some multipliers that prove p.y to be at most ``enough``; -1: none.
 
@@ -103,6 +108,8 @@ cdef class Bounds(KeptArrays):
             states: (M,) numbers.
             center: (M,) rad.
             half_width: (M,) rad, as of `holding.bounds.States`.
+            parts: (M,) as there.
+            slips: (M,) as there.
             motions: (K, n) lambda.
             normals: (K, M) nu.
             tangentials: (K, M, 2) kappa.
@@ -113,6 +120,8 @@ cdef class Bounds(KeptArrays):
         cdef cnp.ndarray kinds = as_integers(states, self.count)
         cdef cnp.ndarray at = as_vector(center, self.count)
         cdef cnp.ndarray wide = as_vector(half_width, self.count)
+        cdef cnp.ndarray open_by = as_vector(parts, self.count)
+        cdef cnp.ndarray slip_by = as_vector(slips, self.count)
         cdef cnp.ndarray first = as_vector(p, self.n), one = as_reals(motions, 2)
         cdef Py_ssize_t whole = one.shape[0], k
         one = as_shaped(one, whole, self.n)
@@ -122,17 +131,17 @@ cdef class Bounds(KeptArrays):
             raise ValueError("needs multipliers that exist")
         for k in range(known - 1, -1, -1):
             if self._bound(
-                numbers_of(kinds), data(at), data(wide), data(one) + k * self.n,
-                data(two) + k * self.count, data(three) + 2 * k * self.count, data(first), NULL,
-                enough,
+                numbers_of(kinds), data(at), data(wide), data(open_by), data(slip_by),
+                data(one) + k * self.n, data(two) + k * self.count,
+                data(three) + 2 * k * self.count, data(first), NULL, enough,
             ) <= enough:
                 return k
         return -1
 
     cdef double _bound(
         self, const cnp.npy_intp* states, const double* center, const double* half_width,
-        const double* motion, const double* normal, const double* kappa, const double* p,
-        const double* q, double enough,
+        const double* parts, const double* slips, const double* motion, const double* normal,
+        const double* kappa, const double* p, const double* q, double enough,
     ) noexcept nogil:
         """The bound; without q, infinite once it is above ``enough`` with terms of forces alone.
 
@@ -171,12 +180,12 @@ cdef class Bounds(KeptArrays):
             nu = 0.0 if held else normal[k]
             if states[k] == FREE or states[k] == OPEN:
                 nu = fmax(nu, 0.0)
-            slack += fmax(-nu, 0.0)
+            slack += fmax(-nu, 0.0) * fmax(parts[k], self.tolerance)
             for j in range(n):
                 v[j] += nu * own[j] + kappa[2 * k] * own[n + j] + kappa[2 * k + 1] * own[2 * n + j]
             if is_stuck(states[k], half_width[k]):
                 wrong = sqrt(kappa[2 * k] * kappa[2 * k] + kappa[2 * k + 1] * kappa[2 * k + 1])
-                slack += wrong * (self.patch_tolerance if half_width[k] < 0.0 else 1.0)
+                slack += wrong * fmax(slips[k], self.tolerance)
                 continue
             wrong = -least_product(kappa[2 * k], kappa[2 * k + 1], center[k], half_width[k])
             if wrong > 0.0:
@@ -187,7 +196,7 @@ cdef class Bounds(KeptArrays):
                 self.needed[marked] = wrong / power if power != 0.0 else INFINITY
                 self.pay[marked] = wrong * self.reach[k]
                 marked += 1
-        bound += self.tolerance * slack + fmax(rise, 0.0)
+        bound += slack + fmax(rise, 0.0)
         # Slips are paid for by a larger beta, or by their length.
         size, along, best = sqrt(inner(v, v, n)), inner(v, self.load, n), INFINITY
         bound += inner(v, self.aside, n) + inner(motion, self.aside, n)

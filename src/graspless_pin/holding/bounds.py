@@ -14,7 +14,7 @@ the arc opposite to its slip, f_n >= its smallest load, u_t in the arc of its sl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -37,7 +37,7 @@ _EXACT = 1e-15
 _CLOSING = 1e-13
 """Scaled acceleration: what rounding leaves of rows that depend on each other is a hundredth."""
 PATCH_TOLERANCE = 10.0
-"""Times the closing tolerance: what contacts of a patch may slip that count as sticking."""
+"""Times the closing tolerance: slips of a patch that count as none."""
 _STILL = 1e-9
 """A load that is smaller than this counts as so large."""
 _REMEMBERED = 256
@@ -59,6 +59,8 @@ class States:
         closes: (M,) contacts whose closing depends on that of others: relaxations need no row for
             it, and rows that depend on others make large multipliers.
         sticks: (M,) contacts of whose sticking that is true.
+        parts: (M,) u_n up to which a contact counts as closed where kinematics prove no more.
+        slips: (M,) |u_t| up to which it counts as sticking, likewise.
         patches: What is known of patches.
     """
 
@@ -67,13 +69,16 @@ class States:
     half_width: FloatArray
     closes: NDArray[np.bool_]
     sticks: NDArray[np.bool_]
+    parts: FloatArray
+    slips: FloatArray
     patches: tuple[PatchSlip, ...] = ()
 
     @classmethod
     def unknown(cls, count: int) -> States:
         """Return the states of which nothing is known."""
-        none = np.zeros(count, dtype=bool)
-        return cls((ContactState.FREE,) * count, np.zeros(count), np.full(count, np.pi), none, none)
+        none, zeros = np.zeros(count, dtype=bool), np.zeros(count)
+        free = (ContactState.FREE,) * count
+        return cls(free, zeros, np.full(count, np.pi), none, none, zeros, zeros)
 
     def changed(
         self,
@@ -83,20 +88,35 @@ class States:
         half_width: float = np.pi,
         *,
         depends: bool = False,
+        most: float = 0.0,
     ) -> States:
-        """Return the states with one contact's replaced."""
+        """Return the states with one contact's replaced.
+
+        Args:
+            contact: Its index.
+            state: Its state.
+            center: Middle of the directions of its slip, rad.
+            half_width: Half their width, rad.
+            depends: Whether its rows depend on those of closed and sticking contacts.
+            most: How far it parts or slips all the same, scaled.
+        """
         centers, widths = self.center.copy(), self.half_width.copy()
         closes, sticks = self.closes.copy(), self.sticks.copy()
+        parts, slips = self.parts.copy(), self.slips.copy()
         if state in (ContactState.STICKING, ContactState.SLIPPING):
             centers[contact], widths[contact] = center, half_width
             sticks[contact] = depends and state is ContactState.STICKING
         closes[contact] |= depends and state is ContactState.CLOSED
+        if state is ContactState.CLOSED:
+            parts[contact] = max(parts[contact], most)
+        elif state is ContactState.STICKING:
+            slips[contact] = max(slips[contact], most)
         states = (*self.state[:contact], state, *self.state[contact + 1 :])
-        return States(states, centers, widths, closes, sticks, self.patches)
+        return States(states, centers, widths, closes, sticks, parts, slips, self.patches)
 
-    def with_patch(self, patch: PatchSlip) -> States:
-        """Return the states with what is known of a patch."""
-        contacts, sticks = [*patch.contacts], self.sticks.copy()
+    def with_patch(self, patch: PatchSlip, most: float) -> States:
+        """Return the states with what is known of a patch; most: slips that count as none."""
+        contacts, sticks, slips = [*patch.contacts], self.sticks.copy(), self.slips.copy()
         centers, widths = self.center.copy(), self.half_width.copy()
         # Of a contact that was split by itself more is known.
         free = ~self.are(ContactState.STICKING, ContactState.SLIPPING)[contacts]
@@ -104,8 +124,13 @@ class States:
         widths[contacts] = np.where(free, patch.arcs[:, 1], widths[contacts])
         # Where two contacts do not slip, none does.
         sticks[contacts[2:]] |= patch.cone is None
-        others = tuple(one for one in self.patches if one.contacts != patch.contacts)
-        return States(self.state, centers, widths, self.closes, sticks, (*others, patch))
+        if patch.cone is None:
+            own = self.are(ContactState.STICKING)[contacts]
+            slips[contacts] = np.where(own, slips[contacts], np.maximum(slips[contacts], most))
+        others = (*(one for one in self.patches if one.contacts != patch.contacts), patch)
+        return replace(
+            self, center=centers, half_width=widths, sticks=sticks, slips=slips, patches=others
+        )
 
     def known(self, patch: Patch) -> PatchSlip | None:
         """Return what is known of a patch; None: nothing."""
@@ -240,6 +265,20 @@ def allowed_normals(dynamics: Dynamics, states: States, normal: FloatArray) -> F
     return np.where(dynamics.is_commanded, 0.0, allowed)
 
 
+def slack(states: States, normal: FloatArray, tangential: FloatArray, least: float = 0.0) -> float:
+    """Return what closed contacts make by parting, and sticking ones by slipping, all the same.
+
+    Args:
+        states: Of the contacts.
+        normal: (M,) nu.
+        tangential: (M, 2) kappa.
+        least: Scaled accelerations that each of them has at least.
+    """
+    parting = np.maximum(-normal, 0.0) @ np.maximum(states.parts, least)
+    slipping = np.where(states.stuck, np.maximum(states.slips, least), 0.0)
+    return float(parting + slipping @ np.hypot(*tangential.T))
+
+
 def newton_gains(dynamics: Dynamics, states: States, c: FloatArray) -> FloatArray:
     """Return what c.f (M, 3) gains at most by a newton of each normal force, (M,)."""
     normal = np.where(dynamics.is_commanded, 0.0, c[:, 0])
@@ -273,11 +312,8 @@ def outcome_bound(
     low = np.where(commanded, dynamics.commanded, loads)
     high = np.where(commanded, dynamics.commanded, force_limit)
     forces = np.where(opened, 0.0, per_newton * np.where(per_newton > 0.0, high, low)).sum()
-    # Closed means u_n up to the tolerance, and sticking u_t.
-    times = np.where(states.half_width < 0.0, PATCH_TOLERANCE, 1.0)[sticking]
-    slack = np.maximum(-normal, 0.0).sum() + times @ np.hypot(*dual.tangential[sticking].T)
     bound = float(dual.motion @ dynamics.load) + float(forces)
-    bound += closing_tolerance(dynamics) * float(slack)
+    bound += slack(states, normal, dual.tangential, closing_tolerance(dynamics))
     # The load along its spread that helps most.
     rise = float(dual.motion @ dynamics.spread + per_newton @ dynamics.commanded_spread)
     bound += max(rise, 0.0)
@@ -335,7 +371,7 @@ class OutcomeBounds:
             self._compiled = core.Bounds(
                 dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
                 dynamics.spread, dynamics.commanded_spread, loads, closing_tolerance(dynamics),
-                PATCH_TOLERANCE, force_limit, dynamics.aside, leaks(dynamics, dynamics.aside),
+                force_limit, dynamics.aside, leaks(dynamics, dynamics.aside),
             )  # fmt: skip
 
     def bound(self, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]) -> float:
@@ -343,8 +379,8 @@ class OutcomeBounds:
         if self._compiled is None:
             return outcome_bound(self._dynamics, states, self._loads, dual, goal, self._force_limit)
         return self._compiled.bound(
-            states.numbers, states.center, states.half_width, dual.motion, dual.normal,
-            dual.tangential, *goal,
+            states.numbers, states.center, states.half_width, states.parts, states.slips,
+            dual.motion, dual.normal, dual.tangential, *goal,
         )  # fmt: skip
 
     def remember(self, dual: DualBound) -> None:
@@ -380,7 +416,7 @@ class OutcomeBounds:
                        if self.bound(states, one, whole) <= enough)  # fmt: skip
             return next(proving, None)
         found = self._compiled.first(
-            states.numbers, states.center, states.half_width, self._motions, self._normals,
-            self._tangentials, goal, len(self._proven), enough,
+            states.numbers, states.center, states.half_width, states.parts, states.slips,
+            self._motions, self._normals, self._tangentials, goal, len(self._proven), enough,
         )  # fmt: skip
         return None if found < 0 else self._proven[found]

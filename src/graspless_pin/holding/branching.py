@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from graspless_pin.holding.bounds import (
     closing_tolerance,
     fixed_rows,
     kinematic_dual,
+    slack,
 )
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.least_squares import nonnegative_squares
@@ -41,18 +43,25 @@ class Forced:
         state: Closed or sticking.
         duals: What proves it: that u_n is at most the tolerance, or that u_t1 and u_t2 are.
         depends: Whether its rows depend on those of closed and sticking contacts.
+        most: What they prove u_n or |u_t| to be at most, scaled.
     """
 
     contact: int
     state: ContactState
     duals: tuple[DualBound, ...]
     depends: bool
+    most: float
 
 
 def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
-    """Return one contact whose state follows from the others', None where there is none."""
+    """Return one contact whose state follows from the others', None where there is none.
+
+    An open or a slipping contact may part or slip by the closing tolerance at most, since that is
+    left to its closed or sticking sibling.
+    """
     tolerance, rows = closing_tolerance(dynamics), dynamics.rows
-    held = dynamics.is_commanded
+    held, left_to_others = dynamics.is_commanded, (ContactState.OPEN, ContactState.SLIPPING)
+    enough = np.where(states.are(*left_to_others), tolerance, _LOOSEST)
     fixed = fixed_rows(dynamics, states)
     try:
         still = null_space(fixed, rcond=RANK) if len(fixed) else np.eye(rows.shape[2])
@@ -73,25 +82,37 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
             weights[parting[others]] = shares
             goal = rows[contact, 0] + weights @ rows[:, 0]
             dual = kinematic_dual(dynamics, states, goal, weights)
-            if _is_proof(dynamics, dual, rows[contact, 0]):
-                return Forced(int(contact), ContactState.CLOSED, (dual,), not shares.any())
+            most = _proven(dynamics, states, dual, rows[contact, 0])
+            if most <= enough[contact]:
+                return Forced(int(contact), ContactState.CLOSED, (dual,), not shares.any(), most)
     slipping = states.are(ContactState.CLOSED, ContactState.SLIPPING) & ~states.stuck
     for contact in np.flatnonzero(slipping):
         if np.linalg.norm(rows[contact, 1:] @ still) <= tolerance:
             none = np.zeros(len(rows))
             duals = [kinematic_dual(dynamics, states, row, none) for row in rows[contact, 1:]]
-            if all(map(_is_proof, [dynamics] * 2, duals, rows[contact, 1:])):
-                return Forced(int(contact), ContactState.STICKING, tuple(duals), depends=True)
+            first, second = map(partial(_proven, dynamics, states), duals, rows[contact, 1:])
+            most = float(np.hypot(first, second))
+            if most <= enough[contact]:
+                sticking = ContactState.STICKING
+                return Forced(int(contact), sticking, tuple(duals), depends=True, most=most)
     return None
 
 
-def _is_proof(dynamics: Dynamics, dual: DualBound, row: FloatArray) -> bool:
-    """Return whether multipliers leave nothing of a row but rounding, worked out of all rows."""
-    rows = dynamics.rows
+def _proven(dynamics: Dynamics, states: States, dual: DualBound, row: FloatArray) -> float:
+    """Return what multipliers prove of a row; inf where they leave more of it than rounding."""
+    rows, tolerance = dynamics.rows, closing_tolerance(dynamics)
     left = row + dual.normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
-    return bool(np.linalg.norm(left) <= closing_tolerance(dynamics))
+    size = float(np.linalg.norm(left))
+    # Either way: a sticking contact may slip to both sides.
+    both = max(slack(states, sign * dual.normal, dual.tangential) for sign in (1.0, -1.0))
+    return size + both if size <= tolerance else np.inf
 
 
+_ROUNDING = 0.01
+"""Of the closing tolerance: what open and slipping contacts leave to closed and sticking ones, but
+for what many others add up to."""
+_LOOSEST = 1e-9
+"""Scaled accelerations: what is known to no less tells nothing."""
 _QUADRANT = 0.25 * np.pi
 """Half the width of the first sectors of slip."""
 NEAR_OUTCOME = 0.3
@@ -131,6 +152,11 @@ class UnprovenSet:
     """Under a declared motion, the goals that are not proven yet."""
     sides: list[tuple[int, DualBound]] = field(default_factory=list)
     """And those that are."""
+    siblings: dict[tuple[int, ContactState], tuple[UnprovenSet, Relaxation]] = field(
+        default_factory=dict
+    )
+    """Of this set and of those around it, by contact and state, those in which it is closed or
+    sticks, and what they began with: what open and slipping contacts leave is left to them."""
 
     @property
     def state(self) -> ContactState:
@@ -145,6 +171,23 @@ class UnprovenSet:
         if relaxation is None:
             raise RuntimeError("a set of outcomes is looked at once")
         return relaxation
+
+    def take_over(self, most: float, relaxation: Relaxation, enough: float) -> bool:
+        """Have the contact part or slip by so much; return whether the set is looked at anew.
+
+        Args:
+            most: What is left to this set, scaled.
+            relaxation: With which it began.
+            enough: No set is looked at a third time for less.
+        """
+        known = self.states.slips if self.state is ContactState.STICKING else self.states.parts
+        if most <= known[self.contact]:
+            return False
+        again = self.relaxation is None
+        self.states = self.states.changed(self.contact, self.state, most=enough if again else most)
+        if again:
+            self.relaxation, self.children, self.dual, self.loads = relaxation, [], None, ()
+        return again
 
     def finished(self) -> OutcomeSet:
         """Return the node of the proof."""
@@ -197,7 +240,8 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             left = 1 + len(search) + given_up
             return Searched(None, None, nodes, left, relaxation.programs)
         if not node.is_closed:
-            node, is_covered = _closed(dynamics, node)
+            node, is_covered, again = _closed(dynamics, node)
+            search.add(again)
             if is_covered:
                 continue
         relaxation = node.taken().without_free_joints(node.states.are(ContactState.OPEN))
@@ -224,7 +268,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
                 motion = settled_motion(dynamics, forces)
             if motion is not None:
                 return Searched(None, motion, nodes, len(search), relaxation.programs)
-        node.children = _children(dynamics, node.states, relaxation, y, forces, patches)
+        node.children = _children(dynamics, node, relaxation, y, forces, patches)
         if not node.children:
             given_up += 1
         search.add(reversed(node.children))
@@ -232,48 +276,58 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     return Searched(tree, None, nodes, given_up, relaxation.programs)
 
 
-def _closed(dynamics: Dynamics, node: UnprovenSet) -> tuple[UnprovenSet, bool]:
-    """Add what kinematics force; return the last node, and whether siblings hold all of it.
+def _closed(dynamics: Dynamics, node: UnprovenSet) -> tuple[UnprovenSet, bool, list[UnprovenSet]]:
+    """Add what kinematics force.
 
     Outcomes in which an open contact does not part are among those in which it is closed, and a
-    slipping one that does not slip sticks.
+    slipping one that does not slip sticks: but for what rounding hides, which is left to these.
+
+    Returns:
+        The last node, whether siblings hold all of it, and those that have to be looked at anew.
     """
     while (forced := forced_state(dynamics, node.states)) is not None:
         contact, state = forced.contact, forced.state
         known = node.states.state[contact]
-        states = node.states.changed(contact, state, depends=forced.depends)
-        child = UnprovenSet(contact, states, node.taken(), forced.duals)
+        states = node.states.changed(contact, state, depends=forced.depends, most=forced.most)
+        child = UnprovenSet(contact, states, node.taken(), forced.duals, siblings=node.siblings)
         node.children = [child]
         node = child
         if known in (ContactState.OPEN, ContactState.SLIPPING):
-            return node, True
-    return node, False
+            sibling, relaxation = node.siblings[contact, state]
+            again = sibling.take_over(forced.most, relaxation, closing_tolerance(dynamics))
+            return node, True, [sibling] * again
+    return node, False, []
 
 
 def _children(
     dynamics: Dynamics,
-    states: States,
+    parent: UnprovenSet,
     relaxation: Relaxation,
     y: FloatArray,
     forces: FloatArray,
     patches: Sequence[Patch],
 ) -> list[UnprovenSet]:
     """Split a set of outcomes where a point misses Coulomb's law most. Arguments as of `split`."""
+    states, siblings = parent.states, parent.siblings
     patch, least = _widest_patch(dynamics, states, y, forces, patches)
     contact, parts = split(dynamics, relaxation.loads, states, y, forces, patches, least)
     if parts or patch is None:
         was_closed = states.state[contact] is not ContactState.FREE
         nodes = [UnprovenSet(contact, each, relaxation) for each in parts]
+        rest = [one for one in nodes if one.state in (ContactState.CLOSED, ContactState.STICKING)]
+        siblings = siblings | {(contact, one.state): (one, relaxation) for one in rest}
     else:
         was_closed, contact = True, patch.contacts[0]
+        most = PATCH_TOLERANCE * closing_tolerance(dynamics)
         nodes = [
-            UnprovenSet(contact, states.with_patch(part), relaxation, patch=part)
+            UnprovenSet(contact, states.with_patch(part, most), relaxation, patch=part)
             for part in patch.split(states.known(patch), y)
         ]
     for node in nodes:
         # What opens adds nothing to what kinematics fix, nor does what is closed and slips.
         slips = node.state is ContactState.SLIPPING and was_closed
         node.is_closed = node.state is ContactState.OPEN or slips
+        node.siblings = siblings
     return nodes
 
 
@@ -331,7 +385,8 @@ def split(
     contact = int(np.argmax(score))
     if not whole[contact] or score[contact] < least:
         return contact, []
-    return contact, _parts(states, contact, u[contact, 1:], may_open=not never_opens[contact])
+    most, may_part = _ROUNDING * closing_tolerance(dynamics), not never_opens[contact]
+    return contact, _parts(states, contact, u[contact, 1:], most, may_open=may_part)
 
 
 def _alone(states: States, patch: Patch) -> NDArray[np.bool_]:
@@ -374,18 +429,24 @@ def _widest_patch(
     return found
 
 
-def _parts(states: States, contact: int, slip: FloatArray, *, may_open: bool) -> list[States]:
-    """Return open and closed, or sticking and four sectors of slip, or two halves of a sector."""
+def _parts(
+    states: States, contact: int, slip: FloatArray, most: float, *, may_open: bool
+) -> list[States]:
+    """Return open and closed, or sticking and four sectors of slip, or two halves of a sector.
+
+    Closed and sticking contacts part or slip by so much.
+    """
     state, slipping = states.state[contact], ContactState.SLIPPING
     if state is ContactState.FREE and may_open:
-        return [states.changed(contact, kind) for kind in (ContactState.OPEN, ContactState.CLOSED)]
+        opened = states.changed(contact, ContactState.OPEN)
+        return [opened, states.changed(contact, ContactState.CLOSED, most=most)]
     if state is slipping:
         half, middle = 0.5 * float(states.half_width[contact]), float(states.center[contact])
         sectors, first = [(middle - half, half), (middle + half, half)], []
     else:
         middle = float(np.arctan2(slip[1], slip[0]))
         sectors = [(middle + k * 2.0 * _QUADRANT, _QUADRANT) for k in range(4)]
-        first = [states.changed(contact, ContactState.STICKING)]
+        first = [states.changed(contact, ContactState.STICKING, most=most)]
     return first + [states.changed(contact, slipping, *sector) for sector in sectors]
 
 

@@ -23,8 +23,9 @@ _DEPENDENT = 1e-12
 """Of the largest singular value: of what contacts have beside three, less is rounding."""
 _THIN = 1e-6
 """Of the largest singular value: motions with less are none, as of contacts in one place."""
-_ROUNDING = 4e-16
-"""Scaled acceleration: what rounding leaves at least of slips that one motion tells."""
+_ROUNDING = 2e-15
+"""Scaled acceleration: what rounding leaves of slips that one motion tells, for whoever works
+their rows out in another order."""
 _SAFETY = 4.0
 """Times what is left of them: whoever checks it rounds otherwise."""
 _MOST_TURN = 0.1

@@ -273,7 +273,8 @@ class KnownStates:
         if patch.cone is None:
             still, slips = self.still.copy(), self.slips.copy()
             still[contacts] = True
-            slips[contacts] = np.maximum(slips[contacts], most)
+            sticks = self.are(Kind.STICKING)[contacts]  # known by itself, and better
+            slips[contacts] = np.where(sticks, slips[contacts], np.maximum(slips[contacts], most))
             return replace(self, still=still, slips=slips, patches=patches)
         center, half_width = self.center.copy(), self.half_width.copy()
         # Of a contact that was split by itself more is known.
