@@ -53,10 +53,10 @@ def spoilt(old: str, new: str, text: str = LINES) -> str:
     return text.replace(old, new)
 
 
-def assert_refused(result: Result, message: str) -> None:
-    """Exit code 2, one message on standard error, nothing else anywhere, no traceback."""
+def assert_refused(result: Result, message: str, printed: str = "") -> None:
+    """Exit code 2, one message on standard error, no traceback; if nothing is named, no more."""
     assert result.exit_code == 2, result.output
-    assert result.stdout == ""
+    assert printed in result.stdout if printed else result.stdout == ""
     assert result.stderr.startswith("error: ")
     assert "Traceback" not in result.stderr
     assert message in result.stderr
