@@ -27,7 +27,8 @@ def test_a_rate_that_is_off_is_noticed(monkeypatch):
     right = pinned_contacts.pin_rates
 
     def wrong(*given):
-        return tuple(Rates(*one[:2], 1.01 * one.middle, one.smooth) for one in right(*given))
+        one = right(*given)
+        return Rates(*one[:2], 1.01 * one.middle, one.smooth)
 
     monkeypatch.setattr(pinned_contacts, "pin_rates", wrong)
     _, worst = compared("paper/cuboid_at_rest", "margin", 2)

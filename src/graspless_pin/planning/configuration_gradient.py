@@ -26,7 +26,7 @@ from graspless_pin.algorithms.gradients import (
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.geometry.bodies.shapes import Sphere
 from graspless_pin.geometry.contact.distances import bounded_set
-from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
+from graspless_pin.geometry.contact.finding import ContactPoint
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluation import Evaluation
@@ -162,71 +162,44 @@ class Follows(StrEnum):
     """It stays at its place on the link, and its normal and tangents turn with the link."""
 
 
-@dataclass(frozen=True, eq=False)
-class MovingContacts:
-    """First derivatives of H hand contacts by all n movable joints.
-
-    Attributes:
-        indices: H contacts among those of the scene.
-        moves: (H, 3, n) of the points, m per rad or m.
-        turns: (H, 3, n) rotation of normal and tangents, rad per rad or m.
-        gaps: (H, n) of the gap between link and object, m per rad or m.
-    """
-
-    indices: tuple[int, ...]
-    moves: FloatArray
-    turns: FloatArray
-    gaps: FloatArray
-
-    def among(self, count: int) -> ContactRates:
-        """Return the same among all M contacts of a scene, of which the others stay."""
-        moves, turns = np.zeros((2, count, *self.moves.shape[1:]))
-        moves[list(self.indices)], turns[list(self.indices)] = self.moves, self.turns
-        still = np.zeros(moves.shape[1:])
-        return ContactRates(moves, turns, still, still)
-
-
-def moving_contacts(scene: Scene, columns: JointColumns, follows: Follows) -> MovingContacts:
-    """Differentiate the contacts of a scene's hand.
+def moving_contacts(
+    scene: Scene, hand: Hand, columns: JointColumns, follows: Follows
+) -> tuple[ContactRates, FloatArray]:
+    """Differentiate the contacts of a scene's hand by all n movable joints.
 
     Args:
         scene: A scene with a hand.
-        columns: The joint columns of its hand.
+        hand: The hand.
+        columns: Its joint columns.
         follows: What the contacts stay on.
+
+    Returns:
+        How all contacts move, of which those with supports stay, and (H, n) by how much the gaps
+        between link and object of the H contacts with the hand grow, m per rad or m.
     """
-    hand = scene.hand
-    count = len(columns.linear)
-    rows = []
-    for index, contact in enumerate(scene.contacts.points):
-        if hand is None or contact.kind is not BodyKind.HAND:
-            continue
+    count, points = len(columns.linear), scene.contacts.points
+    gaps = np.zeros((scene.contacts.arrays.hand_count, count))
+    moves, turns = np.zeros((2, len(points), 3, count))
+    for index, contact in enumerate(points[: len(gaps)]):
         link = hand.tree.link_joints[contact.body]
         n, p = contact.normal, contact.position
         if follows is Follows.LINK:
-            move, turn = columns.velocity(link, p), columns.rotation(link)
-            gap = np.zeros(count)
-        else:
-            radius = _radius(hand, columns, contact)
-            center = p - (radius + 0.5 * contact.distance) * n
-            tip = columns.velocity(link, center)
-            gap = -n @ tip
-            along = tip + np.outer(n, gap)
-            # The contact is midway in the gap; on a sphere it runs around the sphere's centre.
-            curved = 0.0
-            if isinstance(scene.object.shape, Sphere):
-                curved = 1.0 / (scene.object.shape.radius + radius + contact.distance)
-            move = (1.0 - curved * (radius + 0.5 * contact.distance)) * along - 0.5 * np.outer(
-                n, gap
-            )
-            turn = frame_turns(n, -curved * along, scene.tangent_axes)
-        rows.append((index, move, turn, gap))
-    indices, moves, turns, gaps = zip(*rows, strict=True) if rows else ((),) * 4
-    return MovingContacts(
-        indices,
-        np.array(moves).reshape(-1, 3, count),
-        np.array(turns).reshape(-1, 3, count),
-        np.array(gaps).reshape(-1, count),
-    )
+            moves[index], turns[index] = columns.velocity(link, p), columns.rotation(link)
+            continue
+        radius = _radius(hand, columns, contact)
+        arm = radius + 0.5 * contact.distance
+        tip = columns.velocity(link, p - arm * n)
+        gaps[index] = -n @ tip
+        opening = n[:, None] * gaps[index]
+        along = tip + opening
+        # The contact is midway in the gap; on a sphere it runs around the sphere's centre.
+        curved = 0.0
+        if isinstance(scene.object.shape, Sphere):
+            curved = 1.0 / (scene.object.shape.radius + radius + contact.distance)
+        moves[index] = (1.0 - curved * arm) * along - 0.5 * opening
+        turns[index] = frame_turns(n, -curved * along, scene.tangent_axes)
+    still = np.zeros((3, count))
+    return ContactRates(moves, turns, still, still), gaps
 
 
 def _radius(hand: Hand, columns: JointColumns, contact: ContactPoint) -> float:
@@ -355,20 +328,20 @@ def configuration_gradient(
         )
     data = optimum_gradients(evaluation.solution)
     columns = JointColumns(scene.hand)
-    contacts = moving_contacts(scene, columns, way)
+    contacts, gaps = moving_contacts(scene, scene.hand, columns, way)
     coupling = scene.hand.tree.coupling
-    rates = problem_rates(scene, columns, problem.joint_count, contacts.among(len(problem.normals)))
+    rates = problem_rates(scene, columns, problem.joint_count, contacts)
     values, *others = [
         rates.chained(gradients_at(data.solution, point)) @ coupling.S
         for point in (data.point, *data.alternatives)
     ]
-    points = scene.contacts.points
+    distances = np.array(scene.contacts.arrays.distances[: len(gaps)])
     return ConfigurationGradient(
         joint_names=tuple(scene.hand.joint_names[leader] for leader in coupling.leaders),
         values=read_only(values),
         unique=agreeing(values, *others),
-        contacts=contacts.indices,
-        gaps=read_only(np.array([points[index].distance for index in contacts.indices])),
-        gap_gradient=read_only(contacts.gaps @ coupling.S),
+        contacts=tuple(range(len(gaps))),
+        gaps=read_only(distances),
+        gap_gradient=read_only(gaps @ coupling.S),
         data=data,
     )

@@ -107,19 +107,19 @@ def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
         raise ArgumentError(name, f"pairs {bodies}; one of the two has to be the object, {own!r}")
     first, second = bodies
     for body in (first, second):
-        if not _pieces(scene, body):
+        if not _placed(scene, body)[0]:
             raise ArgumentError(name, f"{body!r} has no collision shape")
     plane = None
     if len(entry) == 3:
         direction = finite_array(name, entry[2], (3,))
         if not direction.any():
             raise ArgumentError(name, "needs a direction that is not zero")
-        plane = face_along(name, _pieces(scene, second), _pose(scene, second), direction)
+        plane = face_along(name, *_placed(scene, second), direction)
     pin = Pin(first, second, plane)
     patch = nearest_patch(*_bodies(scene, pin))
     if len(patch.gaps) == 1:
         return [pin]
-    to_first, to_second = (invert(_pose(scene, body)) for body in (first, second))
+    to_first, to_second = (invert(_placed(scene, body)[1]) for body in (first, second))
     n = patch.normal
     pins = []
     for middle, gap in zip(patch.points, patch.gaps, strict=True):
@@ -130,44 +130,34 @@ def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
     return pins
 
 
-def pinned_points(scene: Scene, pins: Sequence[Pin]) -> tuple[PinnedPoint, ...]:
-    """Return where the pins of a scene are in one of its states."""
-    return tuple([_point(scene, pin) for pin in pins])
-
-
-def _point(scene: Scene, pin: Pin) -> PinnedPoint:
+def pinned_point(scene: Scene, pin: Pin) -> PinnedPoint:
+    """Return where a pin of a scene is in one of its states."""
     if pin.point is None or pin.plane is None:
         patch = nearest_patch(*_bodies(scene, pin))
         nearest = int(np.argmin(patch.gaps))
         n, middle, gap = patch.normal, patch.points[nearest], patch.gaps[nearest]
     else:
-        T = _pose(scene, pin.second)
+        T = _placed(scene, pin.second)[1]
         n = -T[:3, :3] @ pin.plane[0]
-        place = transformed(_pose(scene, pin.first), pin.point)
+        place = transformed(_placed(scene, pin.first)[1], pin.point)
         gap = float(-n @ (place - T[:3, 3])) - pin.plane[1]
         middle = place + 0.5 * gap * n
     into = n if pin.second == scene.object.name else -n
     return PinnedPoint(pin, GivenContact(_other(scene, pin), middle, into), gap)
 
 
-def pin_rates(
-    scene: Scene, columns: JointColumns | None, points: Sequence[PinnedPoint]
-) -> tuple[Rates, ...]:
-    """Return how pinned contacts move, their normals those into the object.
+def pin_rates(scene: Scene, columns: JointColumns | None, at: PinnedPoint) -> Rates:
+    """Return how a pinned contact moves, its normal that into the object.
 
     Args:
         scene: The scene in the state.
         columns: Of its hand; None: it has none.
-        points: What `pinned_points` returns.
+        at: What `pinned_point` returns.
 
     Returns:
-        Of each by the n movable joints, rad or m, and by the object's twist about its centre of
-        mass, [linear; angular], world axes.
+        By the n movable joints, rad or m, and by the object's twist about its centre of mass,
+        [linear; angular], world axes.
     """
-    return tuple([_rates(scene, columns, one) for one in points])
-
-
-def _rates(scene: Scene, columns: JointColumns | None, at: PinnedPoint) -> Rates:
     pin, middle, gap = at.pin, at.contact.position, at.gap
     n = at.contact.normal if pin.second == scene.object.name else -at.contact.normal
     ends = middle - 0.5 * gap * n, middle + 0.5 * gap * n
@@ -210,35 +200,23 @@ def _links(scene: Scene) -> tuple[str, ...]:
 
 
 def _bodies(scene: Scene, pin: Pin) -> tuple[Sequence[CollisionBody], Sequence[CollisionBody]]:
-    second = _pieces(scene, pin.second)
+    second, T = _placed(scene, pin.second)
     if pin.plane is not None:
-        second = [half_space(pin.second, *pin.plane, _pose(scene, pin.second))]
-    return _pieces(scene, pin.first), second
+        second = [half_space(pin.second, *pin.plane, T)]
+    return _placed(scene, pin.first)[0], second
 
 
-def _body(scene: Scene, name: str) -> Any:
-    """Return the object or a support by name; None: it is a link."""
-    bodies = (scene.object, *scene.supports)
-    return next((body for body in bodies if body.name == name), None)
-
-
-def _pieces(scene: Scene, name: str) -> Sequence[CollisionBody]:
-    body = _body(scene, name)
-    if body is not None:
-        return body.placed_bodies
-    hand = scene.hand
-    assert hand is not None  # noqa: S101 - names are checked
-    names = hand.placed_bodies.shapes.names
-    return [hand.placed_bodies[k] for k, link in enumerate(names) if link == name]
-
-
-def _pose(scene: Scene, name: str) -> FloatArray:
-    """(4, 4) pose of a body's own frame."""
-    body = _body(scene, name)
-    if body is not None:
-        return body.T_world_object if body is scene.object else body.T_world_support
+def _placed(scene: Scene, name: str) -> tuple[Sequence[CollisionBody], FloatArray]:
+    """Return the collision shapes of a body, and the (4, 4) pose of its own frame."""
+    if name == scene.object.name:
+        return scene.object.placed_bodies, scene.object.T_world_object
+    for support in scene.supports:
+        if support.name == name:
+            return support.placed_bodies, support.T_world_support
     assert scene.hand is not None  # noqa: S101 - names are checked
-    return scene.hand.pose_of(name)
+    bodies = scene.hand.placed_bodies
+    shapes = [bodies[k] for k, link in enumerate(bodies.shapes.names) if link == name]
+    return shapes, scene.hand.pose_of(name)
 
 
 Configuration = Mapping[str, float] | ArrayLike
@@ -281,11 +259,8 @@ class Configurations:
             ArgumentError: If a joint is unknown, a number not finite, the shape wrong, or a joint
                 outside its limits.
         """
-        if isinstance(q, Mapping):
-            named = self._named(q)
-            return None if self._hand is None else self._hand.with_configuration(named)
-        values = self._values(q)
-        return None if self._hand is None else self._hand.with_configuration(values)
+        positions = self._named(q) if isinstance(q, Mapping) else self._values(q)
+        return None if self._hand is None else self._hand.with_configuration(positions)
 
     def array(self, q: Configuration) -> FloatArray:
         """Return (a,) positions of `joint_names`; those that are not named as the hand has them.
@@ -395,8 +370,7 @@ class Configurations:
 
 def _pinned(scene: Scene, pins: Sequence[Pin]) -> Scene:
     """Return a scene with its contacts where the pins are."""
-    points = pinned_points(scene, pins)
-    return scene.with_changes(given_contacts=[one.contact for one in points])
+    return scene.with_changes(given_contacts=[pinned_point(scene, pin).contact for pin in pins])
 
 
 def unlimited(scene: Scene) -> Scene:

@@ -26,7 +26,7 @@ from graspless_pin.planning.configuration_gradient import (
     frame_turns,
     problem_rates,
 )
-from graspless_pin.planning.configurations import pin_rates, pinned_points
+from graspless_pin.planning.configurations import pin_rates, pinned_point
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
@@ -203,8 +203,8 @@ def pinned_state(
     hand = scene.hand
     columns = None if hand is None else JointColumns(hand)
     coupling = np.zeros((0, 0)) if hand is None else hand.tree.coupling.S
-    points = pinned_points(scene, pins)
-    rates = pin_rates(scene, columns, points)
+    points = [pinned_point(scene, pin) for pin in pins]
+    rates = [pin_rates(scene, columns, one) for one in points]
     n = len(coupling)
     gaps = np.array([one.gap for one in rates])
     smooth = np.array([one.smooth for one in rates])
@@ -221,13 +221,14 @@ def pinned_state(
     values = read_only(np.array([one.gap for one in points]))
     if not evaluation.found:
         return PinnedState(evaluation, bodies, values, by_gaps)
-    kept = _carrying(evaluation, np.array([one.contact.position for one in points]))
+    # The declared motion may part contacts.
+    places = np.array([one.contact.position for one in points])
+    found = evaluation.contacts.arrays.positions
+    kept = [int(np.abs(places - one).max(axis=1).argmin()) for one in found]
     moving = [rates[k] for k in kept]
-    turns = _turns(evaluation, moving)
-    center = _center(n)
-    contacts = ContactRates(
-        np.array([one.middle for one in moving]), turns, center, np.roll(center, 3, axis=1)
-    )
+    center = np.hstack([np.zeros((3, n)), np.eye(3), np.zeros((3, 3))])
+    middles, turns = np.array([one.middle for one in moving]), _turns(evaluation, moving)
+    contacts = ContactRates(middles, turns, center, np.roll(center, 3, axis=1))
     count = len(evaluation.joint_names)
     made = problem_rates(scene, columns, count, contacts).reduced(coupling)
     # The wrench is linear in the mass.
@@ -256,12 +257,6 @@ def _with_surfaces(scene: Scene, friction: Any, mass: Any) -> Scene:
             [changed(one, friction=each.get(one.name, one.friction)) for one in supports]
         ),
     )
-
-
-def _carrying(evaluation: Evaluation, positions: FloatArray) -> list[int]:
-    """Return the pins whose contacts the declared motion does not part."""
-    found = evaluation.contacts.arrays.positions
-    return [int(np.abs(positions - one).max(axis=1).argmin()) for one in found]
 
 
 def _turns(evaluation: Evaluation, rates: Sequence[Rates]) -> FloatArray:
@@ -295,8 +290,3 @@ def _spin(scene: Scene, problem: QuasistaticProblem, contact: int, rate: Rates) 
     )
     n, slide = problem.normals[contact], problem.sliding[contact]
     return change @ np.cross(n, slide) / float(slide @ slide)
-
-
-def _center(joint_count: int) -> FloatArray:
-    """(3, n + 6) how the centre of mass moves."""
-    return np.hstack([np.zeros((3, joint_count)), np.eye(3), np.zeros((3, 3))])
