@@ -6,6 +6,7 @@ import math
 from typing import NoReturn
 
 import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import ArrayLike
 
 from graspless_pin.bounds import LARGEST_LENGTH
@@ -87,6 +88,19 @@ def invert(T: FloatArray) -> FloatArray:
 def transformed(T: FloatArray, point: FloatArray) -> FloatArray:
     """Return a point (3,) under a (4, 4) transform."""
     return T[:3, :3].dot(point) + T[:3, 3]
+
+
+def screw_twist(T: FloatArray) -> FloatArray:
+    """Return the (6,) twist [v; omega] that makes a (4, 4) transform in one second, m and rad.
+
+    The turn is by less than half a turn.
+    """
+    return np.array(pin.log6(pin.SE3(T[:3, :3], T[:3, 3])).vector)
+
+
+def along_screw(twist: FloatArray) -> FloatArray:
+    """Return the (4, 4) transform that a constant twist (6,) [v; omega] makes in one second."""
+    return np.array(pin.exp6(twist).homogeneous)
 
 
 def turning_velocities(omega: FloatArray, arms: FloatArray) -> FloatArray:

@@ -13,20 +13,18 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from graspless_pin.bounds import LARGEST
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
-from graspless_pin.geometry.poses import as_pose, rigid
-from graspless_pin.geometry.posing.overlaps import Clearance, least_clearance
+from graspless_pin.geometry.poses import along_screw, as_pose, rigid, screw_twist, transformed
+from graspless_pin.geometry.posing.overlaps import least_clearance
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.evaluation import StateStatus
 from graspless_pin.planning.state_solver import PosedScene, StateSolver
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.records import Brief
-from graspless_pin.scene import Scene
 from graspless_pin.scene.entry_findings import reach_of
 
 _NO_BODIES = PlacedBodies.of(())
@@ -118,7 +116,10 @@ def state_validity(
             faults.append((status, text))
         elif status is not StateStatus.FOUND:
             faults.append((status, status.message))
-    nearest = _clearance(scene)
+    # Given contacts say where the object touches.
+    moved = scene.object.placed_bodies if scene.given_contacts is None else _NO_BODIES
+    depth, gap = scene.max_penetration, scene.contact_tolerance
+    nearest = least_clearance(scene.hand, scene.supports, moved, depth, gap)
     values, (lower, upper) = at.array({} if q is None else q), at.joint_limits
     return StateValidity(
         reasons=tuple(dict.fromkeys(status for status, _ in faults)),
@@ -132,16 +133,8 @@ def state_validity(
     )
 
 
-def _clearance(scene: Scene) -> Clearance:
-    """Return the least clearance of a scene; given contacts say where the object touches."""
-    moved = scene.object.placed_bodies if scene.given_contacts is None else _NO_BODIES
-    depth, gap = scene.max_penetration, scene.contact_tolerance
-    return least_clearance(scene.hand, scene.supports, moved, depth, gap)
-
-
 _STILL_STEP = 1e-9
 """Steps shorter than this, m and rad, are rounding."""
-_SMALL_TURN = 1e-4
 
 
 class ScrewMotion(NamedTuple):
@@ -179,25 +172,15 @@ class ScrewMotion(NamedTuple):
         Args:
             fraction: 0 at the start, 1 at the end.
         """
+        moved = along_screw(fraction * self.start_twist)
+        R, step = moved[:3, :3], moved[:3, 3]
         velocity, turn = np.split(self.start_twist, 2)
-        step = _carried(fraction * turn, fraction * velocity)
         twist = np.concatenate([velocity + np.cross(turn, step), turn])
         if fraction in (0.0, 1.0):
             return (self.T_to if fraction else self.T_from), twist
-        R = Rotation.from_rotvec(fraction * turn).as_matrix() @ self.T_from[:3, :3]
-        center = self.T_from[:3, :3] @ self.center_of_mass + self.T_from[:3, 3] + step
+        R = R @ self.T_from[:3, :3]
+        center = transformed(self.T_from, self.center_of_mass) + step
         return rigid(center - R @ self.center_of_mass, R), twist
-
-
-def _carried(turn: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return how far a point gets that moves with a velocity which turns by a rotation vector."""
-    angle = float(np.linalg.norm(turn))
-    first, second = 0.5, 1.0 / 6.0
-    if angle > _SMALL_TURN:
-        first = (1.0 - np.cos(angle)) / angle**2
-        second = (angle - np.sin(angle)) / angle**3
-    across = np.cross(turn, velocity)
-    return velocity + first * across + second * np.cross(turn, across)
 
 
 def segment_twist(
@@ -218,20 +201,12 @@ def segment_twist(
         rad/s; zeros if the body stays where it is.
     """
     R = T_to[:3, :3] @ T_from[:3, :3].T
-    center = T_from[:3, :3] @ center_of_mass + T_from[:3, 3]
     # Displacement of the centre of mass: the screw seen from there.
-    step = T_to[:3, :3] @ center_of_mass + T_to[:3, 3] - center
-    turn = Rotation.from_matrix(R).as_rotvec()
-    if max(np.linalg.norm(step), np.linalg.norm(turn)) <= _STILL_STEP:
+    step = transformed(T_to, center_of_mass) - transformed(T_from, center_of_mass)
+    twist = screw_twist(rigid(step, R))
+    if max(np.linalg.norm(step), np.linalg.norm(twist[3:])) <= _STILL_STEP:
         return np.zeros(6)
-    angle = float(np.linalg.norm(turn))
-    factor = 1.0 / 12.0
-    if angle > _SMALL_TURN:
-        factor = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
-    # The inverse of the left Jacobian of SO(3).
-    across = np.cross(turn, step)
-    velocity = step - 0.5 * across + factor * np.cross(turn, across)
-    return np.concatenate([velocity, turn]) / duration
+    return twist / duration
 
 
 RESOLUTION = 1e-3, 0.01
