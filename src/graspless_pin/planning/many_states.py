@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.search_state import CLOSED
-from graspless_pin.child_process import kept_processes, usable_cores
+from graspless_pin.child_process import kept_processes, shared_work, usable_cores
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
-from graspless_pin.planning.shared_work import shared_work
 from graspless_pin.planning.state_loops import COVERAGES, StateFigures
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import (

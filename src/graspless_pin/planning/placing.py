@@ -13,7 +13,7 @@ from textwrap import fill
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.child_process import ChildProcesses, usable_cores
+from graspless_pin.child_process import ChildProcesses, shared_work, usable_cores
 from graspless_pin.errors import (
     ArgumentError,
     GrasplessPinError,
@@ -34,7 +34,6 @@ from graspless_pin.planning.placing_candidates import (
     try_candidate,
 )
 from graspless_pin.planning.placing_plan import ClosedHand, PlacingAim, PlacingPlan, parts_of
-from graspless_pin.planning.shared_work import shared_work
 from graspless_pin.problem.checks import choice, finite_array, real_number, whole_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
