@@ -23,6 +23,7 @@ from typing import IO, Any
 import portalocker
 
 from graspless_pin.bounds import MOST_SAMPLES
+from graspless_pin.caching import Bounded
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.sample_parts import Row
 
@@ -150,14 +151,22 @@ class Journal:
         self._kinds[kind] = min(self._kinds.get(kind, first), first)
 
     def _read_line(self, number: int, line: bytes) -> _Columns:
-        """Return the rows of a line."""
+        """Return the rows of a line. Memory is taken for all samples before theirs."""
         try:
-            return _checked(_unpacked(line))
+            columns = _unpacked(line)
+            samples = columns["sample"]
+            fits = bool(samples) and all(
+                type(one) is int and 0 <= one < MOST_SAMPLES for one in samples
+            )
+            fits = fits and all(len(cells) == len(samples) for cells in columns.values())
         except (ValueError, KeyError, TypeError):
+            columns, fits = {}, False
+        if not fits:
             raise StudyError(
                 f"{self.path}:{number}: is damaged: it does not fit its checksum, or no samples; "
                 "delete this line to have its samples computed again, or begin anew (--fresh)"
-            ) from None
+            )
+        return columns
 
     def __contains__(self, sample: int) -> bool:
         """Return whether a sample has a row."""
@@ -175,7 +184,7 @@ class Journal:
         Raises:
             StudyError: If the file has changed since it was opened.
         """
-        lines: dict[int, dict[int, Row]] = {}
+        lines: dict[int, dict[int, Row]] = Bounded(_LINES_KEPT)
         for sample in samples:
             place = self._places[sample]
             line = lines.get(place)
@@ -185,8 +194,6 @@ class Journal:
                     columns = _unpacked(self._file.readline()[:-1])
                 except ValueError:
                     raise StudyError(f"{self.path}: was changed while it was in use") from None
-                if len(lines) == _LINES_KEPT:
-                    lines.pop(next(iter(lines)))
                 rows = [
                     dict(zip(columns, cells, strict=True))
                     for cells in zip(*columns.values(), strict=True)
@@ -259,20 +266,6 @@ def _unpacked(line: bytes) -> dict[str, Any]:
     if line != _line(text):
         raise ValueError("it does not fit its checksum")
     return json.loads(text)
-
-
-def _checked(columns: _Columns) -> _Columns:
-    """Return the rows of a line. Memory is taken for all samples before theirs.
-
-    Raises:
-        ValueError: If no study has as many, or cells are missing.
-    """
-    samples = columns["sample"]
-    if not (samples and all(type(one) is int and 0 <= one < MOST_SAMPLES for one in samples)):
-        raise ValueError("no study has such samples")
-    if any(len(cells) != len(samples) for cells in columns.values()):
-        raise ValueError("cells are missing")
-    return columns
 
 
 def _identity(line: bytes) -> dict[str, Any] | None:

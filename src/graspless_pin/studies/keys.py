@@ -225,14 +225,11 @@ class Variable:
         """Return a scene with the variable's keys set."""
         if isinstance(self.entry.values, dict):
             value = self.entry.values[value]
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            for location, _, _ in self.targets:
-                tree = put(tree, location, value)
-            return tree
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
         for location, factor, offset in self.targets:
-            number = value
-            if not (self.unit.factor == factor == 1.0 and offset == 0.0):
-                number = factor * (value * self.unit.factor) + offset
+            as_it_is = self.unit.factor == factor == 1.0 and offset == 0.0
+            scaled = is_number and not as_it_is
+            number = factor * (value * self.unit.factor) + offset if scaled else value
             tree = put(tree, location, number)
         return tree
 

@@ -54,10 +54,17 @@ _LAST = (
     "error",
 )
 _ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")
-_TEXT = (
-    "status", "verdict", "holding", "mode", "open_fingers", FINDINGS, "reason", "error",
-    "robust_status", "robust_coverage",
-)  # fmt: skip
+_TYPES = {
+    "found": "bool",
+    "robust_found": "boolean",
+    **dict.fromkeys((*_COUNTS, "place_rank", "places_found"), "Int64"),
+    **dict.fromkeys(
+        ("status", "verdict", "holding", "mode", "open_fingers", FINDINGS, "reason", "error",
+         "robust_status", "robust_coverage"),
+        "str",
+    ),
+}  # fmt: skip
+"""Types of columns; all others hold numbers."""
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 CSV_MARK = f"# {KEY} "
@@ -147,18 +154,8 @@ def _part(study: Study, numbers: range, results: dict[str, list[Any]]) -> pd.Dat
         column = pd.Series(values, dtype=kind)
         columns[variable.column] = column.astype("str") if kind == "object" else column
     for name, values in results.items():
-        columns[name] = pd.Series(values, dtype=_type(name))
+        columns[name] = pd.Series(values, dtype=_TYPES.get(name, "float64"))
     return pd.DataFrame(columns)
-
-
-def _type(name: str) -> str:
-    if name == "found":
-        return "bool"
-    if name in (*_COUNTS, "place_rank", "places_found"):
-        return "Int64"
-    if name == "robust_found":
-        return "boolean"
-    return "str" if name in _TEXT else "float64"
 
 
 def write_results(study: Study, journal: Journal, output: Path) -> None:

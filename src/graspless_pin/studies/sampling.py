@@ -55,10 +55,6 @@ class GridSamples(Samples):
 
     def __len__(self) -> int:
         """Return the number of combinations."""
-        return self._count
-
-    @cached_property
-    def _count(self) -> int:
         return prod(map(len, self.points))
 
     def at(self, number: int) -> Sample:
@@ -176,15 +172,12 @@ class AdaptiveSamples(Samples):
 
     def at(self, number: int) -> Sample:
         """Return the values at a point."""
-        sample = []
-        rest = int(self.points[number])
-        for variable, size in zip(reversed(self.variables), reversed(self._shape), strict=True):
-            rest, place = divmod(rest, size)
-            if variable.is_choice:
-                sample.append(variable.points()[place])
-            else:
-                sample.append(variable.at(place / max(size - 1, 1)))
-        return tuple(reversed(sample))
+        places = map(int, np.unravel_index(self.points[number], self._shape))
+        each = zip(self.variables, self._shape, places, strict=True)
+        return tuple([
+            one.points()[place] if one.is_choice else one.at(place / max(size - 1, 1))
+            for one, size, place in each
+        ])  # fmt: skip
 
     @cached_property
     def _shape(self) -> tuple[int, ...]:
