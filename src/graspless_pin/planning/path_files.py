@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.path import PathProfile, Waypoint
 from graspless_pin.planning.path_timing import PathTiming
 from graspless_pin.problem.checks import FloatArray
@@ -215,8 +214,12 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
         ...     len(Path(folder, "path.csv").read_text().splitlines())
         3
     """
-    hand = profile.hand
-    positions = [f"{_JOINT}{name}_{_position_unit(hand, name)}" for name in profile.position_names]
+    tree = None if profile.hand is None else profile.hand.tree
+    kinds = {} if tree is None else dict(zip(tree.joint_names, tree.joint_kinds, strict=True))
+    positions = [
+        f"{_JOINT}{name}_{'m' if kinds.get(name) == 'prismatic' else 'rad'}"
+        for name in profile.position_names
+    ]
     torques = [
         f"torque_{name}_{unit.replace(' ', '_')}"
         for name, unit in zip(profile.torque_names, profile.torque_units, strict=True)
@@ -332,10 +335,3 @@ def _message(names: list[str], points: list[dict[str, Any]]) -> dict[str, Any]:
 def _cells(values: Any) -> list[str]:
     """Numbers with all their digits, empty where there is none."""
     return [repr(float(value)) if np.isfinite(value) else "" for value in values]
-
-
-def _position_unit(hand: Hand | None, name: str) -> str:
-    if hand is None or name not in hand.joint_names:
-        return "rad"
-    kind = hand.tree.joint_kinds[hand.tree.joint_index[name]]
-    return "m" if kind == "prismatic" else "rad"

@@ -168,11 +168,11 @@ def fastest_timing(
     names, problem = at.joint_names, at.shared_problem(at.scene, at.scene.problem())
     margin = real_number("margin", margin, 0.0)
     program = ContactProgram(problem, motor_limits(problem, torques), margin)
-    limits = _JointLimits(
-        _by_joint("velocity_limits", velocity_limits, names, at.fastest),
-        _by_joint("acceleration_limits", acceleration_limits, names),
-        _by_joint("torque_limits", torque_limits, names),
-    )
+    limits = {
+        TimingLimit.VELOCITY: _by_joint("velocity_limits", velocity_limits, names, at.fastest),
+        TimingLimit.ACCELERATION: _by_joint("acceleration_limits", acceleration_limits, names),
+        TimingLimit.TORQUE: _by_joint("torque_limits", torque_limits, names),
+    }
     knots = _waypoints(at, path)
     ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
     where = np.linspace(0.0, ways[-1], whole_number("points", points, 3))
@@ -197,7 +197,7 @@ def fastest_timing(
             return replace(blank, reason=_lost(problem, torques, margin, point, lost))
     speeds = _fastest_speeds(toppra, spline, along, where)
     if speeds is None:
-        return replace(blank, reason=_limited(names, limits.torque, along))
+        return replace(blank, reason=_limited(names, limits[TimingLimit.TORQUE], along))
     squared = speeds**2
     changes = np.diff(squared) / (2.0 * np.diff(where))
     changes = np.append(changes, changes[-1])
@@ -226,18 +226,9 @@ def fastest_timing(
     )
 
 
-class _JointLimits(NamedTuple):
-    """What a independent joints may do; infinite where there is no limit.
-
-    Attributes:
-        velocity: (a,) rad/s or m/s.
-        acceleration: (a,) rad/s^2 or m/s^2.
-        torque: (a,) N m or N.
-    """
-
-    velocity: FloatArray
-    acceleration: FloatArray
-    torque: FloatArray
+_JointLimits = Mapping[TimingLimit, FloatArray]
+"""(a,) what independent joints may do, infinite where there is no limit: their velocities, rad/s or
+m/s, accelerations, rad/s^2 or m/s^2, and torques, N m or N."""
 
 
 class _PathPoint(NamedTuple):
@@ -374,25 +365,20 @@ def _point(
         of_path: (a, 3) their accelerations, likewise.
     """
     with np.errstate(divide="ignore"):
-        most = float(np.min(limits.velocity / np.abs(of_path[:, 1]), initial=_FASTEST_PATH)) ** 2
+        fastest = limits[TimingLimit.VELOCITY] / np.abs(of_path[:, 1])
+    most = float(np.min(fastest, initial=_FASTEST_PATH)) ** 2
     polygon = program.polygon(wrench, motors, most)
     if polygon is None:
         return _PathPoint(wrench, motors, joints, np.empty((0, 2)), np.empty(0), ())
-    rows, sides = [*polygon[0]], [*polygon[1]]
-    kinds = [TimingLimit.CONTACTS] * len(rows) + [TimingLimit.VELOCITY]
-    rows.append(np.array([0.0, 1.0]))
-    sides.append(most)
-    for kind, most_of, parts in (
-        (TimingLimit.TORQUE, limits.torque, joints),
-        (TimingLimit.ACCELERATION, limits.acceleration, of_path),
-    ):
-        for joint in np.flatnonzero(np.isfinite(most_of)):
-            still, *moving = parts[joint]
-            for sign in (1.0, -1.0):
-                rows.append(sign * np.array(moving))
-                sides.append(most_of[joint] - sign * still)
-                kinds.append(kind)
-    return _PathPoint(wrench, motors, joints, np.array(rows), np.array(sides), tuple(kinds))
+    rows, sides = [polygon[0], np.array([[0.0, 1.0]])], [polygon[1], np.array([most])]
+    kinds = [TimingLimit.CONTACTS] * len(polygon[0]) + [TimingLimit.VELOCITY]
+    for kind, parts in ((TimingLimit.TORQUE, joints), (TimingLimit.ACCELERATION, of_path)):
+        limited = np.isfinite(limits[kind])
+        both_ways = np.vstack([parts[limited], -parts[limited]])
+        rows.append(both_ways[:, 1:])
+        sides.append(np.tile(limits[kind][limited], 2) - both_ways[:, 0])
+        kinds += [kind] * len(both_ways)
+    return _PathPoint(wrench, motors, joints, np.vstack(rows), np.concatenate(sides), tuple(kinds))
 
 
 def _toppra() -> Any:

@@ -43,6 +43,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.quasistatic import contact_map
 from graspless_pin.scene import Scene
+from graspless_pin.scene.contact_arrays import support_bodies
 from graspless_pin.scene.entry_findings import box_around
 from graspless_pin.scene.scene_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
@@ -139,7 +140,7 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
     hand = displaced_hand(closed, displacements)
     tolerance = plan.scene.contact_tolerance
     moved = frozenset().union(*(part.moved for part in plan.parts))
-    if shortfall(_of_links(hand, moved), _supports(plan.scene), 1.5 * tolerance) > 0.0:
+    if shortfall(_of_links(hand, moved), support_bodies(plan.scene), 1.5 * tolerance) > 0.0:
         return TriedCandidate(number, PlacingFault.HAND_ON_SUPPORT)
     # One body is in itself wherever it is, and the pairs of links are known where it was.
     if unwanted_overlaps(closed if len(plan.parts) == 1 else hand, tolerance=tolerance):
@@ -229,7 +230,7 @@ def _brought(
     farthest = float(np.linalg.norm(posture.meeting - posture.palm) + np.linalg.norm(high - low))
     obstacles = (
         (pieces, _CLEAR_OF_OBJECT),
-        (_supports(scene), 2.0 * scene.contact_tolerance),
+        (support_bodies(scene), 2.0 * scene.contact_tolerance),
     )
     stance = _stance(part, plan.hand.with_configuration(draw.opened), draw.displacement, rng)
     for _ in range(_APPROACHES):
@@ -330,7 +331,3 @@ def _idle_fingers_opened(part: HandPart, draw: Draw, closing: ClosingResult) -> 
                 columns = driving_columns(hand, finger)
                 positions[columns] = draw.opened[columns]
     return positions
-
-
-def _supports(scene: Scene) -> PlacedBodies:
-    return PlacedBodies.joined([support.placed_bodies for support in scene.supports])

@@ -442,16 +442,12 @@ def _ends(line: _Line, brackets: list[_Bracket], share: float, finest: float) ->
 
 def _end(line: _Line, bracket: _Bracket) -> WindowEnd:
     """Return the end that a bracket tells."""
-    last = bracket.good
+    last, ends = bracket.good, (EndReason.SEARCH, "holds as far as it was looked")
     if bracket.bad is not None:
-        return _ended(last, *bracket.bad.failure)
-    if joint := line.limiting(last.amount):
-        return _ended(last, EndReason.LIMIT, f"joint {joint!r} is at its effort limit")
-    return _ended(last, EndReason.SEARCH, "holds as far as it was looked")
-
-
-def _ended(point: _Point, reason: EndReason, message: str) -> WindowEnd:
-    return WindowEnd(point.amount, read_only(point.torques), point.normal_force, reason, message)
+        ends = bracket.bad.failure
+    elif joint := line.limiting(last.amount):
+        ends = EndReason.LIMIT, f"joint {joint!r} is at its effort limit"
+    return WindowEnd(last.amount, read_only(last.torques), last.normal_force, *ends)
 
 
 def _others(points: list[_Point], middle: int) -> list[tuple[float, float]]:

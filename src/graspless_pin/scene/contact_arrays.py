@@ -66,7 +66,7 @@ def touching_of(scene: SceneFields) -> ContactArrays:
         return kept.made("given", (given, *links), lambda: given_arrays(given, links))
     of_supports, of_all = _sources(scene)
     on_supports = kept.made(
-        "on supports", of_supports, lambda: _found(scene, _support_bodies(scene), BodyKind.SUPPORT)
+        "on supports", of_supports, lambda: _found(scene, support_bodies(scene), BodyKind.SUPPORT)
     )
     own = () if hand is None else hand.placed_bodies
     return kept.made(
@@ -76,7 +76,7 @@ def touching_of(scene: SceneFields) -> ContactArrays:
     )
 
 
-def _support_bodies(scene: SceneFields) -> PlacedBodies:
+def support_bodies(scene: SceneFields) -> PlacedBodies:
     """Return the convex pieces of all supports."""
     each = [support.placed_bodies for support in scene.supports]
     return scene._kept.made("support bodies", (*each,), lambda: PlacedBodies.joined(each))

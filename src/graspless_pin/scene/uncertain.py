@@ -24,7 +24,6 @@ from graspless_pin.algorithms.uncertain_members import Weight
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.joint_columns import STILL
-from graspless_pin.holding.controller import Controller
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
@@ -210,10 +209,16 @@ def _held(
 def _known_of(
     scene: SceneFields, problem: QuasistaticProblem, feedback: Feedback | None = None
 ) -> dict[str, Any]:
-    """Return weight, feedback and fingers, as `solve_robust` and `tolerances` take them."""
+    """Return weight, feedback and fingers, as `solve_robust` and `tolerances` take them.
+
+    Feedback that is not given is the scene's controller, if that states a stiffness.
+    """
+    own = scene.controller
+    if feedback is None and own.is_stated and not own.holds_joints:
+        feedback = own
     return {
         "weight": weight_of(scene, problem.joint_count),
-        "feedback": feedback_in(scene) if feedback is None else feedback,
+        "feedback": feedback,
         "fingers": {} if scene.hand is None else fingers_of_motors(scene.hand),
     }
 
@@ -259,12 +264,6 @@ def stated_by(scene: SceneFields) -> Uncertainty:
             "Uncertainty, or the file the key 'uncertainty'",
         )
     return scene.uncertainty
-
-
-def feedback_in(scene: SceneFields) -> Controller | None:
-    """Return a scene's controller if it states a stiffness; None: torques are constant."""
-    stated = scene.controller
-    return stated if stated.is_stated and not stated.holds_joints else None
 
 
 def tolerances_of(

@@ -216,11 +216,6 @@ class Variable:
         """Values that a check should try: all that are listed, or the ends of the range."""
         return self.points() if self.is_choice else list(dict.fromkeys(self._range()))
 
-    @property
-    def displaces(self) -> bool:
-        """Whether it moves or turns bodies."""
-        return self.entry.move is not None or self.entry.turn is not None
-
     def placed(self, tree: Tree, value: Any) -> Tree:
         """Return a scene with the variable's keys set."""
         if isinstance(self.entry.values, dict):

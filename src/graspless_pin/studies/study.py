@@ -114,7 +114,11 @@ class Study:
         """Return the content of the scene file at one sample."""
         tree = self.placed_at(sample)
         pairs = zip(self.variables, sample, strict=True)
-        ways = [(variable, value) for variable, value in pairs if variable.displaces]
+        ways = [
+            (variable, value)
+            for variable, value in pairs
+            if variable.entry.move or variable.entry.turn
+        ]
         if ways:
             tree = tree | {name: copied(tree[name]) for name in MOVABLE if name in tree}
         for variable, value in ways:
