@@ -18,6 +18,7 @@ from graspless_pin.algorithms.batch_programs import are_for
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search_state import closeness
+from graspless_pin.algorithms.warm_search import StartsByContacts
 from graspless_pin.compiled import core
 from graspless_pin.errors import StateError
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
@@ -27,7 +28,6 @@ from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.contact_starts import StartsByContacts
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus, WarmAnswer
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray

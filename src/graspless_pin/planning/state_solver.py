@@ -11,7 +11,7 @@ import numpy as np
 from graspless_pin.algorithms.batch_optimum import WarmOptimum
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import CLOSED
-from graspless_pin.algorithms.warm_search import reaches_margin
+from graspless_pin.algorithms.warm_search import StartsByContacts, reaches_margin
 from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.planning.attached_states import (
     AttachedConfigurations,
@@ -20,7 +20,6 @@ from graspless_pin.planning.attached_states import (
     turned_solution,
 )
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.contact_starts import StartsByContacts
 from graspless_pin.planning.evaluation import Evaluation, StateStatus, WarmAnswer
 from graspless_pin.planning.state_loops import AttachedLoops, StateLoops, is_reached, refusals
 from graspless_pin.problem import QuasistaticProblem

@@ -15,9 +15,9 @@ from graspless_pin.algorithms.comparison import minimum_friction
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.warm_search import StartsByContacts
 from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
 from graspless_pin.findings import Finding
-from graspless_pin.planning.contact_starts import StartsByContacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import CONE_MODELS
