@@ -21,7 +21,6 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Holding, StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.planning.least_change import torques_that_follow
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,
@@ -33,6 +32,7 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.problem.quasistatic import checked_problem
+from graspless_pin.programs.analysis_objectives import LeastChange
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
@@ -42,6 +42,9 @@ _NO_SQUEEZE = 1e-6
 """Of the contact forces: less than this inside them is no squeeze."""
 _LIMIT_SLACK = 1e-6
 """Of a limit, or of the load: what torques may exceed it by, or margins be below zero."""
+_FRICTION_USED = 0.9
+"""Of the coefficients: what joints that follow let contacts use, where balance leaves them that."""
+_SHARE_HALVINGS = 8
 _MOST_NAMED = 3
 _FARTHEST_AMOUNT = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
@@ -328,25 +331,21 @@ class _Bracket(NamedTuple):
         return 0.0 if self.bad is None else abs(self.bad.amount - self.good.amount)
 
 
+@dataclass(frozen=True, eq=False)
 class _Line:
     """Torques along a direction."""
 
-    def __init__(
-        self,
-        problem: QuasistaticProblem,
-        torques: FloatArray,
-        direction: FloatArray,
-        held: NDArray[np.bool_],
-        verdict_on: Callable[[FloatArray], StabilityVerdict],
-    ) -> None:
-        self._problem, self._torques, self._direction = problem, torques, direction
-        self._held, self._verdict_on = held, verdict_on
+    problem: QuasistaticProblem
+    torques: FloatArray
+    direction: FloatArray
+    held: NDArray[np.bool_]
+    verdict_on: Callable[[FloatArray], StabilityVerdict]
 
     def reach(self, lowest: float) -> tuple[float, float]:
         """Return the least and the largest amount within the limits of the direction's joints."""
-        moves = self._direction != 0.0
-        way, torque = self._direction[moves], self._torques[moves]
-        lower, upper = self._problem.lower_torque[moves], self._problem.upper_torque[moves]
+        moves = self.direction != 0.0
+        way, torque = self.direction[moves], self.torques[moves]
+        lower, upper = self.problem.lower_torque[moves], self.problem.upper_torque[moves]
         room = np.concatenate([(upper - torque) / way, (lower - torque) / way])
         high = float(room[room >= 0.0].min(initial=_FARTHEST_AMOUNT))
         low = float(room[room <= 0.0].max(initial=-_FARTHEST_AMOUNT))
@@ -354,32 +353,69 @@ class _Line:
 
     def at(self, amount: float) -> _Point:
         """Return what becomes of an amount."""
-        torques = self._torques + amount * self._direction
-        if not self._held.all() and amount != 0.0:
-            torques = torques_that_follow(self._problem, torques, self._held, self._direction)
-        fixed = self._problem.with_changes(torque_limits=(torques, torques))
+        torques = self.torques + amount * self.direction
+        if not self.held.all() and amount != 0.0:
+            torques = _torques_that_follow(self.problem, torques, self.held, self.direction)
+        fixed = self.problem.with_changes(torque_limits=(torques, torques))
         best = solve_problem(fixed, Margin(), _REST)
         margin, pressed = best.margin, np.nan
         if best.found:
-            by_joints = self._problem.jacobian.reshape(-1, 3, len(torques)).any(axis=(1, 2))
-            normal = (self._problem.normals * best.contact_forces).sum(axis=1)
+            by_joints = self.problem.jacobian.reshape(-1, 3, len(torques)).any(axis=(1, 2))
+            normal = (self.problem.normals * best.contact_forces).sum(axis=1)
             pressed = float(normal[by_joints].sum())
         # Torques that follow lie at the edge of what balances: rounding makes nothing less of it.
-        if -_LIMIT_SLACK * self._problem.scales.force < margin < 0.0:
+        if -_LIMIT_SLACK * self.problem.scales.force < margin < 0.0:
             margin = 0.0
-        return _Point(amount, torques, self._verdict_on(torques), margin, pressed)
+        return _Point(amount, torques, self.verdict_on(torques), margin, pressed)
 
     def limiting(self, amount: float) -> str:
         """Return the joint that is at its limit at an amount; empty: none is."""
-        torques = self._torques + amount * self._direction
+        torques = self.torques + amount * self.direction
         for name, torque, low, high, way in zip(
-            self._problem.joint_names, torques, self._problem.lower_torque,
-            self._problem.upper_torque, self._direction, strict=True,
+            self.problem.joint_names, torques, self.problem.lower_torque,
+            self.problem.upper_torque, self.direction, strict=True,
         ):  # fmt: skip
             limit = high if amount * way > 0.0 else low
             if way and isfinite(limit) and abs(torque - limit) <= _LIMIT_SLACK * abs(limit):
                 return name
         return ""
+
+
+def _torques_that_follow(
+    problem: QuasistaticProblem, torques: FloatArray, held: NDArray[np.bool_], direction: FloatArray
+) -> FloatArray:
+    """Return torques of balance with those of some joints held; as they are where none balance.
+
+    The least change alone would use up the friction of some contact: a reserve is kept if it can.
+
+    Args:
+        problem: The problem; its torque limits are kept.
+        torques: (L,) that balance may change, N m (N).
+        held: (L,) joints whose torques stay.
+        direction: (L,) along which nothing changes, in the norm scaled by the limits.
+    """
+    lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
+    lower[held] = upper[held] = torques[held]
+    least = LeastChange((*torques.tolist(),), (*direction.tolist(),))
+
+    def within(share: float) -> FloatArray | None:
+        friction = share * problem.friction
+        changed = problem.with_changes(torque_limits=(lower, upper), friction=friction)
+        solution = solve_problem(changed, least, _REST)
+        return np.where(held, torques, solution.torques) if solution.found else None
+
+    found = within(_FRICTION_USED)
+    if found is not None:
+        return found
+    found, (low, high) = within(1.0), (_FRICTION_USED, 1.0)
+    if found is None:
+        return torques
+    for _ in range(_SHARE_HALVINGS):  # the least share, so that torques do not jump
+        middle = 0.5 * (low + high)
+        nearer = within(middle)
+        low, high = (middle, high) if nearer is None else (low, middle)
+        found = found if nearer is None else nearer
+    return found
 
 
 def _direction(

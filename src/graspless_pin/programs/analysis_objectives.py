@@ -1,6 +1,7 @@
 """Objectives of the analyses: trade-off, force sets of given torques (32), disturbances, relief.
 
-And those of the search for guaranteed torques: torques given, and torques in half-spaces.
+And those of the search for guaranteed torques: torques given, and torques in half-spaces; and of
+windows of squeeze: torques that change least.
 """
 
 from __future__ import annotations
@@ -375,3 +376,48 @@ class InsideHalfSpaces(Objective):
         program.normal_limits(e)
         program.torque_limits()
         program.rows("half-spaces", rows, sides, {d: np.ones(len(rows))})
+
+
+@dataclass(frozen=True)
+class LeastChange(Objective):
+    """The torques of balance that are nearest to given ones, in squares of shares of limits.
+
+    Attributes:
+        torques: L given ones, N m (N).
+        direction: L, along which nothing changes, in the norm scaled by the limits.
+    """
+
+    name = "least change"
+    torques: tuple[float, ...]
+    direction: tuple[float, ...]
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add the changes, whose squares are summed, and the rows of Algorithm 2.
+
+        Their sum of squares has one least point, which moves on evenly where the squeeze does; the
+        largest of them alone would leave the others open, and torques would jump.
+        """
+        forces, scale = program.forces, program.forces.coordinates.joint_scale
+        limits = np.minimum(
+            np.maximum(np.abs(forces.problem.lower_torque), np.abs(forces.problem.upper_torque)),
+            1e3 * scale,
+        )
+        share = scale / np.where(limits > 0.0, limits, scale)
+        rest = forces.gravity - np.array(self.torques) / scale
+        most = [
+            share * (np.abs(forces.torque_rows) @ box[1] + np.abs(rest)) for box in forces.boxes
+        ]
+        changes = program.columns(
+            "changes", len(share), curvature=1.0, box=(-most[0], most[0]),
+            whole_box=(-most[-1], most[-1]),
+        )  # fmt: skip
+        is_change = {changes: -np.eye(len(share))}
+        program.equal("changes", share[:, None] * forces.torque_rows, -share * rest, is_change)
+        # No change along the direction: the squeeze is as it is asked for.
+        along = share**2 * np.array(self.direction) / scale
+        along = along / np.linalg.norm(along)
+        program.equal("squeeze", (along @ forces.torque_rows)[None], np.array([-along @ rest]))
+        program.balance()
+        program.cones(0.0)
+        program.normal_limits(0.0)
+        program.torque_limits()
