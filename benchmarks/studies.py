@@ -17,7 +17,7 @@ from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.child_process import usable_cores
 from graspless_pin.studies import Study, load_study, run_study
 from graspless_pin.studies.executors import Workforce, local_processes
-from graspless_pin.studies.sample_parts import Sample
+from graspless_pin.studies.keys import Sample
 
 _STUDY = Path(__file__).parents[1] / "examples" / "studies" / "cuboid_friction_slope_height.yaml"
 _SAMPLES = 2000

@@ -19,7 +19,7 @@ from graspless_pin.studies.executors import _rest
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 from graspless_pin.studies.run import check_study
 from graspless_pin.studies.sample_evaluation import evaluate_each, stated_sample
-from graspless_pin.studies.sample_parts import SampleParts
+from graspless_pin.studies.study import SampleParts
 from graspless_pin.versions import versions
 
 BLOCK = 8

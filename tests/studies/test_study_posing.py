@@ -10,13 +10,7 @@ from study_tools import ROOT, Here, study_file
 
 from graspless_pin import close_fingers, load_scene, place_hand
 from graspless_pin.errors import SceneError, StudyError
-from graspless_pin.studies import (
-    Study,
-    load_study,
-    results_summary,
-    run_study,
-    sample_parts,
-)
+from graspless_pin.studies import Study, load_study, results_summary, run_study
 from graspless_pin.studies.sample_evaluation import evaluate_each
 
 FAR = {
@@ -59,7 +53,7 @@ def test_a_sample_is_what_placing_by_hand_and_solving_give(made, tmp_path, monke
         searches.append(options["candidates"])
         return place_hand(scene, **options)
 
-    monkeypatch.setattr(sample_parts, "place_hand", counted)
+    monkeypatch.setattr("graspless_pin.studies.study.place_hand", counted)
     rows = [*evaluate_each(made, [*enumerate(made.samples)])]
     assert searches == [6] * 4  # one for all ranks of a seed and a mass
     far = load_scene(tmp_path / "far.yaml")

@@ -13,7 +13,7 @@ from graspless_pin.errors import StudyError
 from graspless_pin.geometry.bodies.shapes import Box
 from graspless_pin.scene import contact_arrays, load
 from graspless_pin.studies import Study, load_study
-from graspless_pin.studies.sample_parts import SampleParts
+from graspless_pin.studies.study import SampleParts
 
 TIGHT = 1e-9
 

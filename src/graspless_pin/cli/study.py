@@ -16,7 +16,7 @@ from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.report.document import SampleDocuments
 from graspless_pin.studies import compute_study, load_study, results_parts, results_summary
 from graspless_pin.studies.executors import dask_executor
-from graspless_pin.studies.sample_parts import FINDINGS
+from graspless_pin.studies.sample_evaluation import FINDINGS
 
 
 def study(

@@ -24,9 +24,9 @@ from typing import Any
 
 from graspless_pin.child_process import ChildProcess, ChildProcesses, kept_processes
 from graspless_pin.errors import CrashError, OverrunError, StudyError, optional_import
+from graspless_pin.studies.keys import Sample
 from graspless_pin.studies.sample_evaluation import Failure, evaluate_each, failure_row
-from graspless_pin.studies.sample_parts import Row, Sample
-from graspless_pin.studies.study import Study
+from graspless_pin.studies.study import Row, Study
 
 EvaluateSamples = Callable[..., Iterator[Row]]
 """Yields the rows of samples: `evaluate_each`, or what takes the same arguments."""

@@ -25,7 +25,7 @@ import portalocker
 from graspless_pin.bounds import MOST_SAMPLES
 from graspless_pin.caching import Bounded
 from graspless_pin.errors import StudyError
-from graspless_pin.studies.sample_parts import Row
+from graspless_pin.studies.study import Row
 
 _SYNC_EVERY = 2.0
 """Seconds between two times that the disk is waited for: a power failure costs no more."""

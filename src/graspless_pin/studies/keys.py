@@ -21,6 +21,8 @@ from graspless_pin.scene.yaml_source import Location, is_whole_number
 from graspless_pin.studies.study_schema import PosingEntry, VariableEntry
 from graspless_pin.suggestions import names_in_words
 
+Sample = tuple[Any, ...]
+"""The value of every variable."""
 VECTORS = ("gravity", "tangent_axes", "motion", "loads", "acceleration")
 MOVABLE = ("object", "supports", "hand", *VECTORS)
 """Parts of a scene that `move` and `turn` read and change."""

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError, optional_import
 from graspless_pin.studies.journal import Journal
-from graspless_pin.studies.sample_evaluation import Failure
-from graspless_pin.studies.sample_parts import (
+from graspless_pin.studies.sample_evaluation import (
     FINDINGS,
     LARGEST_TORQUE,
-    NOT_PLACED,
     OBJECTIVE_VALUE,
     ROBUST_COLUMNS,
+    Failure,
 )
-from graspless_pin.studies.study import Study
+from graspless_pin.studies.study import NOT_PLACED, Study
 from graspless_pin.versions import versions
 
 if TYPE_CHECKING:

@@ -41,6 +41,7 @@ from graspless_pin.scene.yaml_source import validated
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, compute_here, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
+from graspless_pin.studies.keys import Sample
 from graspless_pin.studies.results import (
     check_columns,
     format_of,
@@ -51,16 +52,16 @@ from graspless_pin.studies.results import (
     write_results,
 )
 from graspless_pin.studies.sample_evaluation import Failure
-from graspless_pin.studies.sample_parts import (
+from graspless_pin.studies.sampling import AdaptiveSamples
+from graspless_pin.studies.study import (
     NOT_PLACED,
     Row,
-    Sample,
     SampleParts,
+    Study,
+    placement_of,
+    posing_of,
     scene_and_posing,
-    try_to_place,
 )
-from graspless_pin.studies.sampling import AdaptiveSamples
-from graspless_pin.studies.study import Study
 from graspless_pin.studies.study_schema import PosingEntry
 from graspless_pin.versions import versions
 
@@ -169,7 +170,9 @@ def _try_out(study: Study, sample: Sample, parts: SampleParts) -> None:
         return
     scene, tree = study.unposed_at(sample, parts), study.tree_at(sample)
     with study.source.at(("place",)):
-        try_to_place(scene, tree)
+        # One candidate meets all that could be wrong with the options.
+        place = posing_of(scene, tree).place or study.entry.place
+        placement_of(scene, place.model_copy(update={"candidates": 1, "verdict_nodes": 0}))
 
 
 def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from graspless_pin.bounds import MOST_SAMPLES
 from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.studies.keys import Variable
-from graspless_pin.studies.sample_parts import Sample
+from graspless_pin.studies.keys import Sample, Variable
 from graspless_pin.studies.study_schema import SamplingEntry
 
 

@@ -1,40 +1,108 @@
-"""A study: a scene, what varies in it, which samples are looked at and what is computed."""
+"""A study: a scene, what varies in it, which samples are looked at and what is computed.
+
+Scenes of samples leave something for the next. A hand is placed where a place is found, or closed,
+before its sample is computed.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from graspless_pin.algorithms.named_objectives import useless
+from graspless_pin.caching import Bounded, is_alike
 from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.yaml_text import texts_of
+from graspless_pin.planning.placing import HandPlacement, place_hand
+from graspless_pin.scene.body_building import SceneParts
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
 from graspless_pin.scene.keys import Tree, copied
-from graspless_pin.scene.load import build_scene
+from graspless_pin.scene.load import FIELDS_BY_KEY, build_scene
+from graspless_pin.scene.poses import close_fingers
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import in_radians
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.studies.keys import MOVABLE, Variable, make_variable
-from graspless_pin.studies.sample_parts import (
-    Row,
-    Sample,
-    SampleParts,
-    posed,
-    scene_and_posing,
-)
+from graspless_pin.studies.keys import MOVABLE, Sample, Variable, make_variable
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
-from graspless_pin.studies.study_schema import PosingEntry, StudyEntry
+from graspless_pin.studies.study_schema import CloseEntry, PlaceEntry, PosingEntry, StudyEntry
 
+Row = dict[str, Any]
+"""Results by column."""
+NOT_PLACED = "not_placed"
+"""Status of a sample whose hand has no place of the rank that is asked for."""
+_MOST_FIELDS = 4096
+_MOST_PLACEMENTS = 16
 _LARGEST_BLOCK = 64
 _LEAST_BLOCKS = 256
 """As many workers at least have something to do where there are enough samples."""
+
+
+@dataclass(eq=False)
+class SampleParts(SceneParts):
+    """What the scenes of one study's samples leave for the next; it never changes a scene.
+
+    Attributes:
+        placements: Places of the hand by all that they depend on; the last few.
+    """
+
+    placements: Bounded[str, HandPlacement] = field(
+        default_factory=lambda: Bounded(_MOST_PLACEMENTS)
+    )
+    _last: tuple[Sample, Scene] | None = None
+    _fields: dict[tuple[int, str], tuple[str, Any]] = field(default_factory=dict)
+    _names: tuple[str, ...] = ()
+
+    def known(self, sample: Sample) -> Scene | None:
+        """Return the scene of a sample whose values that differ from the last one's were seen.
+
+        Args:
+            sample: The values of all variables.
+
+        Returns:
+            The scene; None if it has to be built, and learned.
+        """
+        if self._last is None:
+            return None
+        fields, (before, scene) = {}, self._last
+        for place, (value, last) in enumerate(zip(sample, before, strict=True)):
+            if not is_alike(value, last):
+                found = self._fields.get((place, repr(value)))
+                if found is None:
+                    return None
+                fields[found[0]] = found[1]
+        scene = scene._changed(fields)
+        self._last = sample, scene
+        return scene
+
+    def learn(self, variables: Sequence[Variable], sample: Sample) -> None:
+        """Keep the fields of the scene built last that one value alone has made.
+
+        Args:
+            variables: What varies.
+            sample: The values of that scene.
+        """
+        if self.last is None:
+            return
+        entry, bodies, scene = self.last
+        has_findings = scene.load_findings or (scene.hand is not None and scene.hand.findings)
+        # What is found is told of each scene, and what is refused has to be looked for in each.
+        self._last = None if has_findings or entry.warnings == "error" else (sample, scene)
+        if bodies.names != self._names or len(self._fields) > _MOST_FIELDS:
+            self._fields, self._names = {}, bodies.names
+        keys = [{location[0] for location, *_ in one.targets} for one in variables]
+        for place, own in enumerate(keys):
+            others = set().union(*keys[:place], *keys[place + 1 :])
+            key, *more = own or {""}
+            name = FIELDS_BY_KEY.get(str(key))
+            if name is not None and not more and key not in others:
+                self._fields[place, repr(sample[place])] = name, vars(scene)[name]
 
 
 class SolutionWriter(Protocol):
@@ -149,7 +217,11 @@ class Study:
         scene = self.unposed_at(sample, parts)
         if self.entry.place is None and self.entry.close is None:
             return scene, {}
-        return posed(scene, self.tree_at(sample), parts)
+        tree = self.tree_at(sample)
+        entry = posing_of(scene, tree)
+        if entry.place is not None:
+            return _placed(scene, tree, entry.place, parts)
+        return (scene, {}) if entry.close is None else _closed(scene, entry.close, parts)
 
     def unposed_at(self, sample: Sample, parts: SampleParts) -> Scene:
         """Return the scene at one sample with the hand where the scene file has it."""
@@ -161,6 +233,53 @@ class Study:
             scene = build_scene(Scene, content, parts)
             parts.learn(self.variables, sample)
         return scene
+
+
+def scene_and_posing(tree: Tree) -> tuple[Tree, Tree]:
+    """Return the content of a scene file, and what `PosingEntry` takes, of a sample's keys."""
+    own = {name: tree[name] for name in PosingEntry.model_fields if name in tree}
+    return {name: item for name, item in tree.items() if name not in own}, own
+
+
+def posing_of(scene: Scene, tree: Tree) -> PosingEntry:
+    """Return how the hand of a sample is placed or closed, by the sample's keys."""
+    assert scene.path is not None  # noqa: S101 - the scene of a study comes from a file
+    return validated(YamlSource(scene.path, scene_and_posing(tree)[1]), PosingEntry)
+
+
+def placement_of(scene: Scene, entry: PlaceEntry) -> HandPlacement:
+    """Place the hand. It takes as long as it takes: time must not decide what a row says."""
+    return place_hand(scene, time_limit=None, workers=1, **entry.model_dump(exclude={"rank"}))
+
+
+def _placed(
+    scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts
+) -> tuple[Scene | None, Row]:
+    search = {**tree, "place": entry.model_dump(exclude={"rank"})}
+    key = json.dumps(search, sort_keys=True, default=str)
+    if key not in parts.placements:
+        parts.placements[key] = placement_of(scene, entry)
+    found = parts.placements[key]
+    row: Row = {"place_rank": entry.rank, "places_found": found.found}
+    if entry.rank <= found.found:
+        return found.places[entry.rank - 1].scene, row
+    if found.places:
+        reason = f"there is no place of rank {entry.rank}: {found.found} were found"
+    else:
+        faults = [f"{count} x {fault.words}" for fault, count in found.faults.items()]
+        reason = f"no place among {found.tried} candidates: {'; '.join(faults)}"
+    return None, {"status": NOT_PLACED, "found": False, **row, "reason": reason}
+
+
+def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> tuple[Scene | None, Row]:
+    # What did not change keeps its hand, and with it the contacts.
+    sources = scene.hand, scene.object, repr(entry)
+    result = parts.latest.made(
+        "closed fingers", sources, lambda: close_fingers(scene, **entry.model_dump()).closing
+    )
+    untouching = [one.finger for one in result.fingers if not one.touching]
+    row: Row = {"open_fingers": "; ".join(untouching) or None}
+    return scene.with_changes(hand=result.hand), row
 
 
 def load_study(path: str | Path) -> Study:
