@@ -327,19 +327,14 @@ def _csv_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
 
     types: dict[str, str] = _csv_about(file)["columns"]
     chosen = names or [*types]
-    # Python reads every digit that was written; pandas' reader may round the last.
-    floats = {name: _number for name in chosen if types[name] == "float64"}
-    others: Any = {name: types[name] for name in chosen if name not in floats}
+    kinds: Any = {name: types[name] for name in chosen}
+    # Since version 3.1 of pandas numbers are read to their last digit.
     with pd.read_csv(
-        file, skiprows=1, dtype=others, converters=floats, keep_default_na=False, na_values=[""],
-        usecols=chosen, chunksize=PART_ROWS,
+        file, skiprows=1, dtype=kinds, keep_default_na=False, na_values=[""], usecols=chosen,
+        chunksize=PART_ROWS,
     ) as parts:  # fmt: skip
         for part in parts:
             yield part.reset_index(drop=True)[chosen]
-
-
-def _number(text: str) -> float:
-    return float(text or "nan")
 
 
 def results_summary(table: pd.DataFrame | str | Path) -> str:
