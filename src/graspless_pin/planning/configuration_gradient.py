@@ -128,16 +128,8 @@ def problem_rates(
             told, pulling = scene.acceleration, scene.gravity
             if told is not None and told.of is Accelerated.BASE:
                 pulling = pulling - told.linear
-            masses, centers = hand.tree.masses
-            of_joints = np.zeros((len(to_actuators), k))
-            for link in range(1, len(masses)):
-                T = columns.T_world_joint[link]
-                place = T[:3, :3] @ centers[link] + T[:3, 3]
-                move = np.zeros((3, k))
-                move[:, : len(of_joints)] = columns.velocity(link, place)
-                change = columns.change_of_columns(link, place, move)
-                of_joints -= masses[link] * np.tensordot(pulling, change, 1)
-            weights[:actuators] = to_actuators.T @ of_joints
+            rates = hand.tree.gravity_rates(hand.positions, pulling)
+            weights[:actuators, : len(rates)] = to_actuators.T @ rates
     return ProblemRates(
         moves - center,
         turned,

@@ -231,6 +231,10 @@ class KinematicTree(Brief, Record):
         """
         return self._work_space.gravity_torques(self.configuration(positions), gravity)
 
+    def gravity_rates(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Return (n, n) how `gravity_torques` change with the positions of the joints."""
+        return self._work_space.gravity_rates(self.configuration(positions), gravity)
+
     def joint_inertia(self, positions: FloatArray) -> FloatArray:
         """Return the (n, n) joint-space inertia at (n,) joint positions, rotors included."""
         return self._work_space.joint_inertia(self.configuration(positions))

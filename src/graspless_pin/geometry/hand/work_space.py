@@ -63,13 +63,21 @@ class WorkSpace:
             q: Pinocchio's configuration vector.
             gravity: (3,) gravitational acceleration, world axes, m/s^2.
         """
+        return self._of_weight(pin.computeGeneralizedGravity, q, gravity).reshape(-1)
+
+    def gravity_rates(self, q: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Return (n, n) how `gravity_torques` change with the joints' positions."""
+        rates = self._of_weight(pin.computeGeneralizedGravityDerivatives, q, gravity)
+        return rates.reshape(self._model.nv, self._model.nv)
+
+    def _of_weight(self, function: Any, q: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Return what one of Pinocchio's functions of weight returns."""
         given = gravity.tobytes()
         with self._lock:
             if given != self._gravity:
                 self._weighed.gravity.linear = gravity
                 self._gravity = given
-            torques = np.array(pin.computeGeneralizedGravity(self._weighed, self._data, q))
-        return torques.reshape(-1)
+            return np.array(function(self._weighed, self._data, q))
 
     def joint_inertia(self, q: FloatArray) -> FloatArray:
         """Return the (n, n) joint-space inertia at a configuration vector (nq,)."""
