@@ -195,7 +195,9 @@ def evaluate_path(
     if not len(waypoints):
         raise ArgumentError("waypoints", "is empty; a path has at least one")
     times = _times(waypoints)
-    poses = np.array([_pose(evaluator.scene, k, item) for k, item in enumerate(waypoints)])
+    own = evaluator.scene.object.T_world_object
+    given = [own if item.T_world_object is None else item.T_world_object for item in waypoints]
+    poses = np.array([as_pose(f"waypoints[{k}].T_world_object", T) for k, T in enumerate(given)])
     arriving, twists = _twists(poses, times, evaluator.scene.object.center_of_mass)
     evaluations, arrivals = [], []
     for item, pose, before, after in zip(waypoints, poses, arriving, twists, strict=True):
@@ -248,12 +250,6 @@ def _times(waypoints: Sequence[Waypoint]) -> FloatArray:
             "increase",
         )
     return times
-
-
-def _pose(scene: Scene, index: int, waypoint: Waypoint) -> FloatArray:
-    if waypoint.T_world_object is None:
-        return scene.object.T_world_object
-    return as_pose(f"waypoints[{index}].T_world_object", waypoint.T_world_object)
 
 
 def _twists(
