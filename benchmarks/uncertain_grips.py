@@ -31,7 +31,7 @@ from graspless_pin.algorithms.uncertainty import each_of
 from graspless_pin.findings import capture
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Corner, Member
-from graspless_pin.scene.member_verdicts import scene_of_member, torques_at_rest
+from graspless_pin.scene.scene_stability import scene_of_member, torques_at_rest
 
 OUT = KEPT.with_name("uncertain_grips")
 MEMBERS = 10

@@ -10,7 +10,7 @@ from tests.oracles.uncertain_members import BALANCED, imbalance
 from graspless_pin import Holding, Stability, Status, Uncertainty, load_scene, minimize_torque
 from graspless_pin.errors import ArgumentError
 from graspless_pin.scene import Load
-from graspless_pin.scene.member_verdicts import scene_of_member, torques_at_rest
+from graspless_pin.scene.scene_stability import scene_of_member, torques_at_rest
 
 STRONG = {"stability": "strong"}
 SETS = {

@@ -1,5 +1,4 @@
 from .contact_arrays import SceneContacts as SceneContacts
-from .member_verdicts import MemberVerdicts as MemberVerdicts
 from .poses import ClosedScene as ClosedScene
 from .poses import PlacedScene as PlacedScene
 from .poses import close_fingers as close_fingers
@@ -8,6 +7,7 @@ from .poses import settle as settle
 from .scene import Scene as Scene
 from .scene import load_scene as load_scene
 from .scene_schema import scene_json_schema as scene_json_schema
+from .scene_stability import MemberVerdicts as MemberVerdicts
 from .stated import Accelerated as Accelerated
 from .stated import Acceleration as Acceleration
 from .stated import GivenContact as GivenContact

@@ -16,8 +16,8 @@ from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.programs.analysis_objectives import at_torques
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief, changed
-from graspless_pin.scene.member_verdicts import MemberVerdicts, verdicts_of_members
 from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.scene_stability import MemberVerdicts, verdicts_of_members
 from graspless_pin.scene.uncertain import stated_by
 from graspless_pin.solution import Status, TorqueSolution
 

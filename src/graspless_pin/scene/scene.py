@@ -35,7 +35,12 @@ from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_findings import findings_of, unused_figures
-from graspless_pin.scene.scene_stability import rest_model_of, verdict_of
+from graspless_pin.scene.scene_stability import (
+    MemberVerdicts,
+    rest_model_of,
+    verdict_of,
+    verdicts_of_members,
+)
 from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import counted
@@ -45,7 +50,6 @@ if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution
     from graspless_pin.algorithms.tolerances import Tolerances
     from graspless_pin.algorithms.uncertainty import Uncertainty
-    from graspless_pin.scene.member_verdicts import MemberVerdicts
 
 
 _MOST_LINES = 8  # of one kind, when a scene is printed
@@ -289,8 +293,6 @@ class Scene(SceneFields):
             robust: What `solve` has found with an uncertainty.
             options: Those of `graspless_pin.stability`; `time_limit` is that of all corners.
         """
-        from graspless_pin.scene.member_verdicts import verdicts_of_members
-
         return verdicts_of_members(self, robust, **options)
 
     def tolerances(self, torques: ArrayLike, **options: Any) -> Tolerances:

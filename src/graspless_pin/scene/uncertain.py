@@ -42,13 +42,13 @@ from graspless_pin.scene.contact_findings import (
 from graspless_pin.scene.entry_findings import box_around, meant_lengths
 from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
-from graspless_pin.scene.member_verdicts import torques_at_rest, under_feedback, verdicts_under
 from graspless_pin.scene.problem_data import (
     fingers_of_motors,
     joint_columns,
     jointed_contacts,
     problem_of,
 )
+from graspless_pin.scene.scene_stability import torques_at_rest, under_feedback, verdicts_under
 from graspless_pin.solution import Guarantee, Status, TorqueSolution
 
 _OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")
