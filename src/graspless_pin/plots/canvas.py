@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import optional_import
 from graspless_pin.intake.text import printable
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.projections.polar import PolarAxes
 
+_CROSS_HEIGHT = 0.02  # of the axes
 _ROOM_ABOVE = 0.08  # above the largest value, of all
 _LONGEST_NAME = 40  # letters; beyond, the axes have no room left
 
@@ -84,6 +88,38 @@ def from_zero(axes: Axes, values: ArrayLike) -> None:
     room = _ROOM_ABOVE * (high - low) or 1.0
     axes.set_ylim(low - room if low < 0.0 else 0.0, high + room)
     plain_axis(axes.yaxis)
+
+
+def polar_region(
+    ax: PolarAxes | None,
+    size: tuple[float, float],
+    angles: FloatArray,
+    radii: FloatArray,
+    names: Sequence[str],
+) -> PolarAxes:
+    """Draw a filled outline around the middle of polar axes, and return these.
+
+    Args:
+        ax: The caller's axes; None: new ones.
+        size: Width and height of a new figure, inches.
+        angles: (K,) ascending, rad.
+        radii: (K,) how far the outline is there.
+        names: Of the directions at 0, 90, 180 and 270 degrees.
+    """
+    axes = cast("PolarAxes", axes_for(ax, size=size, projection="polar"))
+    blue = LIGHT.roles[Role.NORMAL_FORCE]
+    axes.plot(np.append(angles, angles[0]), np.append(radii, radii[0]), color=blue)
+    axes.fill(angles, radii, color=blue, alpha=0.2, linewidth=0.0)
+    axes.set_xticks(np.arange(4) * np.pi / 2.0, names)
+    return axes
+
+
+def crosses_below(axes: Axes, places: FloatArray, label: str) -> None:
+    """Mark where there is nothing to draw, at the lower end of the axes."""
+    axes.plot(
+        places, np.full(len(places), _CROSS_HEIGHT), "x", color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
+        transform=axes.get_xaxis_transform(), label=label,
+    )  # fmt: skip
 
 
 def legend_above(axes: Axes) -> None:

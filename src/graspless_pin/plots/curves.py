@@ -13,11 +13,13 @@ from graspless_pin.holding.verdict import Holding
 from graspless_pin.planning import PathProfile, PathTiming, SqueezeWindow, TimingLimit
 from graspless_pin.plots.canvas import (
     axes_for,
+    crosses_below,
     from_zero,
     legend_above,
     legend_text,
     plain_axis,
     plain_text,
+    polar_region,
 )
 from graspless_pin.problem.checks import FloatArray, units_text
 from graspless_pin.visualization import LIGHT, Role
@@ -101,10 +103,8 @@ def disturbance_polar(
     angles = np.arctan2(margin.directions[chosen, plane[1]], margin.directions[chosen, plane[0]])
     order = np.argsort(angles)
     angles, radii = angles[order], margin.magnitudes[chosen][order]
-    axes = axes_for(ax, size=(4.6, 4.6), projection="polar")
-    blue = LIGHT.roles[Role.NORMAL_FORCE]
-    axes.plot(np.append(angles, angles[0]), np.append(radii, radii[0]), color=blue)
-    axes.fill(angles, radii, color=blue, alpha=0.2, linewidth=0.0)
+    names = [f"+{first}", f"+{second}", f"−{first}", f"−{second}"]
+    axes = polar_region(ax, (4.6, 4.6), angles, radii, names)
     worst = int(np.argmin(radii))
     axes.plot(
         angles[worst],
@@ -112,9 +112,6 @@ def disturbance_polar(
         "o",
         color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
         label=f"least: {radii[worst]:.4g} N",
-    )
-    axes.set_xticks(
-        np.arange(4) * np.pi / 2.0, [f"+{first}", f"+{second}", f"−{first}", f"−{second}"]
     )
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.1, -0.12), fontsize="small")
@@ -154,8 +151,8 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
     )
     # A column a piece: the straight pieces over the dotted whole, which shows at jumps.
     axes.plot(curve.margins.T, curve.torques.T, "o-", color=blue, markersize=4, linewidth=1.8)
-    axes.set_xlabel("required margin $e_0$ [N]")
-    axes.set_ylabel(f"least possible largest |torque|\n[{curve.torque_unit}]")
+    least = f"least possible largest |torque|\n[{curve.torque_unit}]"
+    axes.set(xlabel="required margin $e_0$ [N]", ylabel=least)
     from_zero(axes, curve.torques)
     plain_axis(axes.xaxis)
     axes.grid(alpha=0.25)
@@ -204,11 +201,14 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
             label="holds" if filled else "does not hold",
         )  # fmt: skip
     way = "those of the internal forces" if window.of_internal_forces else "the given direction"
-    axes.set_xlabel(f"change of torques, in multiples of {way}")
-    axes.set_ylabel(label)
+    first, last = window.amounts[[0, -1]]
+    room = _ROOM_BESIDE * (last - first)
+    axes.set(
+        xlabel=f"change of torques, in multiples of {way}",
+        ylabel=label,
+        xlim=(first - room, last + room),
+    )
     from_zero(axes, values)
-    room = _ROOM_BESIDE * (window.amounts[-1] - window.amounts[0])
-    axes.set_xlim(window.amounts[0] - room, window.amounts[-1] + room)
     if window.lower is not None and window.upper is not None:
         axes.axvspan(window.lower.amount, window.upper.amount, color=blue, alpha=0.1, linewidth=0.0)
         ends = zip((window.lower, window.upper), ("right", "left"), strict=True)
@@ -234,7 +234,6 @@ def _plane(first: str, second: str) -> list[int]:
     return [COMPONENTS.index(first), COMPONENTS.index(second)]
 
 
-_MARK_HEIGHT = 0.02
 _ROOM_BESIDE = 0.24
 """Of the width: what the ends are called stands there."""
 
@@ -311,8 +310,7 @@ def timing_plot(timing: PathTiming, ax: Axes | None = None) -> Axes:
             at = timing.times[own], timing.speeds[own]
             label = "no limit here" if limit is TimingLimit.NOTHING else f"limited by {limit}"
             axes.plot(*at, mark, color=LIGHT.roles[role], markersize=4, label=label)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("speed along the path [rad/s]")
+    axes.set(xlabel="time [s]", ylabel="speed along the path [rad/s]")
     from_zero(axes, timing.speeds)
     margins = axes.twinx()
     margins.plot(
@@ -374,13 +372,6 @@ def _mark_path(axes: Axes, profile: PathProfile) -> None:
             label="_" * (number > 0) + "contacts change",
         )  # fmt: skip
     lost = profile.times[list(profile.failures)]
-    axes.plot(
-        lost,
-        np.full(len(lost), _MARK_HEIGHT),
-        "x",
-        color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
-        transform=axes.get_xaxis_transform(),
-        label="no torques" if len(lost) else "_no torques",
-    )
+    crosses_below(axes, lost, "no torques" if len(lost) else "_no torques")
     axes.set_xlabel("time [s]")
     axes.grid(alpha=0.25)

@@ -14,7 +14,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis, plain_text
+from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis, plain_text, polar_region
 from graspless_pin.problem.checks import FloatArray, units_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
@@ -88,14 +88,16 @@ def normal_force_ranges(
         normal = np.einsum("ij,ij->i", problem.normals, solution.contact_forces)
         axes.plot(normal, rows, "o", color=LIGHT.text, markersize=5, label="the solution's")
     axes.set_yticks(rows, [f"contact {row}" for row in rows])
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    # From zero, and so that a bar or mark at the right end is seen whole.
-    axes.set_xlim(-_ROOM_AT_ENDS * edge, (1.0 + _ROOM_AT_ENDS) * edge)
     unproven = "" if bounds.proven[:, 0].all() else ", as far as reached"
-    axes.set_xlabel(f"normal force $f_n$ [N]{unproven}")
+    axes.set(
+        xlabel=f"normal force $f_n$ [N]{unproven}",
+        # From zero, and so that a bar or mark at the right end is seen whole.
+        xlim=(-_ROOM_AT_ENDS * edge, (1.0 + _ROOM_AT_ENDS) * edge),
+        ylim=(len(rows) - 0.4, -0.6),
+        axisbelow=True,
+    )
     plain_axis(axes.xaxis)
     axes.grid(axis="x", alpha=0.25)
-    axes.set_axisbelow(True)
     if ax is None:
         legend_above(axes)
     return axes
@@ -150,13 +152,12 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
         label="limits",
     )
     axes.set_yticks(rows, [plain_text(name) for name in problem.joint_names])
-    axes.set_ylim(count - 0.4, -0.6)
-    axes.set_xlabel(f"motor torque [{units_text(problem.joint_units)}]")
+    label = f"motor torque [{units_text(problem.joint_units)}]"
+    axes.set(xlabel=label, ylim=(count - 0.4, -0.6), axisbelow=True)
     plain_axis(axes.xaxis)
     if ax is None and marked.any():
         legend_above(axes)
     axes.grid(axis="x", alpha=0.25)
-    axes.set_axisbelow(True)
     return axes
 
 
@@ -212,10 +213,8 @@ def tolerance_plot(
     up = np.cross(level[0], level[1])
     angles, sizes = level_boundary(one, level)
     radii = scale * sizes
-    axes = axes_for(ax, size=(4.6, 4.9), projection="polar")
-    blue = LIGHT.roles[Role.NORMAL_FORCE]
-    axes.plot(np.append(angles, angles[0]), np.append(radii, radii[0]), color=blue)
-    axes.fill(angles, radii, color=blue, alpha=0.2, linewidth=0.0)
+    names = [_name(way) for way in (*level, *-level)]
+    axes = polar_region(ax, (4.6, 4.9), angles, radii, names)
     way = np.zeros(3) if one.direction is None else one.direction
     words = f"least: {scale * one.borne:.3g} {unit}"
     at, mark = ([np.arctan2(*(level @ way)[::-1])], [scale * one.failing]), "o"
@@ -226,8 +225,6 @@ def tolerance_plot(
         many = "s" * (len(one.contacts) > 1)
         words += f"\nfails at contact{many} {', '.join(map(str, one.contacts))}"
     axes.plot(*at, mark, color=LIGHT.roles[Role.FRICTION_AT_LIMIT], linestyle="none", label=words)
-    names = [_name(way) for way in (*level, *-level)]
-    axes.set_xticks(np.arange(4) * np.pi / 2.0, names)
     top = min(1.08 * float(radii.max()), _WIDEST_CIRCLE * float(radii.min()) or np.inf)
     axes.set_ylim(0.0, top or 1.0)
     axes.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
@@ -307,13 +304,10 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     ]
     axes.plot([0.0, friction[0]], [0.0, friction[1]], color=color, linewidth=2.0, zorder=3)
     axes.plot(*friction, "o", color=color, markersize=7, zorder=4, label="friction force")
-    axes.set_aspect("equal")
-    axes.set_xlim(-_ROOM_AROUND * reach, _ROOM_AROUND * reach)
-    axes.set_ylim(-_ROOM_AROUND * reach, _ROOM_AROUND * reach)
+    ends = -_ROOM_AROUND * reach, _ROOM_AROUND * reach
+    axes.set(aspect="equal", xlim=ends, ylim=ends, xlabel="$f_{t1}$ [N]", ylabel="$f_{t2}$ [N]")
     axes.axhline(0.0, color=LIGHT.text, linewidth=0.5, alpha=0.4)
     axes.axvline(0.0, color=LIGHT.text, linewidth=0.5, alpha=0.4)
-    axes.set_xlabel("$f_{t1}$ [N]")
-    axes.set_ylabel("$f_{t2}$ [N]")
     use = friction_use(problem, solution.contact_forces)[contact]
     share = "" if np.isnan(use) else f", {100.0 * use:.0f} % used"
     label = shown(normal, problem.scales.force, "", force_rounding(problem)[contact])

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.plots.canvas import axes_for, from_zero, legend_text, plain_axis, plain_text
+from graspless_pin.plots.canvas import (
+    axes_for,
+    crosses_below,
+    from_zero,
+    legend_text,
+    plain_axis,
+    plain_text,
+)
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import LIGHT, Role
 
@@ -90,18 +97,10 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
     axes.plot(places, means, "o-", color=blue, markersize=4, label=several)
     lost = np.unique(at[~np.isfinite(results)])
     if len(lost):
-        axes.plot(
-            lost,
-            np.full(len(lost), 0.02),
-            "x",
-            color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
-            transform=axes.get_xaxis_transform(),
-            label="nothing found",
-        )
+        crosses_below(axes, lost, "nothing found")
     if len(lost) or axes.collections:
         axes.legend(fontsize="small")
-    axes.set_xlabel(quantity(x))
-    axes.set_ylabel(quantity(value))
+    axes.set(xlabel=quantity(x), ylabel=quantity(value))
     from_zero(axes, results)
     plain_axis(axes.xaxis)
     axes.grid(alpha=0.25)
@@ -144,8 +143,7 @@ def margin_heat_map(
     bar = axes.figure.colorbar(mesh, ax=axes)
     bar.set_label(quantity(value))
     plain_axis(bar.ax.yaxis)
-    axes.set_xlabel(quantity(x))
-    axes.set_ylabel(quantity(y))
+    axes.set(xlabel=quantity(x), ylabel=quantity(y))
     return axes
 
 
@@ -271,11 +269,10 @@ def outcome_boundary(
     named = len(names) <= _MOST_NAMED
     for kind, name in enumerate(names):
         here = places[kinds == kind]
-        label = legend_text(_in_words(outcome, name)) if named else None
+        label = legend_text(_WORDS.get((outcome, name)) or plain_text(name)) if named else None
         axes.scatter(*here.T, s=6.0, color=colors[kind], linewidths=0.0, label=label)
     axes.add_collection(LineCollection([*segments], colors=LIGHT.text, linewidths=1.2))
-    axes.set_xlabel(quantity(x))
-    axes.set_ylabel(quantity(y))
+    axes.set(xlabel=quantity(x), ylabel=quantity(y))
     plain_axis(axes.xaxis)
     plain_axis(axes.yaxis)
     if named and len(names) > 1:
@@ -285,10 +282,6 @@ def outcome_boundary(
             fontsize="small", markerscale=2.5, frameon=False,
         )  # fmt: skip
     return axes
-
-
-def _in_words(outcome: str, name: str) -> str:
-    return _WORDS.get((outcome, name)) or plain_text(name)
 
 
 def boundary_segments(places: FloatArray, kinds: NDArray[np.integer[Any]]) -> FloatArray:
