@@ -12,11 +12,10 @@ import re
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.fields import Part
+from graspless_pin.report.verify.fields import Part, entry, items
 from graspless_pin.report.verify.outcome import Check, given, holds
 from graspless_pin.report.verify.rest_bounds import contact_motion
 from graspless_pin.report.verify.rest_load import RestLoad
-from graspless_pin.report.verify.values import entry, items
 
 _OF_INSTANT = {
     "holds": ("strong",),
