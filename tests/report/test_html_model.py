@@ -6,7 +6,7 @@ import gzip
 import numpy as np
 from report_cases import SLIDING, solved
 
-from graspless_pin.report.html.view import model_data
+from graspless_pin.report.html.page import model_data
 from graspless_pin.visualization import draw_scene
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.geometry import ManipulatedObject
-from graspless_pin.report.html.view import render, view_context
+from graspless_pin.report.html.page import render, view_context
 from graspless_pin.scene import Scene
 from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, Simulation
 from graspless_pin.simulation.protocol import change_of_pose
@@ -163,45 +163,27 @@ _FAINT, _CLEAR = 0.15, 0.6  # opacity of the first and of the last pose
 _TURN_LENGTH = 0.1  # m: what a radian counts for where poses are spread along the way
 
 
-@dataclass(frozen=True)
-class TimeLapse:
-    """A simulation as pages show it: the run in which the object goes farthest.
-
-    Attributes:
-        title: Of the scene.
-        held: Whether the object stays.
-        outcome: Capitalised.
-        bodies: How hard they are.
-        rows: Time (s), displacement (mm) and rotation (deg) of each pose.
-        text: Its figures, see `simulation_text`.
-        view: What its 3-D view is filled with.
-    """
-
-    title: str
-    held: bool
-    outcome: str
-    bodies: str
-    rows: list[tuple[str, str, str]]
-    text: str
-    view: dict[str, Any]
-
-
-def time_lapse_html(lapse: TimeLapse) -> str:
+def time_lapse_html(lapse: dict[str, Any]) -> str:
     """Return a simulation as a page of its own; it fetches nothing.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
     """
-    return render("simulation.html", lambda: {"title": lapse.title, "lapse": lapse})
+    return render("simulation.html", lambda: {"title": lapse["title"], "lapse": lapse})
 
 
-def time_lapse(scene: Scene, simulation: Simulation, text: str) -> TimeLapse:
-    """Return a simulation as pages show it.
+def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any]:
+    """Return a simulation as pages show it: the run in which the object goes farthest.
 
     Args:
         scene: The simulated scene.
         simulation: The simulation.
         text: Its figures, see `simulation_text`.
+
+    Returns:
+        ``title`` of the scene, ``held`` (whether the object stays), ``outcome`` and ``bodies`` (how
+        hard they are) in words, ``rows`` (time (s), displacement (mm) and rotation (deg) of each
+        pose), ``text``, and what the 3-D ``view`` is filled with.
 
     Raises:
         MeshError: A mesh file is missing or unreadable.
@@ -231,21 +213,21 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> TimeLapse:
              (f"after {row[0]} s", f"displacement {row[1]} mm", f"rotation {row[2]} deg"))
         for index, (center, row) in enumerate(zip(centers, rows, strict=True))
     ]  # fmt: skip
-    return TimeLapse(
-        scene.name,
-        simulation.outcome is SimulatedOutcome.HELD,
-        simulation.outcome.value.capitalize(),
-        run.contact_model.name.capitalize(),
-        rows,
-        text,
-        view_context(
+    return {
+        "title": scene.name,
+        "held": simulation.outcome is SimulatedOutcome.HELD,
+        "outcome": simulation.outcome.value.capitalize(),
+        "bodies": run.contact_model.name.capitalize(),
+        "rows": rows,
+        "text": text,
+        "view": view_context(
             "lapse-view",
             "the simulation",
             replace(picture, meshes=(*rest, *shown), marks=(*picture.marks, *marks)),
             f"Shows hand and supports, and the object {scene.object.name} at each time.",
             "numbers of the times",
         ),
-    )
+    }
 
 
 def _spread(start: ManipulatedObject, run: SimulatedRun) -> NDArray[np.intp]:
