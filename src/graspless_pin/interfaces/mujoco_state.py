@@ -16,7 +16,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.mjcf import motor_joints, robot_bodies, tree_roots
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf, source_of_model
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.simulation.scene_document import CUSTOM_TEXT
 from graspless_pin.suggestions import names_in_words
 
@@ -130,9 +130,7 @@ class ModelState:
             keyframe = 0
         if isinstance(keyframe, str):
             if keyframe not in names:
-                raise ArgumentError(
-                    "keyframe", f"unknown keyframe {keyframe!r}; {names_in_words(keyframe, names)}"
-                )
+                raise unknown_name("keyframe", "keyframe", keyframe, names)
             keyframe = names.index(keyframe)
         if not 0 <= keyframe < count:
             raise ArgumentError("keyframe", f"needs a number from 0 to {count - 1}, got {keyframe}")
@@ -161,8 +159,7 @@ class ModelState:
         if hand_body is not None:
             names = [source.body(body) for body in range(1, count)]
             if hand_body not in names:
-                words = names_in_words(hand_body, names)
-                raise ArgumentError("hand_body", f"unknown body {hand_body!r}; {words}")
+                raise unknown_name("hand_body", "body", hand_body, names)
             first = names.index(hand_body) + 1
             return first, self._below(first)
         if not motor_joints(source):
@@ -198,8 +195,7 @@ class ModelState:
                 "free joint to the world"
             )  # fmt: skip
         if name not in names:
-            words = names_in_words(name, known)
-            raise ArgumentError("object_body", f"unknown body {name!r}; {words}")
+            raise unknown_name("object_body", "body", name, known)
         body = names.index(name)
         if self.in_hand[body]:
             raise SceneError(

@@ -78,20 +78,6 @@ def with_reader(answer: Any) -> Any:
     return answer
 
 
-def is_scheme_request(path: str, prefers_dark: Callable[[bool], object]) -> bool:
-    """Pass on what a request says of its reader; return whether it is such a request.
-
-    Args:
-        path: What is asked for, without the token.
-        prefers_dark: Called with whether the reader prefers a dark page.
-    """
-    name = path.strip("/")
-    if name not in SCHEMES:
-        return False
-    prefers_dark(name == "dark")
-    return True
-
-
 def check_address(host: str, port: int) -> None:
     """Refuse what viser would try in vain for ever.
 
@@ -313,7 +299,9 @@ def _processed(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
         response = connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
     else:
         path = gate.inner_path(request.path)
-        if is_scheme_request(path, gate.scheme_told):
+        scheme = path.strip("/")
+        if scheme in SCHEMES:
+            gate.scheme_told(scheme == "dark")
             response = connection.respond(HTTPStatus.NO_CONTENT, "")
         else:
             response = inner(connection, replace(request, path=path))

@@ -14,10 +14,9 @@ from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.geometry.poses import turned_about
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import friction_at
-from graspless_pin.suggestions import names_in_words
 
 _FRICTION = "friction/"
 OBJECT_PLACE, HAND_PLACE = "object/", "hand/"
@@ -116,8 +115,7 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     controls = {control.key: control for control in controls_of(scene)}
     for key, value in values.items():
         if key not in controls:
-            words = names_in_words(key, controls)
-            raise ArgumentError("values", f"unknown control {key!r}; {words}")
+            raise unknown_name("values", "control", key, [*controls])
         if not math.isfinite(value):
             raise ArgumentError("values", f"{key} needs a finite number, got {value!r}")
     moved = {key: value for key, value in values.items() if value != controls[key].initial}

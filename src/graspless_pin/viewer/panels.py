@@ -62,7 +62,7 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
     margin = _reading("margin e", "N", solution.margin, before[0], load, roles[Role.FRICTION_FORCE])
     torque = _reading(
         "max torque",
-        result.torque_unit,
+        solution.max_torque_unit,
         solution.max_torque,
         before[1],
         torque_size(solution.problem, solution.torques),
@@ -255,7 +255,8 @@ _ALGORITHMS = {
 } | {name: name for name in OBJECTIVES if name not in tuple(Algorithm)}
 _STEPS = ("Undo", "Redo", "As loaded")
 _OPEN_GROUPS = ("Load",)
-_MOVED = {OBJECT_PLACE: "Object", HAND_PLACE: "Hand's base"}
+_MOVED = {"Object": OBJECT_PLACE, "Hand's base": HAND_PLACE}
+"""What can be dragged, by the group of its controls."""
 
 
 class Desk:
@@ -368,10 +369,9 @@ class Desk:
 
     def _add_folder(self, group: str) -> Any:
         folder = self._gui.add_folder(group, expand_by_default=group in _OPEN_GROUPS)
-        for moved, name in _MOVED.items():
-            if name == group:
-                with folder:
-                    self._add_handles(moved)
+        if group in _MOVED:
+            with folder:
+                self._add_handles(_MOVED[group])
         return folder
 
     def _add_handles(self, moved: str) -> None:

@@ -32,7 +32,6 @@ from graspless_pin.holding.verdict import (
     StabilityKeywords,
 )
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.checks import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.robust_answer import solution_for_all
@@ -101,14 +100,6 @@ class SettingsAnswer:
     sliding: MovingPicture | None = None
     bodies: tuple[str, ...] | None = None
     limits: tuple[str, ...] = ()
-
-    @property
-    def torque_unit(self) -> str:
-        """Unit of the largest torque: N where a linear joint, tendon or hybrid finger makes it."""
-        solution = self.solution
-        if solution is None or not solution.found:
-            return JointUnit.TORQUE
-        return solution.max_torque_unit
 
 
 def initial_settings(scene: Scene) -> Settings:
@@ -311,8 +302,7 @@ class SceneProcess:
     def __init__(self, scene: Scene) -> None:
         """Start the process."""
         self._scene = scene
-        self._child = ChildProcess()
-        self._knows_scene = False
+        self._child, self._knows_scene = ChildProcess(), False
 
     def evaluate(self, settings: Settings) -> SettingsAnswer:
         """Return what `answer_settings` does; a process that has died is replaced before.
@@ -323,8 +313,7 @@ class SceneProcess:
         """
         if not self._child.is_running:
             self._child.close()
-            self._child = ChildProcess()
-            self._knows_scene = False
+            self._child, self._knows_scene = ChildProcess(), False
         if not self._knows_scene:
             self._child.call(_keep, self._scene)
             self._knows_scene = True

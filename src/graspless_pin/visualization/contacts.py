@@ -115,33 +115,27 @@ def draw_contacts(
     solution: TorqueSolution | None = None,
     *,
     origin: ArrayLike = (0.0, 0.0, 0.0),
-    size: float | None = None,
-    force_scale: float | None = None,
     bodies: Sequence[str] | None = None,
 ) -> Picture:
-    """Draw contacts, and with a solution that was found forces and virtual sliding.
+    """Draw contacts alone, and with a solution that was found forces and virtual sliding.
 
     Args:
         problem: The contacts.
         solution: A solution of the problem; None, or not found: only the contacts.
         origin: (3,) the problem's reference point in the picture, m.
-        size: Radius of the object, to which sizes are fitted, m; None: of the contacts.
-        force_scale: Metres per newton; None: a round figure with which the largest force is about
-            as long as the object's radius.
         bodies: M names of what touches the object; None: not known.
 
     Raises:
         ArgumentError: ``origin`` is not three finite numbers.
     """
     center = finite_array("origin", origin, (3,))
-    if size is None:
-        size = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
+    size = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
     up, none = up_against(problem.external_wrench[:3]), np.zeros((0, 4))
     view_from = look_across(np.zeros(3), up)
     views = preset_views(np.zeros(3), up, (), none)
     picture = Picture((), center, 1.2 * size, up, view_from, views)
     picture = with_bearings(picture, size, None, none)
-    return with_contacts(picture, problem, solution, center, size, force_scale, bodies)
+    return with_contacts(picture, problem, solution, center, size, None, bodies)
 
 
 def with_contacts(
@@ -161,7 +155,8 @@ def with_contacts(
         solution: See `draw_contacts`.
         origin: (3,) the problem's reference point in the picture, m.
         size: Radius of the object, m.
-        force_scale: See `draw_contacts`.
+        force_scale: Metres per newton; None: a round figure with which the largest force is about
+            as long as the object's radius.
         bodies: M names of what touches the object; None: not known.
     """
     points = problem.positions + origin
