@@ -216,17 +216,6 @@ def _take_apart() -> None:
         vars(space).clear()
 
 
-class _States(base.StateValidityChecker):
-    """OMPL's question whether a state is valid."""
-
-    def __init__(self, space: EvaluatedSpace) -> None:
-        super().__init__(space.information)
-        self._space = space
-
-    def isValid(self, state: Any) -> bool:  # called by OMPL
-        return self._space.is_valid(state)
-
-
 class _Motions(base.MotionValidator):
     """OMPL's question whether a motion is valid."""
 
@@ -304,7 +293,7 @@ def attach_evaluator(
         resolution=resolution,
         breakpoints=breakpoints,
     )
-    information.setStateValidityChecker(_States(space))
+    information.setStateValidityChecker(space.is_valid)
     information.setMotionValidator(_Motions(space))
     return space
 
