@@ -281,14 +281,11 @@ def column_box(problem: Problem, reach: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _most_torque(problem: Problem, reach: float) -> float:
     """Return more than the largest t of Algorithm 2 that any forces within the box make."""
-    up, down = problem.shared
     low, high = _box(problem, reach)
     along = np.einsum("lki,lij->lkj", _force_frames(problem), problem.J)
     most = np.einsum("lkj,lk->j", np.abs(along), np.maximum(np.abs(low), np.abs(high)))
     lever = most + np.abs(problem.gravity)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = [np.where(one > 0.0, lever / one, 0.0) for one in (up, down)]
-    return float(np.concatenate(shares).max(initial=0.0)) + problem.unit
+    return problem.largest_share(lever, lever) + problem.unit
 
 
 def _force_frames(problem: Problem) -> np.ndarray:

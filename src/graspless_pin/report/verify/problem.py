@@ -323,13 +323,22 @@ class Problem:
         curved = 0.5 * self.epsilon * self.unit / self.force**2 * float((forces.f**2).sum())
         if self.is_margin:
             return curved - forces.margin
-        if not self.by_limits:
-            return curved + float(np.abs(forces.torques).max(initial=0.0))
+        return curved + self.largest_share(forces.torques, -forces.torques)
+
+    def largest_share(self, upward: np.ndarray, downward: np.ndarray) -> float:
+        """Return the t of Algorithm 2 that torques need: the largest one, or share of a limit.
+
+        Args:
+            upward: (..., L) torques as far as they may go upward.
+            downward: (..., L) the same downward, positive that way.
+        """
         up, down = self.shared
         with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.where(up > 0.0, forces.torques / up, 0.0)
-            shares = np.maximum(shares, np.where(down > 0.0, -forces.torques / down, 0.0))
-        return curved + float(shares.max(initial=0.0))
+            shares = [
+                np.where(limit > 0.0, torques / limit, 0.0)
+                for limit, torques in ((up, upward), (down, downward))
+            ]
+        return float(np.concatenate(shares).max(initial=0.0))
 
 
 def faces_between(corners: np.ndarray) -> np.ndarray:

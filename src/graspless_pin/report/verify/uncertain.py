@@ -403,11 +403,7 @@ class AffineForces:
             return self.margin
         if not self.problem.by_limits:
             return float(self.largest.max(initial=0.0))
-        up, down = self.problem.shared
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.where(up > 0.0, (self.driven + self.room) / up, 0.0)
-            shares = np.maximum(shares, np.where(down > 0.0, (self.room - self.driven) / down, 0.0))
-        return float(shares.max(initial=0.0))
+        return self.problem.largest_share(self.room + self.driven, self.room - self.driven)
 
     def checks(self) -> list[Check]:
         """Return whether forces balance, friction can be so, and torques are those of all."""
