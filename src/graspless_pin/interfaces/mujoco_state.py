@@ -273,9 +273,10 @@ class PairFriction:
     def _of_pair(self, one: int, other: int) -> float | None:
         """Return the coefficient of two geoms; None: they do not touch."""
         model = self._model
-        given = _index_of(model.pair_geom1, model.pair_geom2, one, other)
-        if given is not None:
-            dimensions, friction = int(model.pair_dim[given]), model.pair_friction[given]
+        pairs = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T
+        stated = np.flatnonzero((pairs == sorted((one, other))).all(axis=1))
+        if len(stated):
+            dimensions, friction = int(model.pair_dim[stated[0]]), model.pair_friction[stated[0]]
             sliding, others = float(friction[:2].min()), friction[2:]
         elif not self._meet(one, other):
             return None
@@ -302,9 +303,3 @@ class PairFriction:
         return self._model.geom(geom).name or self._at.source.body(
             int(self._model.geom_bodyid[geom])
         )
-
-
-def _index_of(first: np.ndarray, last: np.ndarray, one: int, other: int) -> int | None:
-    """Return the pair of two geoms among those that the file states."""
-    found = np.flatnonzero(((first == one) & (last == other)) | ((first == other) & (last == one)))
-    return int(found[0]) if len(found) else None

@@ -99,8 +99,7 @@ def waypoints_from_trajectory(
         times, poses = _object_path(_loaded(object_poses))
     if not waypoints:
         own = [None] * len(poses) if times is None else times
-        pairs = zip(own, poses, strict=True)
-        return [Waypoint(T_world_object=T, time=time) for time, T in pairs]
+        return [Waypoint(T_world_object=T, time=at) for at, T in zip(own, poses, strict=True)]
     if len(poses) != len(waypoints):
         raise ArgumentError(
             "object_poses",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_RESULTS = {
+_NAMED = {
     "margin_N": "margin e [N]",
     "max_torque_Nm": "largest |torque| [N m]",
     "max_torque_N": "largest |force of a linear joint| [N]",
@@ -36,8 +36,6 @@ _RESULTS = {
     "minimum_friction_factor": "least factor on friction",
     "contacts": "number of contacts",
     "nodes": "nodes of the search",
-}
-_KEYS = {
     "mass": "mass of the object [kg]",
     "object.mass": "mass of the object [kg]",
     "friction": "friction coefficient",
@@ -192,13 +190,11 @@ def quantity(column: str) -> str:
         column: Its name: of a result, of a key such as ``object.mass``, or one that ends in its
             unit, such as ``slope_deg``. Any other stays as `plain_text` has it.
     """
-    if column in _RESULTS:
-        return _RESULTS[column]
+    if column in _NAMED:
+        return _NAMED[column]
     first, _, rest = column.partition(".")
     if first == "friction" and rest:
         return f"friction coefficient, {plain_text(rest)}"
-    if column in _KEYS:
-        return _KEYS[column]
     name, _, unit = column.rpartition("_")
     if name and unit in _UNITS:
         return f"{plain_text(name.replace('_', ' '))} [{_UNITS[unit]}]"

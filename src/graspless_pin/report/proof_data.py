@@ -19,7 +19,7 @@ from graspless_pin.programs.builder import ProgramBuilder, scaled_weights
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Objective, scaled_program
 from graspless_pin.programs.program import Block, Columns, Program
-from graspless_pin.report.verify.fields import KEPT, KNOWN_CONES, Part, array
+from graspless_pin.report.verify.fields import KEPT, KNOWN_CONES, SIZED, Part, array
 from graspless_pin.report.verify.own_objective import OwnObjective
 from graspless_pin.report.verify.problem import Problem
 from graspless_pin.solution import TorqueSolution
@@ -222,8 +222,11 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
         By the names of their blocks; those of cone faces as ``[contact, face, value]``, those of
         round cones by contact.
     """
-    found = solution.named(y, z)
-    data: dict[str, Any] = {name: np.zeros(size) for name, size in _sizes(solution).items()}
+    found, problem = solution.named(y, z), solution.problem
+    sizes = {"M": problem.contact_count, "L": problem.joint_count}
+    # Documents of both algorithms have those of each.
+    known = {} if solution.algorithm is None else SIZED
+    data: dict[str, Any] = {name: np.zeros(sizes[size]) for name, size in known.items()}
     data |= found
     if "faces" in found:
         data["faces"] = _triplets(found["faces"])
@@ -241,17 +244,6 @@ def cone_data(problem: QuasistaticProblem, contact: int) -> dict[str, FloatArray
     if problem.has_cone[contact]:
         return {"cone_corners": problem.friction[contact] * problem.cone_section.corners}
     return {"kinetic_friction": problem.tangents[contact].T @ problem.kinetic_directions[contact]}
-
-
-def _sizes(solution: TorqueSolution) -> dict[str, int]:
-    """Multipliers that documents of both algorithms have."""
-    if solution.algorithm is None:
-        return {}
-    contacts, joints = solution.problem.contact_count, solution.problem.joint_count
-    return {
-        "normal_upper": contacts, "normal_lower": contacts,
-        "share_upper": joints, "share_lower": joints,
-    }  # fmt: skip
 
 
 def read_multipliers(

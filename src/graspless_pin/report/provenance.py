@@ -38,7 +38,7 @@ def file_sha256(path: Path) -> str | None:
 
 def problem_sha256(problem: QuasistaticProblem) -> str:
     """Return the hash of a problem's known arrays, as little-endian doubles, and of its cones."""
-    digest = hashlib.sha256(f"{_cones(problem)}{_coordinates(problem)}".encode())
+    digest = hashlib.sha256(_kind(problem).encode())
     for name in (*_ARRAYS, *INERTIAS):
         if getattr(problem, name) is None:
             continue
@@ -67,21 +67,15 @@ def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str
     }
 
 
-def _cones(problem: QuasistaticProblem) -> str:
-    """Return what tells the cones of a problem from others."""
-    return problem.cone_model.signature(problem.cone_edges)
-
-
-def _coordinates(problem: QuasistaticProblem) -> str:
-    """Return what tells passive coordinates from those of one free object."""
-    return " ".join(problem.passive_units) if problem.wrench_matrix is not None else ""
+def _kind(problem: QuasistaticProblem) -> str:
+    """Return what tells cones from others, and passive coordinates from those of one object."""
+    units = () if problem.wrench_matrix is None else problem.passive_units
+    return problem.cone_model.signature(problem.cone_edges) + " ".join(units)
 
 
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
     """Return whether two problems are the same but for rounding and inertias that one lacks."""
-    if _cones(first) != _cones(second) or first.joint_names != second.joint_names:
-        return False
-    if _coordinates(first) != _coordinates(second):
+    if _kind(first) != _kind(second) or first.joint_names != second.joint_names:
         return False
     pairs = [(getattr(first, name), getattr(second, name)) for name in (*_ARRAYS, *INERTIAS)]
     known = [(a, b) for a, b in pairs if a is not None and b is not None]

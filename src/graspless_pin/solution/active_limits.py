@@ -25,7 +25,6 @@ _TIE_TOLERANCE = 1e-6
 _LIMITING_SHARE = 0.25
 _UNUSED_FRICTION = 0.05
 """Share of its friction below which a contact force is told to use none."""
-_AVAILABLE_FRICTION = "available friction"
 
 
 class ContactLimit(StrEnum):
@@ -94,7 +93,7 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
     for limit, contacts in limiting_contacts(solution).items():
         for contact in contacts:
             unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED_FRICTION
-            words = _AVAILABLE_FRICTION if unused else f"the distance to {limit}"
+            words = "available friction" if unused else f"the distance to {limit}"
             by_limit.setdefault(words, []).append(contact)
     parts = []
     for words, contacts in by_limit.items():

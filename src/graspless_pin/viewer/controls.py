@@ -17,6 +17,7 @@ from graspless_pin.geometry.poses import turned_about
 from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import friction_at
+from graspless_pin.visualization.picture import up_against
 
 _FRICTION = "friction/"
 OBJECT_PLACE, HAND_PLACE = "object/", "hand/"
@@ -266,11 +267,6 @@ def _support_friction(scene: Scene, name: str) -> float | None:
         return None
 
 
-def _up(scene: Scene) -> FloatArray:
-    length = float(np.linalg.norm(scene.gravity))
-    return -scene.gravity / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-
-
 def _half_space(scene: Scene) -> Support | None:
     """Return the first half-space among the supports."""
     return next((one for one in scene.supports if isinstance(one.shape, HalfSpace)), None)
@@ -281,7 +277,7 @@ def _slope(scene: Scene) -> tuple[str | None, float]:
     support = _half_space(scene)
     if support is None:
         return None, 0.0
-    cosine = float(np.clip(support.T_world_support[:3, 2] @ _up(scene), -1.0, 1.0))
+    cosine = float(np.clip(support.T_world_support[:3, 2] @ up_against(scene.gravity), -1.0, 1.0))
     return support.name, math.degrees(math.acos(cosine))
 
 
@@ -289,6 +285,6 @@ def _tilt_axis(scene: Scene) -> FloatArray:
     """Return the axis about which up turns towards the slope's normal; y where nothing slopes."""
     support, axis = _half_space(scene), np.zeros(3)
     if support is not None:
-        axis = np.cross(_up(scene), support.T_world_support[:3, 2])
+        axis = np.cross(up_against(scene.gravity), support.T_world_support[:3, 2])
     length = float(np.linalg.norm(axis))
     return axis / length if length > _LEVEL_SINE else np.array([0.0, 1.0, 0.0])

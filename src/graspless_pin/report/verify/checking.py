@@ -163,19 +163,15 @@ def verify_document(document: dict[str, Any]) -> Verification:
     """
     if not isinstance(document, dict):
         raise ValueError("it is no solution document: not a JSON object")  # noqa: TRY004
-    _check_format(document)
+    if "format" not in document:
+        raise ValueError("it has no format version: solve again and write it anew")
+    if document["format"] != FORMAT or isinstance(document["format"], bool):
+        raise ValueError(f"its format version is not {FORMAT}, which alone can be checked here")
     try:
         with np.errstate(all="ignore"):
             return Verification(tuple(_Checker(document).run()))
     except np.linalg.LinAlgError as error:
         raise ValueError(f"the document has figures that cannot be worked with: {error}") from None
-
-
-def _check_format(document: dict[str, Any]) -> None:
-    if "format" not in document:
-        raise ValueError("it has no format version: solve again and write it anew")
-    if document["format"] != FORMAT or isinstance(document["format"], bool):
-        raise ValueError(f"its format version is not {FORMAT}, which alone can be checked here")
 
 
 class _Checker:
