@@ -8,8 +8,7 @@ from rest_documents import G, StatedBody, document, failures, is_refused, rest_l
 from tests.oracles.kept_cases import kept_problem
 
 from graspless_pin import stability
-from graspless_pin.report.verify.rest import kept_goal
-from graspless_pin.report.verify.rest_bounds import Kind, KnownStates, RestMultipliers
+from graspless_pin.report.verify.rest_bounds import Kind, KnownStates, RestMultipliers, kept_goal
 
 
 @pytest.mark.parametrize("goals", [range(1, 13), [0]])

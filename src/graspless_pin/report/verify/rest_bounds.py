@@ -13,6 +13,11 @@ y' = A^T f + h - w, and |y'|^2 + sum mu f_n |u_t| = (h - w).y' less what contact
 
 Where the load is any from one to another, h + theta s, those outcomes are looked at that have
 |y|^2 + sum mu f_n |u_t| <= h.y, and lambda.h is the largest of lambda.(h + theta s).
+
+Where friction rubs its power has no sign, and accelerations are bounded by linear duality alone:
+for all multipliers, with lambda = p + sum (nu A_n + kappa.A_t) and y = B^T f + h,
+
+    p.y = lambda.h + sum (B lambda).f - sum (nu u_n + kappa.u_t).
 """
 
 from __future__ import annotations
@@ -399,3 +404,79 @@ def _paid(
         ball = ((v + beta * h) ** 2).sum() / (4.0 * beta) + beta * leak if beta > 0.0 else 0.0
         best = min(best, ball + longest[needed > beta].sum())
     return best
+
+
+def kept_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.ndarray:
+    """(2 P + 1, n) zero, and both signs of accelerations; one object's in limit / (2 sqrt(3)).
+
+    Args:
+        dynamics: The scaled dynamics.
+        problem: What they are of: its levers count.
+        limit: Accelerations of points up to this are none, m/s^2.
+    """
+    scale = problem.levers[:, None] * (problem.goal_weight / limit)
+    ways = scale * dynamics.accelerations[: dynamics.passive]
+    return np.concatenate([np.zeros((1, ways.shape[1])), ways, -ways])
+
+
+def kept_goal(
+    dynamics: RestDynamics,
+    states: KnownStates,
+    multipliers: RestMultipliers,
+    goal: np.ndarray,
+    force_limit: float,
+) -> float:
+    """Return what p.y is at most in all outcomes in these states.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        multipliers: nu and kappa; lambda follows from them.
+        goal: p (n,).
+        force_limit: Normal forces are at most this, scaled.
+    """
+    rows, pushes = dynamics.rows.astype(_LONG), dynamics.pushes.astype(_LONG)
+    nu, mu = allowed_normals(dynamics, states, multipliers.normal), dynamics.friction
+    sticks, slips = states.are(Kind.STICKING), states.are(Kind.SLIPPING)
+    kappa = multipliers.tangential.astype(_LONG)
+    half_width = np.where(slips, states.half_width, np.pi)
+    motion = goal + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
+    rough = np.abs(goal) + np.abs(nu) @ np.abs(rows[:, 0])
+    rough = rough + np.einsum("li,lin->n", np.abs(kappa), np.abs(rows[:, 1:]))
+    slope, none = (pushes @ motion, np.abs(pushes) @ rough), np.zeros(len(rows))
+    pushed = most_of_forces(dynamics, states, half_width, slope, none, none, force_limit)
+    # What rounding leaves of -kappa.u_t, with the longest slip that such forces make.
+    wrong = np.maximum(-least_product(kappa, states.center, half_width), 0.0)
+    wrong = wrong + tolerances.lost(np.linalg.norm(kappa, axis=1))
+    wrong = np.where(sticks, 0.0, wrong) @ np.linalg.norm(rows[:, 1:], axis=(1, 2))
+    held, opened = np.isfinite(dynamics.commanded), states.are(Kind.OPEN)
+    most = np.where(opened, 0.0, np.where(held, dynamics.commanded, force_limit))
+    longest = np.linalg.norm(pushes, axis=2)
+    fastest = most @ (longest[:, 0] + mu * longest[:, 1:].sum(axis=1))
+    bound = motion @ dynamics.load + pushed.sum()
+    bound += wrong * (np.linalg.norm(dynamics.load) + fastest)
+    size = rough @ np.abs(dynamics.load) + np.abs(pushed).sum()
+    return float(bound + tolerances.lost(size))
+
+
+def least_force(
+    dynamics: RestDynamics,
+    states: KnownStates,
+    loads: np.ndarray,
+    proof: tuple[int, RestMultipliers],
+    limit: float,
+) -> float:
+    """Return the normal force that all outcomes in some states have at a contact, scaled.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        loads: (M,) normal forces that are known, scaled.
+        proof: The contact, and multipliers.
+        limit: Normal forces that it has to hold for, scaled.
+    """
+    contact, multipliers = proof
+    q = np.zeros(dynamics.rows.shape[:2])
+    q[contact, 0] = -1.0
+    goal = np.zeros(len(dynamics.load)), q
+    return -largest_goal(dynamics, states, loads, multipliers, goal, limit)

@@ -7,6 +7,10 @@ child, its multipliers prove that the contact does not part, or does not slip, b
 proofs of closed and sticking contacts bear that much. Nodes are listed depth first.
 
 A proof of rest has smallest loads first, then a certificate or such a tree.
+
+Where a declared motion is the outcome, a leaf needs both signs of the accelerations of all passive
+coordinates, small enough together that no point of the object accelerates above the limit, or goal
+0, p = 0, below zero: then there is no outcome in it.
 """
 
 from __future__ import annotations
@@ -18,13 +22,17 @@ import numpy as np
 from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.fields import Part
 from graspless_pin.report.verify.outcome import Check, holds, within
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
     KnownStates,
     RestDynamics,
     RestMultipliers,
+    kept_goal,
+    kept_goals,
     largest_goal,
     leaked,
+    least_force,
     without_free_joints,
 )
 from graspless_pin.report.verify.rest_load import RestLoad
@@ -37,6 +45,8 @@ from graspless_pin.report.verify.rest_patches import (
 )
 
 _DEEPEST = 400
+_EMPTY = -0.1
+"""Multipliers of any size prove the same of no outcome: by how much is no tolerance."""
 _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
 """KnownStates that hold no outcome beside those of another state, where that other is forced."""
 
@@ -270,27 +280,55 @@ class RestWalk:
         return self._visit(child, states.changed(contact, child.kind, most=tolerance), loads)
 
 
-def least_force(
-    dynamics: RestDynamics,
-    states: KnownStates,
-    loads: np.ndarray,
-    proof: tuple[int, RestMultipliers],
-    limit: float,
-) -> float:
-    """Return the normal force that all outcomes in some states have at a contact, scaled.
+@dataclass(eq=False)
+class KeptWalk:
+    """A walk through a proof that nothing but a declared motion is an outcome.
 
-    Args:
+    Attributes:
         dynamics: The scaled dynamics.
-        states: Of the contacts.
-        loads: (M,) normal forces that are known, scaled.
-        proof: The contact, and multipliers.
-        limit: Normal forces that it has to hold for, scaled.
+        goals: (2 P + 1, n) of `kept_goals`.
+        force_limit: Normal forces that the proof has to reach, scaled.
+        leaves: How many there were.
     """
-    contact, multipliers = proof
-    q = np.zeros(dynamics.rows.shape[:2])
-    q[contact, 0] = -1.0
-    goal = np.zeros(len(dynamics.load)), q
-    return -largest_goal(dynamics, states, loads, multipliers, goal, limit)
+
+    dynamics: RestDynamics
+    goals: np.ndarray
+    force_limit: float
+    leaves: int = 0
+
+    def walk(self, root: RestNode) -> None:
+        """Go through all nodes.
+
+        Raises:
+            NoProofError: If they leave out outcomes.
+        """
+        self._visit(root, KnownStates.unknown(len(self.dynamics.rows)), frozenset())
+
+    def _visit(self, node: RestNode, states: KnownStates, proven: frozenset[int]) -> None:
+        for goal, multipliers in node.sides:
+            most = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
+            bound = kept_goal(
+                self.dynamics, states, multipliers, self.goals[goal], self.force_limit
+            )
+            if not bound <= most:
+                raise NoProofError(f"goal {goal} reaches {bound:.3g} where {most:.3g} is claimed")
+            proven |= {goal}
+        if not node.children:
+            self.leaves += 1
+            wanted = len(self.goals) - 1
+            if 0 not in proven and len(proven) < wanted:
+                raise NoProofError(f"a leaf bounds {len(proven)} of {wanted} accelerations")
+            return
+        contact = node.children[0].contact
+        if any(child.forced or child.contact != contact for child in node.children):
+            raise NoProofError(
+                f"children of one node are of contact {contact} and others, or forced"
+            )
+        why = uncovered(node.children, states, np.isfinite(self.dynamics.commanded))
+        if why:
+            raise NoProofError(f"contact {contact}: {why}")
+        for child in node.children:
+            self._visit(child, states.changed(contact, child.kind, child.arc), proven)
 
 
 def uncovered(children: list[RestNode], states: KnownStates, held: np.ndarray) -> str:
@@ -424,3 +462,21 @@ def tree(
         return holds(name, passed=False, detail=str(error))
     shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most:.3g} (scaled)"
     return holds(name, walk.bound <= (1.0 + tolerances.SHARE) * most, shown)
+
+
+def kept_tree(
+    name: str,
+    proof: Part,
+    dynamics: RestDynamics,
+    problem: Problem,
+    limits: tuple[float, float],
+) -> Check:
+    """Check a tree that leaves nothing but a declared motion; arguments as of `tree`."""
+    still, most_force = limits
+    goals = kept_goals(dynamics, problem, still)
+    walk = KeptWalk(dynamics, goals, most_force / dynamics.force_unit)
+    try:
+        walk.walk(read_rest_tree(proof, dynamics))
+    except NoProofError as error:
+        return holds(name, passed=False, detail=str(error))
+    return holds(name, passed=True, detail=f"{walk.leaves} leaves")
