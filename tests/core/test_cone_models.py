@@ -33,7 +33,7 @@ from graspless_pin.problem.cones import CONE_MODELS, Pyramid
 from graspless_pin.report import read_solution, solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import Status
-from graspless_pin.solution.tables import contact_state, friction_use
+from graspless_pin.solution.tables import contact_states, friction_use
 
 CORNERS = np.array([[0.9, -0.1], [0.5, 0.6], [-0.2, 0.7], [-0.6, 0.1], [-0.3, -0.5], [0.2, -0.4]])
 """Of a polygon without any symmetry."""
@@ -259,7 +259,7 @@ def test_friction_in_use_is_that_of_the_cone():
     for share in (0.5, 1.0):
         forces = 2.0 * normals + T @ (share * 2.0 * middle) * mu[:, None]
         assert friction_use(problem, forces) == pytest.approx([1.0, 1.0, share, share, share])
-    states = [contact_state(problem, forces, contact) for contact in range(5)]
+    states = contact_states(problem, forces)
     assert states == ["sliding"] * 2 + ["at its limit"] * 3
 
 

@@ -18,7 +18,7 @@ from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis, plain
 from graspless_pin.problem.checks import FloatArray, units_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
-    contact_state,
+    contact_states,
     force_rounding,
     friction_use,
     limit_shares,
@@ -293,7 +293,7 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     normal = float(problem.normals[contact] @ force)
     friction = problem.tangents[contact].T @ force
     mu = float(problem.friction[contact])
-    state = contact_state(problem, solution.contact_forces, contact)
+    state = contact_states(problem, solution.contact_forces)[contact]
     axes = axes_for(ax, size=(3.4, 3.4))
     radius = max(mu * normal, float(np.linalg.norm(friction)))
     reach = radius if radius > 0.0 else 1.0

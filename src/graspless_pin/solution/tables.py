@@ -55,14 +55,14 @@ def friction_use(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
     return np.where(most > 0.0, use, np.nan)
 
 
-def contact_state(problem: QuasistaticProblem, forces: FloatArray, contact: int) -> str:
-    """Return ``sliding``, ``frictionless``, ``at its limit`` (on its cone) or ``sticking``."""
-    if problem.is_sliding[contact]:
-        return "sliding"
-    if not problem.has_cone[contact]:
-        return "frictionless"
-    room = problem.room_in_cones(forces)[contact]
-    return "at its limit" if room <= _AT_LIMIT * force_sizes(problem)[contact] else "sticking"
+def contact_states(problem: QuasistaticProblem, forces: FloatArray) -> list[str]:
+    """Return of each of M contacts what it does.
+
+    It is ``sliding``, ``frictionless``, ``at its limit`` (on its cone) or ``sticking``.
+    """
+    at_limit = problem.room_in_cones(forces) <= _AT_LIMIT * force_sizes(problem)
+    known = [problem.is_sliding, ~problem.has_cone, at_limit]
+    return np.select(known, ["sliding", "frictionless", "at its limit"], "sticking").tolist()
 
 
 def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
@@ -221,8 +221,8 @@ def _friction_shares(problem: QuasistaticProblem, forces: FloatArray) -> list[st
     """Return what sticks by its share of friction, and what does not by its state."""
     words = {"at its limit": "limit", "frictionless": "-"}
     shares = []
-    for contact, use in enumerate(friction_use(problem, forces)):
-        state = contact_state(problem, forces, contact)
+    each = zip(contact_states(problem, forces), friction_use(problem, forces), strict=True)
+    for state, use in each:
         share = "-" if np.isnan(use) else f"{100.0 * use:.0f} %"
         shares.append(share if state == "sticking" else words.get(state, state))
     return shares

@@ -18,7 +18,7 @@ from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.scene.load_wrenches import ActingForce
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.active_limits import ContactLimit, contact_rooms, limiting_contacts
-from graspless_pin.solution.tables import contact_state, force_rounding, friction_use, shown
+from graspless_pin.solution.tables import contact_states, force_rounding, friction_use, shown
 from graspless_pin.visualization.picture import (
     Mark,
     Mesh,
@@ -59,6 +59,7 @@ def contact_words(
     normal = np.einsum("ij,ij->i", problem.normals, forces)
     friction = np.linalg.norm(forces - normal[:, None] * problem.normals, axis=1)
     rooms, use = contact_rooms(problem, forces), friction_use(problem, forces)
+    states = contact_states(problem, forces)
     limiting, rounding = limiting_contacts(solution).items(), force_rounding(problem)
     lines = []
     for index, name in enumerate(names):
@@ -77,7 +78,7 @@ def contact_words(
                 f"normal force {own_normal} N",
                 f"friction {own_friction} N"
                 + ("" if np.isnan(use[index]) else held)
-                + f" ({contact_state(problem, forces, index)})",
+                + f" ({states[index]})",
                 away + (", which limits the margin" if limits else ""),
             )
         )
@@ -175,7 +176,7 @@ def with_contacts(
     ]
     if found is not None:
         forces = found.contact_forces
-        states = [contact_state(problem, forces, index) for index in range(len(points))]
+        states = contact_states(problem, forces)
         at_limit = [state in ("sliding", "at its limit") for state in states]
         chosen = _fitting_scale(forces, size) if force_scale is None else force_scale
         meshes += _forces(problem, forces, at_limit, points, chosen, _SHAFT * size)

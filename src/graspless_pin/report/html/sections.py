@@ -32,7 +32,7 @@ from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.fields import number
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
-    contact_state,
+    contact_states,
     force_rounding,
     friction_use,
     limit_shares,
@@ -103,27 +103,30 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
         for mesh in case.picture.of(Role.HAND)
         if mesh.finger is not None
     }
-    rows, rounding = [], force_rounding(problem)
-    for index in range(problem.contact_count):
-        row: dict[str, Any] = {
+    rows: list[dict[str, Any]] = [
+        {
             "finger": None if case.bodies is None else fingers.get(case.bodies[index]),
             "body": None if case.bodies is None else case.bodies[index],
             "position": case.points[index],
             "friction": problem.friction[index],
             "state": "sliding" if problem.is_sliding[index] else "at rest",
         }
-        if solution.found:
-            force = solution.contact_forces[index]
-            local = np.array([problem.normals[index] @ force, *(problem.tangents[index].T @ force)])
-            row |= {
-                "force": local,
-                "rounding": rounding[index],
-                "use": friction_use(problem, solution.contact_forces)[index],
-                "state": contact_state(problem, solution.contact_forces, index),
-                "slides": _slides(solution, index),
-            }
-        rows.append(row)
-    return rows
+        for index in range(problem.contact_count)
+    ]
+    if not solution.found:
+        return rows
+    forces = solution.contact_forces
+    known: dict[str, Any] = {
+        "force": np.einsum("mij,mi->mj", problem.frames, forces),
+        "rounding": force_rounding(problem),
+        "use": friction_use(problem, forces),
+        "state": contact_states(problem, forces),
+        "slides": [_slides(solution, index) for index in range(problem.contact_count)],
+    }
+    return [
+        row | {key: column[index] for key, column in known.items()}
+        for index, row in enumerate(rows)
+    ]
 
 
 def motion_rows(problem: QuasistaticProblem, motion: DynamicOutcome) -> list[dict[str, Any]]:
@@ -192,18 +195,16 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
     problem = solution.problem
     figures, rounding = [], force_rounding(problem)
     size = "radius" if problem.cone_model.is_coulomb else "up to"
-    for contact in range(problem.contact_count):
-        force = solution.contact_forces[contact]
-        normal = float(problem.normals[contact] @ force)
-        along = problem.tangents[contact].T @ force
-        state = contact_state(problem, solution.contact_forces, contact)
+    states = contact_states(problem, solution.contact_forces)
+    local = np.einsum("mij,mi->mj", problem.frames, solution.contact_forces)
+    for contact, (normal, *along) in enumerate(local.tolist()):
         first, second, radius = (
             shown(float(one), problem.scales.force, "", rounding[contact])
             for one in (*along, problem.friction[contact] * normal)
         )
         alt = (
-            f"Contact {contact}, {state}: friction ({first}, {second}) N along t1 and t2, in a "
-            f"cone of {size} {radius} N."
+            f"Contact {contact}, {states[contact]}: friction ({first}, {second}) N along t1 and "
+            f"t2, in a cone of {size} {radius} N."
         )
         draw = partial(friction_section, solution, contact)
         figures.append(_inline_svg(f"friction-{contact}", alt, _SECTION_SIZE, draw))
