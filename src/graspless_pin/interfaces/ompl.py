@@ -332,12 +332,8 @@ def joint_space(evaluator: Evaluator, joints: Sequence[str] | None = None) -> An
     return space
 
 
-class SmallestMargin(base.OptimizationObjective):
-    """An objective for OMPL: the largest smallest margin along a path, N.
-
-    Where the object moves, a motion and its reverse have costs of their own, and ``isSymmetric``
-    says so. See the example of `attach_evaluator`.
-    """
+class _MarginObjective(base.OptimizationObjective):
+    """What objectives of margins share."""
 
     def __init__(self, space: EvaluatedSpace) -> None:
         """Take the space that `attach_evaluator` has returned."""
@@ -348,6 +344,18 @@ class SmallestMargin(base.OptimizationObjective):
         """Tell whether a motion costs as much as its reverse."""
         return self._space.object_stays
 
+    def motionCostHeuristic(self, s1: Any, s2: Any) -> Any:  # noqa: ARG002
+        """Return a bound on what a motion costs: that of none."""
+        return self.identityCost()
+
+
+class SmallestMargin(_MarginObjective):
+    """An objective for OMPL: the largest smallest margin along a path, N.
+
+    Where the object moves, a motion and its reverse have costs of their own, and ``isSymmetric``
+    says so. See the example of `attach_evaluator`.
+    """
+
     def stateCost(self, state: Any) -> Any:
         """Return the margin of a state at rest."""
         return base.Cost(self._space.margin_at_rest(state))
@@ -355,10 +363,6 @@ class SmallestMargin(base.OptimizationObjective):
     def motionCost(self, s1: Any, s2: Any) -> Any:
         """Return the smallest margin along a motion."""
         return base.Cost(float(self._space.margins(s1, s2)[1].min()))
-
-    def motionCostHeuristic(self, s1: Any, s2: Any) -> Any:  # noqa: ARG002
-        """Return a bound on what a motion may cost: anything."""
-        return self.identityCost()
 
     def combineCosts(self, c1: Any, c2: Any) -> Any:
         """Return the cost of two motions one after the other."""
@@ -377,7 +381,7 @@ class SmallestMargin(base.OptimizationObjective):
         return base.Cost(-np.inf)
 
 
-class MarginShortfall(base.OptimizationObjective):
+class MarginShortfall(_MarginObjective):
     """An objective for OMPL: how much margin a path lacks, and for how long.
 
     The integral of max(c - margin, 0) over the path, N times OMPL's distance, by the trapezoidal
@@ -392,12 +396,8 @@ class MarginShortfall(base.OptimizationObjective):
         Raises:
             ArgumentError: If the margin is negative or not finite.
         """
-        super().__init__(space.information)
-        self._space, self._wanted = space, real_number("margin", margin, 0.0)
-
-    def isSymmetric(self) -> bool:
-        """Tell whether a motion costs as much as its reverse."""
-        return self._space.object_stays
+        super().__init__(space)
+        self._wanted = real_number("margin", margin, 0.0)
 
     def stateCost(self, state: Any) -> Any:
         """Return what a state at rest lacks."""
@@ -410,7 +410,3 @@ class MarginShortfall(base.OptimizationObjective):
             return base.Cost(np.inf)
         lack = np.trapezoid(np.maximum(self._wanted - margins, 0.0), fractions)
         return base.Cost(float(lack * self._space.information.distance(s1, s2)))
-
-    def motionCostHeuristic(self, s1: Any, s2: Any) -> Any:  # noqa: ARG002
-        """Return a bound on what a motion lacks: nothing."""
-        return self.identityCost()

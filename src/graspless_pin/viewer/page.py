@@ -349,34 +349,32 @@ class Viewer:
                 if self._stopped.is_set():
                     return
                 settings, self._waiting = self._settings, False
-            judged = not asked
-            if judged:
-                self._judge()
-                continue
+            judged, shown = not asked, self._shown
             try:
-                self._show(self._solving.evaluate(settings))
+                if judged:
+                    self._judge()
+                else:
+                    self._show(self._solving.evaluate(settings))
+                continue
             except CrashError as error:
-                if not self._stopped.is_set():
-                    self._say(settings, f"a solver failed and took its process along: {error}")
+                why = f"a solver failed and took its process along: {error}"
             except Exception as error:  # a page that goes on and says so is better than a dead one
-                _log.exception("the settings %s cannot be shown", settings)
-                self._say(settings, words_of(error))
+                what = "the verdict" if judged else f"the settings {settings}"
+                _log.exception("%s cannot be shown", what)
+                why = words_of(error)
+            if self._stopped.is_set():
+                return
+            if judged:
+                self._show(replace(shown, verdict=f"no verdict: {why}"))
+            else:
+                self._say(settings, why)
 
     def _judge(self) -> None:
         """Show the verdict on the torques that are shown; what is set now can be undone to."""
-        shown = self._shown
         self._desk.remember()
-        if shown.solution is None or not shown.solution.found:
-            return
-        try:
+        solution = self._shown.solution
+        if solution is not None and solution.found:
             self._show(self._solving.judge())
-        except CrashError as error:
-            if not self._stopped.is_set():
-                message = f"no verdict: a solver failed and took its process along: {error}"
-                self._show(replace(shown, verdict=message))
-        except Exception as error:
-            _log.exception("the verdict cannot be shown")
-            self._show(replace(shown, verdict=f"no verdict: {words_of(error)}"))
 
     def _say(self, settings: Settings, reason: str) -> None:
         """Say why settings are not shown; of what was shown before, the bodies stay."""
