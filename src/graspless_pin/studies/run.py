@@ -348,14 +348,12 @@ def _check_name(file: Path) -> None:
 
 
 def _check_folder(file: Path) -> None:
-    folder = file.parent
-    for wrong, why in (
-        (file.is_dir(), "is a folder; name a file in it"),
-        (not folder.is_dir(), f"there is no folder {str(folder)!r}; make it first"),
-        (not os.access(folder, os.W_OK), "its folder cannot be written to; choose another output"),
-    ):
-        if wrong:
-            raise StudyError(f"{file}: {why}")
+    if file.is_dir():
+        raise StudyError(f"{file}: is a folder; name a file in it")
+    if not file.parent.is_dir():
+        raise StudyError(f"{file}: there is no folder {str(file.parent)!r}; make it first")
+    if not os.access(file.parent, os.W_OK):
+        raise StudyError(f"{file}: its folder cannot be written to; choose another output")
 
 
 def _check_own(study: Study, file: Path) -> dict[str, Any]:

@@ -37,13 +37,6 @@ Fingers = Annotated[
 ]
 
 
-def _refuse(*faults: tuple[bool, str]) -> None:
-    """Refuse an entry for the first of some faults that it has."""
-    for found, message in faults:
-        if found:
-            raise ValueError(message)
-
-
 class PlaceEntry(Entry):
     """How the hand is placed, as `place_hand` does it, and which of its places is computed."""
 
@@ -96,8 +89,8 @@ class PosingEntry(Entry):
 
     @model_validator(mode="after")
     def _one_of_them(self) -> PosingEntry:
-        both = self.place is not None and self.close is not None
-        _refuse((both, "found place and close; placing closes the fingers, leave out 'close'"))
+        if self.place is not None and self.close is not None:
+            raise ValueError("found place and close; placing closes the fingers, leave out 'close'")
         return self
 
 
@@ -181,42 +174,35 @@ class VariableEntry(Entry):
     @classmethod
     def _no_count(cls, data: Any) -> Any:
         found = next((name for name in _COUNTS if isinstance(data, dict) and name in data), None)
-        told = f"found {found}; how many values a range has is its key 'steps'"
-        _refuse((found is not None, told))
+        if found is not None:
+            raise ValueError(f"found {found}; how many values a range has is its key 'steps'")
         return data
 
     @model_validator(mode="after")
     def _consistent(self) -> VariableEntry:
-        listed, start, to = self.values is not None, self.start, self.to
-        ranged = not self.model_fields_set.isdisjoint({"start", "to", "steps", "scale"})
-        _refuse(
-            (
-                listed and ranged,
-                "found values and a range; give either 'values' or 'from' and 'to'",
-            ),
-            (not listed and None in (start, to), "needs either 'values', or both 'from' and 'to'"),
-            (listed and not self.values, "found no value; 'values' needs at least one"),
-        )
-        if start is not None and to is not None:
-            span = f"from {start:g} to {to:g}"
-            _refuse(
-                (start > to, f"the range {span} is empty; 'from' is the smaller"),
-                (
-                    start == to and self.steps not in (None, 1),
-                    f"{span} is one value, not {self.steps}",
-                ),
-                (
-                    start < to and self.steps == 1,
-                    "one step has one value: give 'values' with one, or more steps",
-                ),
-                (
-                    self.scale == "log" and start <= 0.0,
-                    f"a log scale needs positive values, found from {start:g}",
-                ),
-            )
+        ranged = {"start", "to", "steps", "scale"} & self.model_fields_set
+        if self.values is not None and ranged:
+            raise ValueError("found values and a range; give either 'values' or 'from' and 'to'")
+        if self.values is None and (self.start is None or self.to is None):
+            raise ValueError("needs either 'values', or both 'from' and 'to'")
+        if self.values is not None and len(self.values) == 0:
+            raise ValueError("found no value; 'values' needs at least one")
+        if self.start is not None and self.to is not None:
+            self._check_range(self.start, self.to)
         targets = [name for name in ("key", "set", "turn", "move") if getattr(self, name)]
-        _refuse((len(targets) > 1, f"found {' and '.join(targets)}; give one of them"))
+        if len(targets) > 1:
+            raise ValueError(f"found {' and '.join(targets)}; give one of them")
         return self
+
+    def _check_range(self, start: float, to: float) -> None:
+        if start > to:
+            raise ValueError(f"the range from {start:g} to {to:g} is empty; 'from' is the smaller")
+        if start == to and self.steps not in (None, 1):
+            raise ValueError(f"from {start:g} to {to:g} is one value, not {self.steps}")
+        if start < to and self.steps == 1:
+            raise ValueError("one step has one value: give 'values' with one, or more steps")
+        if self.scale == "log" and start <= 0.0:
+            raise ValueError(f"a log scale needs positive values, found from {start:g}")
 
 
 class SamplingEntry(Entry):
@@ -244,29 +230,15 @@ class SamplingEntry(Entry):
 
     @model_validator(mode="after")
     def _samples_where_needed(self) -> SamplingEntry:
-        method, counted = self.method, self.samples is not None
-        adaptive = method == "adaptive"
-        _refuse(
-            (
-                method == "grid" and counted,
-                "a grid has as many samples as its steps make; leave out 'samples'",
-            ),
-            (
-                method in ("latin_hypercube", "sobol") and not counted,
-                f"{method} needs 'samples', how many",
-            ),
-            (
-                adaptive and not counted and self.depth is None,
-                "adaptive needs 'depth', how often it may halve, or 'samples'",
-            ),
-            *(
-                (
-                    not adaptive and getattr(self, name) is not None,
-                    f"{name!r} goes with adaptive alone; leave it out",
-                )
-                for name in ("depth", "border")
-            ),
-        )
+        if self.method == "grid" and self.samples is not None:
+            raise ValueError("a grid has as many samples as its steps make; leave out 'samples'")
+        if self.method in ("latin_hypercube", "sobol") and self.samples is None:
+            raise ValueError(f"{self.method} needs 'samples', how many")
+        if self.method == "adaptive" and self.samples is None and self.depth is None:
+            raise ValueError("adaptive needs 'depth', how often it may halve, or 'samples'")
+        for name in ("depth", "border"):
+            if self.method != "adaptive" and getattr(self, name) is not None:
+                raise ValueError(f"{name!r} goes with adaptive alone; leave it out")
         return self
 
 
@@ -346,6 +318,6 @@ class StudyEntry(PosingEntry):
     def _border_is_computed(self) -> StudyEntry:
         border = self.sampling.border
         key = "verdict" if border == "holding" else border
-        lacks = key in ("verdict", "mode") and not getattr(self.compute, key)
-        _refuse((lacks, f"the border of {border!r} needs compute: {{{key}: true}}"))
+        if key in ("verdict", "mode") and not getattr(self.compute, key):
+            raise ValueError(f"the border of {border!r} needs compute: {{{key}: true}}")
         return self
