@@ -33,9 +33,9 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
-from graspless_pin.scene.contact_findings import check_names_in
 from graspless_pin.scene.scene_findings import ALL_CHECKS, StateChecks
 from graspless_pin.scene.uncertain import check_center, corners_in, solve_uncertain
+from graspless_pin.scene.uncertain_figures import check_names_in
 from graspless_pin.solution import UNDECIDED
 
 _CANCELS = 1e-9

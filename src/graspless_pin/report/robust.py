@@ -19,7 +19,7 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.robust_answer import CORNER_TIME, SHARE_TIME, STIFFNESS, RobustAnswer
 from graspless_pin.scene.scene_stability import MemberVerdicts
-from graspless_pin.scene.serialization import stated_uncertainty
+from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, Table, counted, figure, torque_size
 

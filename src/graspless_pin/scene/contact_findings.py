@@ -1,8 +1,5 @@
 """What is doubtful of a scene's contacts: near misses, deep overlaps, gaps, stated contacts.
 
-Besides, figures of what is not known exactly that go by names: of what there is not, or of no
-contact.
-
 Contacts that a scene states may contradict its shapes: points off them, normals the wrong way.
 Shapes may be simpler than what they stand for, so the contacts are used all the same.
 """
@@ -10,16 +7,14 @@ Shapes may be simpler than what they stand for, so the contacts are used all the
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
 
-from graspless_pin.algorithms.uncertainty import PairFigures, Uncertainty
 from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.convex_sets import PARALLEL_ANGLE
-from graspless_pin.geometry.bodies.object_and_supports import Pair
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.curvature import normal_jumps
 from graspless_pin.geometry.contact.distances import (
@@ -30,10 +25,7 @@ from graspless_pin.geometry.contact.distances import (
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.fingers import DEFAULT_GAIN
-from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields
-from graspless_pin.scene.problem_data import possible_columns
 
 _NEAR_MISS = 5.0  # contact tolerances
 _TURNED_NORMAL = np.radians(20.0)
@@ -280,86 +272,3 @@ def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
 def in_mm(metres: float) -> str:
     """Return a length in the unit that reads best."""
     return f"{1e3 * metres:.4g} mm" if abs(metres) < 1.0 else f"{metres:.4g} m"
-
-
-def check_names(
-    uncertainty: Uncertainty,
-    hand: Hand | None,
-    supports: Sequence[str],
-    materials: Sequence[str],
-    made: str,
-) -> None:
-    """Refuse figures of what a scene does not have.
-
-    Args:
-        uncertainty: The figures.
-        hand: The scene's hand.
-        supports: Names of the supports.
-        materials: Names in the scene's table of materials.
-        made: Name of its object.
-
-    Raises:
-        ArgumentError: Naming the key.
-    """
-    joints = () if hand is None else (*hand.actuation.names, *possible_columns(hand))
-    fingers, links = ((), ()) if hand is None else ((*hand.fingers,), hand.link_names)
-    bodies = [*links, *supports]
-    uncertainty.check((*dict.fromkeys(joints),), fingers, bodies, materials, made)
-
-
-def check_names_in(scene: SceneFields, uncertainty: Uncertainty) -> None:
-    """Refuse figures of what a scene does not have: see `check_names`."""
-    supports, materials = [one.name for one in scene.supports], scene.materials.names
-    check_names(uncertainty, scene.hand, supports, materials, scene.object.name)
-
-
-def unused_surfaces(scene: SceneFields) -> Iterator[Finding]:
-    """Find figures of friction or place for bodies or materials of no contact."""
-    surfaces = surfaces_of_contacts(scene)
-    touching = {name for own in surfaces for name in own} | {DEFAULT_GAIN}
-    for key in ("friction", "contact_position"):
-        figures = getattr(scene.uncertainty, key, None)
-        unused = [name for name in figures_by_name(figures) if name not in touching]
-        if unused:
-            bodies = ", ".join(dict.fromkeys(f"'{own[0]}'" for own in surfaces))
-            told = [
-                " on ".join(sorted(one)) if isinstance(one, frozenset) else one for one in unused
-            ]
-            yield Finding(
-                FindingCode.UNUSED_OPTION,
-                key,
-                f"{key} has figures for {told}, of which there is no contact",
-                f"name bodies that touch the object ({bodies}) or their materials, or leave it out",
-                ("uncertainty", key),
-            )
-
-
-def surfaces_of_contacts(scene: SceneFields) -> list[tuple[Pair | str, ...]]:
-    """Return the names that figures of each contact may go by, the closest first."""
-    touching = contacts_of(scene).arrays
-    groups = ["hand"] * touching.hand_count
-    groups += ["supports"] * (len(touching.bodies) - len(groups))
-    return [
-        (body, *_materials_of(scene, body), group)
-        for body, group in zip(touching.bodies, groups, strict=True)
-    ]
-
-
-def _materials_of(scene: SceneFields, body: str) -> tuple[Pair | str, ...]:
-    """Return the pair of materials that a contact's coefficient is of, and both materials."""
-    support = next((one for one in scene.supports if one.name == body), None)
-    own, made = scene.hand_material, scene.object.material
-    if support is not None:
-        own = support.material if support.friction is None else None
-    return () if own is None or made is None else (Pair((own, made)), own, made)
-
-
-def figures_by_name(figures: PairFigures | None) -> dict[Pair | str, float]:
-    """Return figures by the name of a thing, or by the pair of materials."""
-    known: dict[Pair | str, float] = {}
-    for name, figure in figures.items() if isinstance(figures, Mapping) else ():
-        if isinstance(figure, Mapping):
-            known |= {Pair((name, other)): one for other, one in figure.items()}
-        else:
-            known[name] = figure
-    return known

@@ -38,7 +38,6 @@ from graspless_pin.scene.body_building import (
     twist_of,
 )
 from graspless_pin.scene.body_schema import HandEntry, MountEntry
-from graspless_pin.scene.contact_findings import check_names
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields, friction_by_name
 from graspless_pin.scene.scene_findings import findings_of
@@ -53,6 +52,7 @@ from graspless_pin.scene.scene_schema import (
     UncertaintyEntry,
 )
 from graspless_pin.scene.stated import Acceleration, GivenContact, HandMotion, Load, Motion
+from graspless_pin.scene.uncertain_figures import check_names
 from graspless_pin.scene.units import merged_angles
 from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.suggestions import names_in_words

@@ -25,12 +25,12 @@ from graspless_pin.scene.contact_findings import (
     contact_findings,
     in_mm,
     stated_contact_findings,
-    unused_surfaces,
 )
 from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, meant_lengths, unit_findings
 from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
+from graspless_pin.scene.uncertain_figures import unused_surfaces
 
 STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""

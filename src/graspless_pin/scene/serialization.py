@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.algorithms.uncertainty import PairFigures, Uncertainty
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import pose_matrix, roll_pitch_yaw
@@ -21,10 +20,10 @@ from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 from graspless_pin.holding.controller import DAMPING
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
+from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.scene.units import degrees_of
 
 _SAME_ROTATION = 1e-12
@@ -224,19 +223,3 @@ def _twist(twist: NDArray[np.float64]) -> dict[str, Any]:
 
 def _one_form(path: Path) -> Path:
     return Path(os.path.normpath(path.absolute()))
-
-
-def stated_uncertainty(uncertainty: Uncertainty) -> dict[str, Any]:
-    """Return what a scene file says of a set; None stands for what is known exactly."""
-    stated = {name: _stated_figures(value) for name, value in vars(uncertainty).items()}
-    nothing = all(value is None for value in stated.values())
-    return stated | {"mass": 0.0} if nothing else stated
-
-
-def _stated_figures(figures: float | PairFigures) -> Any:
-    if isinstance(figures, Mapping):
-        return figures[DEFAULT_GAIN] if figures.keys() == {DEFAULT_GAIN} else dict(figures) or None
-    values = np.unique(figures)
-    if len(values) == 1:
-        return values[0] or None
-    return figures

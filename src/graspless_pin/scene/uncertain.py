@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -21,24 +21,17 @@ from graspless_pin.algorithms.robust_torques import (
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.tolerances import Tolerances, tolerances
 from graspless_pin.algorithms.uncertain_members import Weight
-from graspless_pin.algorithms.uncertainty import PairFigures, Uncertainty, figures_in
+from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.object_and_supports import Pair
 from graspless_pin.geometry.hand.joint_columns import STILL
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.problem.members import Member, feedback_torques, joined
 from graspless_pin.programs.analysis_objectives import at_torques
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.scene.contact_findings import (
-    check_names_in,
-    figures_by_name,
-    surfaces_of_contacts,
-)
 from graspless_pin.scene.entry_findings import box_around, meant_lengths
 from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
@@ -49,6 +42,7 @@ from graspless_pin.scene.problem_data import (
     problem_of,
 )
 from graspless_pin.scene.scene_stability import torques_at_rest, under_feedback, verdicts_under
+from graspless_pin.scene.uncertain_figures import by_contact_and_joint
 from graspless_pin.solution import Guarantee, Status, TorqueSolution
 
 _OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")
@@ -240,36 +234,6 @@ def _slopes(scene: SceneFields, uncertainty: Uncertainty) -> FloatArray | None:
     # Points move as their body does: the Jacobian is linear in where they are.
     moved = [replace(touching, positions=touching.positions + along) for along in np.eye(3)]
     return np.array([joint_columns(scene.hand, one).jacobian - jacobian for one in moved])
-
-
-def by_contact_and_joint(
-    scene: SceneFields, problem: QuasistaticProblem, uncertainty: Uncertainty
-) -> Uncertainty:
-    """Return a set with figures for the contacts and joints of a scene's problem, in their order.
-
-    Raises:
-        ArgumentError: If it names what is not there.
-    """
-    check_names_in(scene, uncertainty)
-    fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
-    surfaces = surfaces_of_contacts(scene)
-    own = {
-        name: _of_each(getattr(uncertainty, name), surfaces)
-        for name in ("friction", "contact_position")
-    }
-    for name in ("torque", "torque_offset", "effort"):
-        joints = ((joint, fingers.get(joint, "")) for joint in problem.joint_names)
-        own[name] = _of_each(getattr(uncertainty, name), joints)
-    return Uncertainty(**{**vars(uncertainty), **own})
-
-
-def _of_each(figures: PairFigures, names: Iterable[Sequence[Pair | str]]) -> FloatArray:
-    """Return the figure of each thing by the first of its names that has one, or the default's."""
-    if not isinstance(figures, Mapping):
-        return figures
-    known = figures_by_name(figures)
-    rest = known.get(DEFAULT_GAIN, 0.0)
-    return np.array([next((known[one] for one in own if one in known), rest) for own in names])
 
 
 def corners_in(
