@@ -1,4 +1,4 @@
-"""The checks of one document, in the order in which they are shown, and what is taken as given.
+"""The checks of one document, in the order in which they are shown.
 
 Figures that a status makes nothing of are named, so that none is taken for checked.
 """
@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.bounds import own_box, proven_bound
+from graspless_pin.report.verify.assumptions import taken_as_given
+from graspless_pin.report.verify.bounds import proven_bound
 from graspless_pin.report.verify.disturbances import disturbance_checks
 from graspless_pin.report.verify.fields import (
     FORMAT,
@@ -42,7 +43,6 @@ from graspless_pin.report.verify.problem import MESSAGES, Forces, Problem
 from graspless_pin.report.verify.reading import (
     read_mode,
     read_problem,
-    stated_mass,
     stated_multipliers,
     stray_multipliers,
 )
@@ -58,6 +58,37 @@ from graspless_pin.report.verify.tree import (
 from graspless_pin.report.verify.uncertain import uncertainty_checks
 
 
+def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]:
+    """Return the checks of ``guarantee``; none where there is none. The verdict has its own.
+
+    Args:
+        stated: The document.
+        problem: What it says of contacts and joints.
+        status: Of the solution.
+
+    Raises:
+        ValueError: If a key is missing, or a value of a wrong type or size.
+    """
+    if stated.get("guarantee") is None and status not in ("strong", *UNGUARANTEED):
+        return []
+    verdict = stated.get("stability")
+    says = verdict and verdict["status"]
+    if status in FOUND_STATES:
+        detail, sure = f"verdict: {says}", says == "strong"
+        told = holds("the torques are guaranteed", sure, detail, Claim.GUARANTEE)
+        return [told, *_cost(stated, problem)]
+    checks = [given("the best case", "of torques that are not stated")]
+    if status == "infeasible_strong":
+        # Without joints there is one set of torques alone.
+        none = not problem.units and says in ("weak", "none")
+        detail = f"verdict: {says}, {len(problem.units)} joints"
+        checks.append(holds("no torques are guaranteed", none, detail))
+    elif status == "strong_not_found":
+        why = "no torques were found, and no proof that there are none"
+        checks.append(Check("whether there are guaranteed torques", None, why))
+    return checks
+
+
 def unit_of(problem: Problem) -> str:
     """Return the unit of the objective's value."""
     if problem.own is not None or problem.by_limits:
@@ -69,6 +100,45 @@ def stated_forces(stated: Part, problem: Problem) -> Forces:
     """Return the forces of an answer, with the columns of an objective of its own."""
     columns = None if problem.own is None else problem.own.values
     return Forces(problem, stacked(stated["contacts"], "force"), columns)
+
+
+def _cost(stated: Part, problem: Problem) -> list[Check]:
+    """Return the checks of the best case, which its bound proves, and of the gap to it."""
+    best, gap = (stated["guarantee"][key] for key in ("best_case", "gap"))
+    bound, value = stated["certificate"]["bound"], problem.objective(stated_forces(stated, problem))
+    sign, unit = (-1.0 if problem.maximizes else 1.0), unit_of(problem)
+    worse, met = value - sign * best, tolerances.objective(problem, best, bound)
+    return [
+        within("the best case is within its bound", sign * (bound - best), met, unit),
+        within("the best case is no worse", -worse, met, unit),
+        agrees("gap to the best case as stated", gap, max(worse, 0.0), met, unit),
+    ]
+
+
+def unread_figures(
+    document: dict[str, Any], status: str, *, complete: bool, has_modes: bool
+) -> list[Check]:
+    """Return the line that names the figures that no check uses; none where there are none.
+
+    Args:
+        document: The document, with a proof.
+        status: Of the answer.
+        complete: Whether its proof is.
+        has_modes: Whether friction needs a virtual sliding.
+    """
+    found = status in FOUND_STATES
+    read = {
+        "multipliers": found and status != "strong",
+        "proof.motion": has_modes and (found or status == "infeasible_in_mode"),
+        "proof.nodes": complete,
+        "proof.forces": status == "infeasible_modes",
+        "proof.columns": status == "infeasible_modes",
+        "proof.mode_multipliers": found and not complete,
+    }
+    stated = {**{f"proof.{key}": one for key, one in document["proof"].items()}, **document}
+    unread = [key for key, is_read in read.items() if not is_read and stated.get(key)]
+    words = f"no check uses {', '.join(unread)}"
+    return [given("figures without a claim", words)] if unread else []
 
 
 _WITH_GAP = ("limit_reached", "strong")
@@ -118,66 +188,17 @@ class _Checker:
 
     def run(self) -> list[Check]:
         document, problem = self.document, self.problem
-        checks = [*taken_as_given(problem, self.stated), *self._unread(), frames_check(problem)]
+        unread = unread_figures(
+            document, self.status, complete=self.complete, has_modes=self.has_modes
+        )
+        checks = [*taken_as_given(problem, self.stated), *unread, frames_check(problem)]
         checks += self._statements()
         checks += self._found() if self.status in FOUND_STATES else self._not_found()
-        checks += self._guarantee()
+        checks += guarantee_checks(self.stated, problem, self.status)
         of_rest = rest_checks(document, problem)
         checks += [replace(one, claim=Claim.REST) for one in of_rest]
         checks += disturbance_checks(document, problem)
         return checks + uncertainty_checks(document, problem, lambda one: _Checker(one).run())
-
-    def _unread(self) -> list[Check]:
-        """Return the line that names the figures that no check uses; none where there are none."""
-        found, complete = self.status in FOUND_STATES, self.complete
-        read = {
-            "multipliers": found and self.status != "strong",
-            "proof.motion": self.has_modes and (found or self.status == "infeasible_in_mode"),
-            "proof.nodes": complete,
-            "proof.forces": self.status == "infeasible_modes",
-            "proof.columns": self.status == "infeasible_modes",
-            "proof.mode_multipliers": found and not complete,
-        }
-        proof = {f"proof.{key}": one for key, one in self.proof.stated.items()}
-        stated = proof | self.document
-        unread = [key for key, is_read in read.items() if not is_read and stated.get(key)]
-        words = f"no check uses {', '.join(unread)}"
-        return [given("figures without a claim", words)] if unread else []
-
-    def _guarantee(self) -> list[Check]:
-        """Return the checks of ``guarantee``; none where there is none. The verdict has its own."""
-        stated, problem, status = self.stated, self.problem, self.status
-        if stated.get("guarantee") is None and status not in ("strong", *UNGUARANTEED):
-            return []
-        verdict = stated.get("stability")
-        says = verdict and verdict["status"]
-        if status in FOUND_STATES:
-            detail, sure = f"verdict: {says}", says == "strong"
-            told = holds("the torques are guaranteed", sure, detail, Claim.GUARANTEE)
-            return [told, *self._cost()]
-        checks = [given("the best case", "of torques that are not stated")]
-        if status == "infeasible_strong":
-            # Without joints there is one set of torques alone.
-            none = not problem.units and says in ("weak", "none")
-            detail = f"verdict: {says}, {len(problem.units)} joints"
-            checks.append(holds("no torques are guaranteed", none, detail))
-        elif status == "strong_not_found":
-            why = "no torques were found, and no proof that there are none"
-            checks.append(Check("whether there are guaranteed torques", None, why))
-        return checks
-
-    def _cost(self) -> list[Check]:
-        """Return the checks of the best case, which its bound proves, and of the gap to it."""
-        problem, bound = self.problem, self.certificate["bound"]
-        best, gap = (self.stated["guarantee"][key] for key in ("best_case", "gap"))
-        value, unit = problem.objective(stated_forces(self.stated, problem)), unit_of(problem)
-        sign, met = (-1.0 if problem.maximizes else 1.0), tolerances.objective(problem, best, bound)
-        worse = value - sign * best
-        return [
-            within("the best case is within its bound", sign * (bound - best), met, unit),
-            within("the best case is no worse", -worse, met, unit),
-            agrees("gap to the best case as stated", gap, max(worse, 0.0), met, unit),
-        ]
 
     def _statements(self) -> list[Check]:
         """Return what is said of the answer as a whole, and the scales."""
@@ -376,124 +397,3 @@ _IN_ITS_MODE = "optimal within its mode"
 
 def _leaves(proof: Proof) -> str:
     return "one leaf" if proof.leaves == 1 else f"{proof.leaves} leaves"
-
-
-def taken_as_given(problem: Problem, stated: Part) -> list[Check]:
-    """Return a line for each part of a document that all checks start from."""
-    return [
-        given(
-            "the problem",
-            "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
-            "limits, options and rules; poses, masses, gravity and names",
-        ),
-        *_of_coordinates(problem),
-        given("units", _units(problem, stated)),
-        given("load", _load(problem, stated)),
-        given("limits", _limits(problem)),
-        *_of_cones(problem, stated),
-        *_of_objective(problem, stated),
-        given(
-            "how it was found",
-            "counters of the search, solver, versions, hashes, findings, words, and the optima "
-            "with another threshold of motions",
-        ),
-    ]
-
-
-def _of_coordinates(problem: Problem) -> list[Check]:
-    """Return that the map of other passive coordinates than one free object's is taken as it is."""
-    if problem.given is None:
-        return []
-    count, turning = len(problem.w), int(problem.turns.sum())
-    detail = (
-        f"{count} of them, {count - turning} in N, {turning} in N m, with their wrench_matrix: "
-        "what contact forces do to them does not follow from contact points"
-    )
-    return [given("passive coordinates", detail)]
-
-
-def _of_cones(problem: Problem, stated: Part) -> list[Check]:
-    """Return what is taken as it stands of friction cones that are not known by name."""
-    if problem.corners is None:
-        return []
-    detail = f"their {problem.edges} corners, kinetic friction where contacts slide"
-    if problem.coulombs_law:
-        detail += ", and that they stand for Coulomb's law"
-    return [given(f"cones {stated['cone'][:60]!r}", detail)]
-
-
-def _units(problem: Problem, stated: Part) -> str:
-    """Return the units of all figures, and which joints turn and which push."""
-    names = [joint["name"] for joint in stated["joints"]]
-    shown = ["SI, world axes"]
-    for unit in ("N m", "N"):
-        own = [name for name, one in zip(names, problem.units, strict=True) if one == unit]
-        shown += [f"{unit}: {_listed(own)}"] if own else []
-    return "; ".join(shown)
-
-
-def _load(problem: Problem, stated: Part) -> str:
-    """Return the external load, beside what the object weighs where the document tells that."""
-    parts = problem.w[~problem.turns], problem.w[problem.turns]
-    force, moment = (float(np.linalg.norm(one)) for one in parts)
-    shown, mass = f"force {force:.6g} N, moment {moment:.6g} N m", stated_mass(stated)
-    if mass is not None and stated.get("gravity") is not None:
-        shown += f"; the object weighs {mass * float(np.linalg.norm(stated['gravity'])):.6g} N"
-    return shown
-
-
-def _limits(problem: Problem) -> str:
-    """Return how far limits go, and how many joints have none."""
-    least, most = float(problem.limit.min()), float(problem.limit.max())
-    shown = [f"normal forces {_span(least, most)} N"]
-    for unit in ("N m", "N"):
-        own = np.array([one == unit for one in problem.units], dtype=bool)
-        if own.any():
-            ends = np.concatenate([problem.lower[own], problem.upper[own]])
-            finite = np.abs(ends[np.isfinite(ends)])
-            span = _span(float(finite.min()), float(finite.max())) if finite.size else "none"
-            free = int((np.isinf(problem.lower[own]) | np.isinf(problem.upper[own])).sum())
-            span += f" {unit}" if finite.size else ""
-            shown.append(f"joints {span}" + (f" ({free} without)" if free and finite.size else ""))
-    return "; ".join(shown)
-
-
-def _span(least: float, most: float) -> str:
-    return f"{most:.6g}" if least == most else f"{least:.6g} to {most:.6g}"
-
-
-def _of_objective(problem: Problem, stated: Part) -> list[Check]:
-    """Return what is taken as it stands of an objective that is none of the paper's."""
-    own = problem.own
-    if own is None:
-        return []
-    where = f"of {stated['objective']['name'][:60]!r}"
-    names = [name for name, _ in own.groups]
-    lines = [
-        given(f"costs {where}", f"what is minimised, in units of {own.unit:.3g}"),
-        given(f"columns {where}", f"{_listed(names)}, with their bounds{_sizes(own.column_unit)}"),
-        given(
-            f"rows {where}",
-            f"{_listed([one[0] for one in own.rows.blocks])}, and the margins in cones and limits "
-            f"of normal forces{_sizes(own.rows.unit)}",
-        ),
-    ]
-    low, high, unbounded = own_box(problem, own, np.inf)
-    if unbounded.any():
-        shown = [f"{low[i] + 0.0:.3g} to {high[i]:.3g}" for i in np.flatnonzero(unbounded)[:10]]
-        detail = f"{', '.join(shown)}: {unbounded.sum()} columns that no row bounds on both sides"
-        lines.append(given(f"boxes {where}", detail))
-    return lines
-
-
-def _sizes(units: np.ndarray) -> str:
-    """Return what columns or rows are of order of: they hold to a millionth of that."""
-    if not units.size:
-        return ""
-    return f"; in units of {_span(float(units.min()), float(units.max()))}"
-
-
-def _listed(names: list[str]) -> str:
-    """Return names as they may be printed, whatever they hold."""
-    shown = ", ".join(repr(name[:40]) for name in names[:10])
-    return f"{shown} and {len(names) - 10} more" if len(names) > 10 else shown or "none"

@@ -1,0 +1,132 @@
+"""What a document is not asked to prove, line by line."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graspless_pin.report.verify.bounds import own_box
+from graspless_pin.report.verify.fields import Part
+from graspless_pin.report.verify.outcome import Check, given
+from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.reading import stated_mass
+
+
+def taken_as_given(problem: Problem, stated: Part) -> list[Check]:
+    """Return a line for each part of a document that all checks start from."""
+    return [
+        given(
+            "the problem",
+            "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
+            "limits, options and rules; poses, masses, gravity and names",
+        ),
+        *_of_coordinates(problem),
+        given("units", _units(problem, stated)),
+        given("load", _load(problem, stated)),
+        given("limits", _limits(problem)),
+        *_of_cones(problem, stated),
+        *_of_objective(problem, stated),
+        given(
+            "how it was found",
+            "counters of the search, solver, versions, hashes, findings, words, and the optima "
+            "with another threshold of motions",
+        ),
+    ]
+
+
+def _of_coordinates(problem: Problem) -> list[Check]:
+    """Return that the map of other passive coordinates than one free object's is taken as it is."""
+    if problem.given is None:
+        return []
+    count, turning = len(problem.w), int(problem.turns.sum())
+    detail = (
+        f"{count} of them, {count - turning} in N, {turning} in N m, with their wrench_matrix: "
+        "what contact forces do to them does not follow from contact points"
+    )
+    return [given("passive coordinates", detail)]
+
+
+def _of_cones(problem: Problem, stated: Part) -> list[Check]:
+    """Return what is taken as it stands of friction cones that are not known by name."""
+    if problem.corners is None:
+        return []
+    detail = f"their {problem.edges} corners, kinetic friction where contacts slide"
+    if problem.coulombs_law:
+        detail += ", and that they stand for Coulomb's law"
+    return [given(f"cones {stated['cone'][:60]!r}", detail)]
+
+
+def _units(problem: Problem, stated: Part) -> str:
+    """Return the units of all figures, and which joints turn and which push."""
+    names = [joint["name"] for joint in stated["joints"]]
+    shown = ["SI, world axes"]
+    for unit in ("N m", "N"):
+        own = [name for name, one in zip(names, problem.units, strict=True) if one == unit]
+        shown += [f"{unit}: {_listed(own)}"] if own else []
+    return "; ".join(shown)
+
+
+def _load(problem: Problem, stated: Part) -> str:
+    """Return the external load, beside what the object weighs where the document tells that."""
+    parts = problem.w[~problem.turns], problem.w[problem.turns]
+    force, moment = (float(np.linalg.norm(one)) for one in parts)
+    shown, mass = f"force {force:.6g} N, moment {moment:.6g} N m", stated_mass(stated)
+    if mass is not None and stated.get("gravity") is not None:
+        shown += f"; the object weighs {mass * float(np.linalg.norm(stated['gravity'])):.6g} N"
+    return shown
+
+
+def _limits(problem: Problem) -> str:
+    """Return how far limits go, and how many joints have none."""
+    least, most = float(problem.limit.min()), float(problem.limit.max())
+    shown = [f"normal forces {_span(least, most)} N"]
+    for unit in ("N m", "N"):
+        own = np.array([one == unit for one in problem.units], dtype=bool)
+        if own.any():
+            ends = np.concatenate([problem.lower[own], problem.upper[own]])
+            finite = np.abs(ends[np.isfinite(ends)])
+            span = _span(float(finite.min()), float(finite.max())) if finite.size else "none"
+            free = int((np.isinf(problem.lower[own]) | np.isinf(problem.upper[own])).sum())
+            span += f" {unit}" if finite.size else ""
+            shown.append(f"joints {span}" + (f" ({free} without)" if free and finite.size else ""))
+    return "; ".join(shown)
+
+
+def _span(least: float, most: float) -> str:
+    return f"{most:.6g}" if least == most else f"{least:.6g} to {most:.6g}"
+
+
+def _of_objective(problem: Problem, stated: Part) -> list[Check]:
+    """Return what is taken as it stands of an objective that is none of the paper's."""
+    own = problem.own
+    if own is None:
+        return []
+    where = f"of {stated['objective']['name'][:60]!r}"
+    names = [name for name, _ in own.groups]
+    lines = [
+        given(f"costs {where}", f"what is minimised, in units of {own.unit:.3g}"),
+        given(f"columns {where}", f"{_listed(names)}, with their bounds{_sizes(own.column_unit)}"),
+        given(
+            f"rows {where}",
+            f"{_listed([one[0] for one in own.rows.blocks])}, and the margins in cones and limits "
+            f"of normal forces{_sizes(own.rows.unit)}",
+        ),
+    ]
+    low, high, unbounded = own_box(problem, own, np.inf)
+    if unbounded.any():
+        shown = [f"{low[i] + 0.0:.3g} to {high[i]:.3g}" for i in np.flatnonzero(unbounded)[:10]]
+        detail = f"{', '.join(shown)}: {unbounded.sum()} columns that no row bounds on both sides"
+        lines.append(given(f"boxes {where}", detail))
+    return lines
+
+
+def _sizes(units: np.ndarray) -> str:
+    """Return what columns or rows are of order of: they hold to a millionth of that."""
+    if not units.size:
+        return ""
+    return f"; in units of {_span(float(units.min()), float(units.max()))}"
+
+
+def _listed(names: list[str]) -> str:
+    """Return names as they may be printed, whatever they hold."""
+    shown = ", ".join(repr(name[:40]) for name in names[:10])
+    return f"{shown} and {len(names) - 10} more" if len(names) > 10 else shown or "none"
