@@ -11,7 +11,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry import Box, ManipulatedObject, Support
 from graspless_pin.report import read_solution
 from graspless_pin.report.html import case_of_document
-from graspless_pin.report.verify import fields, verify_document
+from graspless_pin.report.verify import values, verify_document
 
 
 @pytest.fixture
@@ -90,9 +90,9 @@ def test_numbers_whose_products_no_double_holds(document, value):
 
 def test_the_checker_has_the_same_bounds(document):
     """It imports nothing else of the package, and reads what this reads."""
-    assert fields.MOST_LETTERS == bounds.LONGEST_NAME
-    assert fields.MOST == bounds.MOST_CONTACTS
-    assert fields.LARGEST_READ == bounds.LARGEST_STATED
+    assert values.MOST_LETTERS == bounds.LONGEST_NAME
+    assert values.MOST == bounds.MOST_CONTACTS
+    assert values.LARGEST_READ == bounds.LARGEST_STATED
     document["joints"][0]["name"] = "n" * 201
     with pytest.raises(ValueError, match="at most 200 characters"):
         verify_document(document)

@@ -27,7 +27,7 @@ from graspless_pin.report.verify.rest_bounds import (
 
 MODULES = sorted(Path(inspect.getfile(checker)).parent.glob("*.py"))
 ELSEWHERE = [file for file in MODULES if file.name != "tolerances.py"]
-ZEROS = {"fields.py": [1e-60], "problem.py": [1e-12, 1e-12, 1e-20, 1e-12]}
+ZEROS = {"values.py": [1e-60], "problem.py": [1e-12, 1e-12, 1e-20, 1e-12]}
 """What counts as zero in data: no answer is held to it."""
 PROBLEM = {"problem", "resolution"}
 """What tolerances may be worked out from: the data, and what was asked for."""

@@ -29,14 +29,9 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.proof_data import cone_data, multipliers_data, objective_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.report.robust import robust_data
-from graspless_pin.report.verdict_data import (
-    disturbance_data,
-    holding_data,
-    verdict_data,
-    written,
-)
+from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
 from graspless_pin.report.verify import Check, verify_document
-from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES
+from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES, written
 from graspless_pin.report.verify.outcome import Claim
 from graspless_pin.report.verify.tree import proven_violation
 from graspless_pin.scene import Scene

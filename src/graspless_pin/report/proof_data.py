@@ -19,9 +19,10 @@ from graspless_pin.programs.builder import ProgramBuilder, scaled_weights
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Objective, scaled_program
 from graspless_pin.programs.program import Block, Columns, Program
-from graspless_pin.report.verify.fields import KEPT, KNOWN_CONES, SIZED, Part, array
+from graspless_pin.report.verify.fields import KEPT, KNOWN_CONES, SIZED, Part
 from graspless_pin.report.verify.own_objective import OwnObjective
 from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.values import array
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.certificate import (
     BoundLeaf,

@@ -1,4 +1,4 @@
-"""Records as they stand in documents; of verdicts on rest ``stability`` and ``disturbances``."""
+"""Verdicts on rest as they stand in documents: ``stability`` and ``disturbances``."""
 
 from __future__ import annotations
 
@@ -21,21 +21,11 @@ from graspless_pin.holding.verdict import (
     StabilityVerdict,
 )
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part, entry
+from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part, written
+from graspless_pin.report.verify.values import entry
 
 MOST_SPAN_LEAVES = 10_000
 """Of the proofs of all directions of disturbance: files stay below 32 MiB, which can be read."""
-
-
-def written(kind: str, record: object, **others: Any) -> dict[str, Any]:
-    """Return what a document says of a record: its attributes that the table names.
-
-    Args:
-        kind: Name of the part in the table.
-        record: What it is of.
-        others: Fields that are no attributes of it, or others than these.
-    """
-    return {key: others[key] if key in others else getattr(record, key) for key in FIELDS[kind]}
 
 
 def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:

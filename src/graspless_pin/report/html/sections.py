@@ -29,7 +29,7 @@ from graspless_pin.plots.solutions import DIRECTED
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.verify import verify_document
-from graspless_pin.report.verify.fields import number
+from graspless_pin.report.verify.values import number
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
     contact_states,

@@ -1,7 +1,5 @@
 """The fields of a document: one table for who writes them, who reads them and who checks them.
 
-Anything else than what must stand in a field is refused.
-
 Shapes are in M contacts, L joints, P passive coordinates and r corners of a cone; in parts of their
 own n scaled accelerations, d small motions, c joints that carry touching links, k columns of an
 objective, K members of an uncertain set, and D figures that forces are affine in.
@@ -9,13 +7,27 @@ objective, K members of an uncertain set, and D figures that forces are affine i
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from graspless_pin.report.verify.values import (
+    MOST,
+    array,
+    entry,
+    items,
+    number,
+    short_text,
+    sparse,
+    text,
+    truth,
+    whole,
+    whose,
+    word,
+)
 
 FORMAT = 2
 """Version of the documents."""
@@ -32,101 +44,9 @@ SIZED = {"normal_upper": "M", "normal_lower": "M", "torque_upper": "L", "torque_
          "share_upper": "L", "share_lower": "L"}  # fmt: skip
 """Multipliers that stand by contact or joint."""
 
-MOST = 4096
-"""Contacts, joints and cone edges that are read."""
-MOST_LETTERS = 200
-"""Characters of a name."""
-LARGEST_READ, _SMALLEST = 1e60, 1e-60
 WHOLE = "the document"
 """What a document is called in messages."""
 Sizes = dict[str, int]
-
-
-def number(value: object, where: str) -> float:
-    """Return a finite number of a size that products of three bear.
-
-    Raises:
-        ValueError: If it is none.
-    """
-    if isinstance(value, float) and _SMALLEST <= abs(value) <= LARGEST_READ:
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _wrong(where, value, "a number")
-    try:
-        real = float(value)
-    except OverflowError:
-        real = math.inf
-    if abs(real) < _SMALLEST:
-        return 0.0  # zero, or the rounding of it
-    if not abs(real) <= LARGEST_READ:
-        raise _wrong(where, value, f"a number up to {LARGEST_READ:g}")
-    return real
-
-
-def whole(value: object, where: str, low: int, high: int) -> int:
-    """Return a whole number between two.
-
-    Raises:
-        ValueError: If it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise _wrong(where, value, f"a whole number, {low} to {high}")
-    return value
-
-
-def entry(mapping: object, key: str, where: str) -> Any:
-    """Return what stands under a key.
-
-    Raises:
-        ValueError: If the mapping is none or lacks it.
-    """
-    if not isinstance(mapping, dict):
-        raise _wrong(where, mapping, "a mapping")
-    if key not in mapping:
-        raise ValueError(f"{where} lacks the key {key!r}")
-    return mapping[key]
-
-
-def items(value: object, where: str, least: int, most: int) -> list[Any]:
-    """Return a list of so many entries.
-
-    Raises:
-        ValueError: If it is none.
-    """
-    if not isinstance(value, list) or not least <= len(value) <= most:
-        size = f"of {len(value)} entries" if isinstance(value, list) else _shown(value)
-        wanted = str(least) if least == most else f"{least} to {most}"
-        raise ValueError(f"{where} is {size}; it must be a list of {wanted}")
-    return value
-
-
-def array(value: object, shape: tuple[int, ...], where: str, *, gaps: bool = False) -> np.ndarray:
-    """Return an array of numbers; where there may be gaps, null is read as NaN.
-
-    Raises:
-        ValueError: If it has another shape or something that is no number.
-    """
-    listed: list[Any] = [value]
-    for length in shape:
-        listed = [one for row in listed for one in items(row, where, length, length)]
-    flat = [np.nan if gaps and one is None else number(one, where) for one in listed]
-    return np.array(flat, dtype=np.float64).reshape(shape)
-
-
-def whose(where: str) -> str:
-    """Return what something is part of that is called by both."""
-    return where.partition(" of ")[2] or where
-
-
-def _wrong(where: str, value: object, wanted: str) -> ValueError:
-    return ValueError(f"{where} is {_shown(value)}; it must be {wanted}")
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**30:
-        return "a huge whole number"
-    shown = repr(value) if isinstance(value, str | int | float | None) else type(value).__name__
-    return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
 @dataclass(frozen=True)
@@ -189,7 +109,7 @@ def _size(n: int | str, sizes: Sizes) -> int:
         return n
     if n in sizes:
         return sizes[n]
-    terms = (re.fullmatch(r"(-?\d*)(\w*)", one) for one in n.replace("- ", "+ -").split(" + "))
+    terms = (re.fullmatch(r"(\d*)(\w*)", term) for term in str(n).split(" + "))
     return sum(int(one[1] or 1) * (sizes[one[2]] if one[2] else 1) for one in terms if one)
 
 
@@ -206,37 +126,17 @@ def _shaped(*shape: int | str, gaps: bool = False) -> Field:
 
 def _sparse(**shape: int | str) -> Field:
     """Return an array of which the entries other than zero are listed, each with its indices."""
-
-    def read(value: object, where: str, sizes: Sizes) -> np.ndarray:
-        counts, called = [_size(n, sizes) for n in shape.values()], f"an entry of {where}"
-        found, names = np.zeros(counts), [f"a {name} of {whose(where)}" for name in shape]
-        for listed in items(value, where, 0, found.size):
-            *indices, one = items(listed, called, len(shape) + 1, len(shape) + 1)
-            each = zip(indices, names, counts, strict=True)
-            place = tuple([whole(index, name, 0, count - 1) for index, name, count in each])
-            found[place] = number(one, called)
-        return found
-
-    return Field(f"[{', '.join(shape)}, value] each", read)
-
-
-def _checked(what: str, wanted: str, passes: Callable[[Any], bool]) -> Field:
-    """Return a value that passes a check, or is refused as not what is wanted."""
-
-    def read(value: object, where: str, _: Sizes) -> Any:
-        if not passes(value):
-            raise _wrong(where, value, wanted)
-        return value
-
-    return Field(what, read)
+    return Field(
+        f"[{', '.join(shape)}, value] each",
+        lambda value, where, sizes: sparse(
+            value, {f"a {name}": _size(n, sizes) for name, n in shape.items()}, where
+        ),
+    )
 
 
 def _words(*known: str) -> Field:
-    return _checked(
-        " or ".join(f"`{one}`" for one in known),
-        f"one of {', '.join(known)}",
-        lambda value: isinstance(value, str) and value in known,
-    )
+    what = " or ".join(f"`{one}`" for one in known)
+    return Field(what, lambda value, where, _: word(value, where, known))
 
 
 def _whole(least: int, most: int | str) -> Field:
@@ -247,7 +147,10 @@ def _whole(least: int, most: int | str) -> Field:
 
 
 def _index(size: str, least: int = 0) -> Field:
-    return _whole(least, f"{size} - 1")
+    return Field(
+        f"{least} to {size} - 1",
+        lambda value, where, sizes: whole(value, where, least, _size(size, sizes) - 1),
+    )
 
 
 def _part(kind: str) -> Field:
@@ -287,17 +190,10 @@ def _tuple(**fields: Field) -> Field:
     return Field(f"[{', '.join(fields)}]", read)
 
 
-def _read_name(value: object, where: str, sizes: Sizes) -> str:
-    text = _TEXT.read(value, where, sizes)
-    if len(text) > MOST_LETTERS:
-        raise _wrong(where, value, f"a text of at most {MOST_LETTERS} characters")
-    return text
-
-
 _NUMBER = Field("number", lambda value, where, _: number(value, where))
-_TRUTH = _checked("true or false", "true or false", lambda value: isinstance(value, bool))
-_TEXT = _checked("text", "a text", lambda value: isinstance(value, str))
-_NAME = Field("name", _read_name)
+_TRUTH = Field("true or false", lambda value, where, _: truth(value, where))
+_TEXT = Field("text", lambda value, where, _: text(value, where))
+_NAME = Field("name", lambda value, where, _: short_text(value, where))
 _ANY = Field("unchecked", lambda value, *_: value)
 _COUNT = Field("whole number", lambda value, where, _: whole(value, where, 0, 10**15))
 _UNIT = _words("N m", "N")
@@ -498,3 +394,14 @@ FIELDS: dict[str, dict[str, Field]] = {
     },
 }  # fmt: skip
 """By part. What no check reads may be anything."""
+
+
+def written(kind: str, record: object, **others: Any) -> dict[str, Any]:
+    """Return what a document says of a record: its attributes that the table names.
+
+    Args:
+        kind: Name of the part in the table.
+        record: What it is of.
+        others: Fields that are no attributes of it, or others than these.
+    """
+    return {key: others[key] if key in others else getattr(record, key) for key in FIELDS[kind]}

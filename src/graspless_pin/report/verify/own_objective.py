@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspless_pin.report.verify.fields import KEPT, MOST, Part, entry, items
+from graspless_pin.report.verify.fields import KEPT, Part
+from graspless_pin.report.verify.values import MOST, entry, items
 
 _MOST_COEFFICIENTS = 4_000_000
 

@@ -10,19 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.fields import (
-    KNOWN_CONES,
-    MOST,
-    SIZED,
-    WHOLE,
-    Part,
-    array,
-    entry,
-    items,
-    stacked,
-)
+from graspless_pin.report.verify.fields import KNOWN_CONES, SIZED, WHOLE, Part, stacked
 from graspless_pin.report.verify.own_objective import read_own_objective
 from graspless_pin.report.verify.problem import Problem, faces_between
+from graspless_pin.report.verify.values import MOST, array, entry, items
 
 
 def read_problem(document: object) -> Problem:

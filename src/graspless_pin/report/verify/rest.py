@@ -14,7 +14,7 @@ from textwrap import shorten
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.fields import Part, entry, items
+from graspless_pin.report.verify.fields import Part
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest_bounds import contact_motion
@@ -26,6 +26,7 @@ from graspless_pin.report.verify.rest_tree import (
     stated_loads,
     tree,
 )
+from graspless_pin.report.verify.values import entry, items
 
 _OF_INSTANT = {
     "holds": ("strong",),

@@ -18,19 +18,18 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.fields import (
-    MOST,
-    Part,
-    array,
-    entry,
-    items,
-    number,
-    stacked,
-)
+from graspless_pin.report.verify.fields import Part, stacked
 from graspless_pin.report.verify.forces import against_mode, residual
 from graspless_pin.report.verify.outcome import Check, Claim, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Forces, Problem
 from graspless_pin.report.verify.reading import read_mode, read_problem
+from graspless_pin.report.verify.values import (
+    MOST,
+    array,
+    entry,
+    items,
+    number,
+)
 
 _AS_STATED = {
     "at_corners": "verdicts on the corners",
