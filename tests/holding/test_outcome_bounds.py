@@ -169,7 +169,8 @@ def test_what_is_remembered_is_found_where_it_proves_something(
         states = States.unknown(count)
         for contact, kind in enumerate(rng.choice(list(ContactState), count)):
             center, width = rng.uniform(-4.0, 4.0), rng.uniform(0.0, 1.5)
-            states = states.changed(contact, ContactState(kind), center, width)
+            most = 10.0 ** rng.uniform(-14.0, -2.0)
+            states = states.changed(contact, ContactState(kind), center, width, most=most)
         bounds = [outcome_bound(dynamics, states, loads, one, goal, 10.0) for one in duals[-256:]]
         enough = float(np.sort(bounds)[rng.integers(0, 3)]) + 1e-9
         found = known.proving(states, goal[0], enough)
@@ -208,6 +209,8 @@ def test_closed_contacts_part_within_a_tolerance_that_is_paid_for() -> None:
     bounds = OutcomeBounds(dynamics, np.zeros(count), 10.0)
     paid = 1e6 * closing_tolerance(dynamics)
     assert bounds.bound(states, dual, goal) == pytest.approx(paid, rel=1e-6)
+    looser = States.unknown(count).changed(1, ContactState.CLOSED, most=3e-6)
+    assert bounds.bound(looser, dual, goal) == pytest.approx(3.0, rel=1e-6)
     # The only multipliers that are remembered are the first, too.
     bounds.remember(dual)
     assert bounds.proving(states, goal[0], 1.01 * paid) is dual
