@@ -37,6 +37,7 @@ OF_OPTIMA = (
     "tests/planning/test_attached.py",
     "tests/planning/test_batch_optimum.py",
     "tests/planning/test_many_states.py",
+    "tests/planning/test_path.py",
 )
 _SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 # As hatch_build.py does, but for the optimisation, which only costs time here.

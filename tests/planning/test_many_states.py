@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from planning_scenes import example, nearby, shifted, solved_alone, with_hybrid_finger
 
-from graspless_pin import Margin, SolveOptions, compiled
+from graspless_pin import Margin, SolveOptions, compiled, load_scene
 from graspless_pin.errors import ArgumentError, CrashError
 from graspless_pin.planning import Evaluator, StateStatus, many_states
 from graspless_pin.planning.configurations import Configurations
@@ -297,3 +297,37 @@ def test_a_hand_that_moves_by_itself_is_left_to_the_search():
         assert slides(box.with_changes(motion=creeping(share))) is is_told
     between = 1e-3 * (reach + 0.3 * box.contact_tolerance)
     assert not slides(box.with_changes(motion=creeping(between)))
+
+
+GANTRY = "".join(
+    f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
+    f'<axis xyz="{axis}"/><limit lower="-0.2" upper="0.2" effort="9" velocity="1"/></joint>'
+    for name, parent, child, axis in (
+        ("x", "base", "beam", "1 0 0"), ("y", "beam", "slide", "0 1 0"),
+        ("z", "slide", "tip", "0 0 1"),
+    )
+)  # fmt: skip
+
+
+def test_edges_and_depths_are_left_to_the_general_search(tmp_path, by_numpy):
+    """A sphere is moved over the upper edge of a box, from deep inside it to where it is off."""
+    sphere = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    links = '<link name="base"/><link name="beam"/><link name="slide"/>'
+    urdf = f'<robot name="gantry">{links}<link name="tip">{sphere}</link>{GANTRY}</robot>'
+    (tmp_path / "gantry.urdf").write_text(urdf)
+    (tmp_path / "scene.yaml").write_text(
+        "friction: 0.5\nmax_normal_force: 9\nhand: {urdf: gantry.urdf, q: {z: 0.11}}\n"
+        "object: {shape: {type: box, size: [0.1, 0.1, 0.1]}, mass: 0.3,\n"
+        "  pose: {position: [0, 0, 0.05]}}\n"
+        "supports: [{name: floor, shape: {type: half_space}}]\n"
+    )
+    scene = load_scene(tmp_path / "scene.yaml")
+    x, height = np.linspace(0.04, 0.06, 21), np.linspace(-0.008, 0.0015, 12)
+    q = np.array([[a, 0.01, 0.11 + h] for a in x for h in height])
+    found = Evaluator(scene, collisions=False).evaluate_many(q)
+    expected = by_numpy(lambda: Evaluator(scene, collisions=False).evaluate_many(q))
+    assert found.statuses.tolist() == expected.statuses.tolist()
+    np.testing.assert_allclose(found.margins, expected.margins, rtol=1e-6, atol=1e-7)
+    assert {StateStatus.FOUND, StateStatus.OVERLAP, StateStatus.HAND_TOUCHES_NOTHING} == set(
+        found.statuses
+    )
