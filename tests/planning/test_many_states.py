@@ -316,7 +316,8 @@ def test_edges_and_depths_are_left_to_the_general_search(tmp_path, by_numpy):
     urdf = f'<robot name="gantry">{links}<link name="tip">{sphere}</link>{GANTRY}</robot>'
     (tmp_path / "gantry.urdf").write_text(urdf)
     (tmp_path / "scene.yaml").write_text(
-        "friction: 0.5\nmax_normal_force: 9\nhand: {urdf: gantry.urdf, q: {z: 0.11}}\n"
+        "friction: 0.5\nmax_normal_force: 9\ntangent_axes: [[1, 0, 0.5]]\n"
+        "hand: {urdf: gantry.urdf, q: {z: 0.11}}\n"
         "object: {shape: {type: box, size: [0.1, 0.1, 0.1]}, mass: 0.3,\n"
         "  pose: {position: [0, 0, 0.05]}}\n"
         "supports: [{name: floor, shape: {type: half_space}}]\n"
