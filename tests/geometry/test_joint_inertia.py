@@ -10,6 +10,7 @@ from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.tree import build_tree
+from graspless_pin.geometry.robots.files import describe_urdf
 
 LENGTH, MASS, INERTIA = 0.3, 0.5, 2e-3
 OUT = 0.1
@@ -154,7 +155,7 @@ def test_wrong_rotors_are_named(tmp_path, value, message):
 
 def test_a_rotor_of_a_joint_that_is_not_there_is_left_out(tmp_path):
     file = arm(tmp_path, ROTOR.format(STATED.format(1.0)).replace("elbow", "knee"))
-    tree = build_tree([(read_robot(file), np.eye(4))])
+    tree = build_tree([(read_robot(describe_urdf(file)), np.eye(4))])
     assert not tree.pinocchio_model.armature.any()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
 from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.robots.files import describe_urdf
 from graspless_pin.simulation.protocol import load_mujoco
 
 mujoco = load_mujoco()
@@ -95,7 +97,7 @@ def claw(tmp_path: Path) -> Path:
 
 
 def tree_of(path: Path, root_link: str | None = None) -> tuple[RobotModel, KinematicTree]:
-    document = read_robot(path, root_link=root_link)
+    document = read_robot(replace(describe_urdf(path), root_link=root_link))
     return document, build_tree([(document, np.eye(4))])
 
 
@@ -420,7 +422,8 @@ def test_visual_shapes_that_no_link_can_have_are_left_out(claw: Path) -> None:
     seen = '<geom type="{}" size="0.01 0.02 0.03" contype="0" conaffinity="0" mass="0.01"/>'
     both = seen.format("ellipsoid") + seen.format("box")
     claw.write_text(HAND.replace('<geom type="sphere" size="0.01" mass="0.01"/>', both))
-    (tip,) = (link for link in read_robot(claw, visuals_collide=True).links if link.name == "tip")
+    robot = read_robot(replace(describe_urdf(claw), visuals_collide=True))
+    (tip,) = (link for link in robot.links if link.name == "tip")
     assert [type(one.shape).__name__ for one in tip.collisions] == ["Box"]
     assert len(tip.visuals) == 1
 
@@ -428,7 +431,7 @@ def test_visual_shapes_that_no_link_can_have_are_left_out(claw: Path) -> None:
 def test_a_figure_that_is_none_is_named(claw: Path) -> None:
     claw.write_text(HAND.replace('name="far" pos="0 0 0.06"', 'name="far" pos="0 0 2e12"'))
     with capture(), pytest.raises(RobotError, match="joint 'curl' has the figure 2e"):
-        read_robot(claw)
+        read_robot(describe_urdf(claw))
 
 
 def test_what_is_left_out_is_said(claw: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from graspless_pin.geometry.hand import reading
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.tree import build_tree
 from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.robots.files import describe_urdf
 
 PARTS = """
 <robot xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -50,7 +52,8 @@ def claw(tmp_path: Path) -> Path:
 
 
 def test_a_xacro_file_is_the_hand_that_it_stands_for(claw: Path, tmp_path: Path) -> None:
-    document = read_robot(claw, package_dirs=[tmp_path / "ros"], xacro_args={"effort": "0.9"})
+    described = describe_urdf(claw, [tmp_path / "ros"])
+    document = read_robot(replace(described, xacro_args={"effort": "0.9"}))
     tree = build_tree([(document, np.eye(4))])
     assert tree.joint_names == ("left_joint", "right_joint")
     np.testing.assert_allclose(tree.lower, -np.pi / 6)
@@ -71,7 +74,7 @@ def here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_one_that_declares_no_xacro_is_one_by_its_name(claw: Path) -> None:
     plain = claw.with_name("claw.xacro")
     plain.write_text("<robot name='claw'><link name='${1 + 1}'/></robot>")
-    assert read_robot(plain).root == "2"
+    assert read_robot(describe_urdf(plain)).root == "2"
 
 
 @pytest.mark.usefixtures("here")
@@ -96,7 +99,7 @@ def test_what_cannot_be_expanded_is_said(
 ) -> None:
     claw.write_text(HAND.replace(old, new))
     with pytest.raises(RobotError, match=f"xacro cannot expand this file .*{said}") as caught:
-        read_robot(claw, package_dirs=[tmp_path / "ros"])
+        read_robot(describe_urdf(claw, [tmp_path / "ros"]))
     assert str(claw) in str(caught.value)
 
 
@@ -107,7 +110,7 @@ def test_one_that_takes_for_ever_ends(
     endless = '<xacro:macro name="again"><xacro:again/><xacro:again/></xacro:macro><xacro:again/>'
     claw.write_text(HAND.replace('<link name="palm"/>', endless + '<link name="palm"/>'))
     with pytest.raises(RobotError, match=r"xacro (did not|cannot) expand this file"):
-        read_robot(claw, package_dirs=[tmp_path / "ros"])
+        read_robot(describe_urdf(claw, [tmp_path / "ros"]))
 
 
 def test_without_xacrodoc_it_says_what_to_install(
@@ -115,4 +118,4 @@ def test_without_xacrodoc_it_says_what_to_install(
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(RobotError, match=r"pip install 'graspless-pin\[xacro\]'"):
-        read_robot(claw)
+        read_robot(describe_urdf(claw))

@@ -12,7 +12,7 @@ from graspless_pin.errors import GrasplessPinError, MeshError, RobotError, Scene
 from graspless_pin.geometry.bodies.meshes import hull_points, load_mesh
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.inspection.audit import audit_urdf
-from graspless_pin.geometry.robots.files import load_robot
+from graspless_pin.geometry.robots.files import describe_urdf, load_robot
 from graspless_pin.intake.files import FileKind, check_file, is_file, read_bytes, read_text
 from graspless_pin.report.reading import read_document
 from graspless_pin.studies import load_study
@@ -22,7 +22,7 @@ READERS = {
     "scene.yaml": load_scene,
     "study.yaml": load_study,
     "robot.yaml": load_robot,
-    "hand.urdf": read_robot,
+    "hand.urdf": lambda path: read_robot(describe_urdf(path)),
     "inspected.urdf": audit_urdf,
     "mesh.stl": load_mesh,
     "mesh.obj": load_mesh,
@@ -239,7 +239,7 @@ def test_bounds_of_xml(tmp_path, content, message):
     file = tmp_path / "hand.urdf"
     file.write_bytes(content)
     with pytest.raises(RobotError, match=f"hand.urdf: .*{message}"):
-        read_robot(file)
+        read_robot(describe_urdf(file))
 
 
 def test_a_dae_cannot_hide_its_entities(tmp_path):

@@ -150,7 +150,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     couplings: list[JointCoupling] = []
     cuts: dict[str, Cut] = {}
     for mount, robot in zip(mounts, robots, strict=True):
-        model = read_model(robot, mount.prefix, with_shapes=with_shapes)
+        model = read_robot(robot, mount.prefix, with_shapes=with_shapes)
         models.append(model)
         couplings += _couplings(robot, model, mount.prefix)
         if with_shapes:
@@ -162,25 +162,6 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     for mount, robot, model in zip(mounts, robots, models, strict=True):
         joined = _add(joined, mount, robot, model)
     return joined
-
-
-def read_model(
-    robot: RobotDescription, prefix: str = "", *, with_shapes: bool = True
-) -> RobotModel:
-    """Read a robot, or take it as it is: see `read_robot`."""
-    if robot.read is not None:
-        model = robot.read if robot.root_link is None else robot.read.below(robot.root_link)
-        return model.with_fixed_base().prefixed(prefix)
-    return read_robot(
-        robot.urdf_path,
-        prefix=prefix,
-        package_dirs=robot.package_dirs,
-        root_link=robot.root_link,
-        xacro_args=robot.xacro_args,
-        visuals_collide=robot.visuals_collide,
-        with_shapes=with_shapes,
-        srdf=robot.srdf,
-    )
 
 
 def _couplings(robot: RobotDescription, model: RobotModel, prefix: str) -> list[JointCoupling]:

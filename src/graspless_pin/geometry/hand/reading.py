@@ -14,7 +14,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import ArgumentError, CrashError, OverrunError, RobotError
@@ -22,6 +21,7 @@ from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.urdf import robot_of_urdf
 from graspless_pin.geometry.hand.xacro_call import run_xacro
+from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.intake.files import (
     FileKind,
     errors_of_text,
@@ -40,77 +40,63 @@ _XACRO_SECONDS = 60.0
 
 
 def read_robot(
-    path: Path,
-    *,
-    prefix: str = "",
-    package_dirs: Sequence[Path] = (),
-    root_link: str | None = None,
-    xacro_args: Mapping[str, str] = MappingProxyType({}),
-    visuals_collide: bool = False,
-    with_shapes: bool = True,
-    srdf: Path | None = None,
+    described: RobotDescription, prefix: str = "", *, with_shapes: bool = True
 ) -> RobotModel:
-    """Read and check one URDF, xacro or MJCF file.
+    """Read and check the URDF, xacro or MJCF file of a robot, or take the robot as it is.
 
     A floating or planar joint below the root link carries the whole robot; it is fixed at zero,
-    because a hand stands where it is mounted.
+    because a hand stands where it is mounted. ``package://NAME/...`` is a folder of the
+    description that is called NAME or one in it; the folders above the file are tried last. With a
+    root link faults of other links and joints of a URDF do no harm.
 
     Args:
-        path: The file. Relative mesh paths in it are relative to its folder.
+        described: The robot.
         prefix: Put before the name of every link, joint and tendon.
-        package_dirs: Where ``package://NAME/...`` is looked up: a folder that is called NAME or
-            one that holds a folder called NAME. The folders above the file are tried last.
-        root_link: Keep only this link and what hangs on it, e.g. the hand of a whole robot. Faults
-            of other links and joints of a URDF do no harm then.
-        xacro_args: Values of the ``<xacro:arg>`` of a xacro file.
-        visuals_collide: Whether links without collision shapes collide with their visual ones.
         with_shapes: Whether the shapes of the links are read.
-        srdf: Its SRDF; None: the one beside it, if there is one.
 
     Returns:
         The robot. Its meshes are not read yet, and may be missing.
 
     Raises:
         RobotError: If the file is missing, is no URDF or MJCF, declares a DOCTYPE or entities,
-            repeats a name, lacks ``root_link``, or has a malformed link, joint or rotor or a joint
+            repeats a name, lacks the root link, or has a malformed link, joint or rotor or a joint
             of an unsupported type.
     """
-    element = _element(path, package_dirs, xacro_args)
+    path, root_link = described.urdf_path, described.root_link
+    if described.read is not None:
+        robot = described.read if root_link is None else described.read.below(root_link)
+        return robot.with_fixed_base().prefixed(prefix)
+    element = _element(described)
     named = {one.get("name", "") for one in element.iter()}
     if element.tag == "mujoco":
         from graspless_pin.geometry.hand.mjcf import robot_of_source
         from graspless_pin.geometry.hand.mjcf_source import read_mjcf
 
-        source = read_mjcf(path)
-        robot = robot_of_source(source, visuals_collide=visuals_collide, with_shapes=with_shapes)
+        robot = robot_of_source(
+            read_mjcf(path), visuals_collide=described.visuals_collide, with_shapes=with_shapes
+        )
         named |= {one.name for part in (robot.links, robot.joints) for one in part}
         robot = robot if root_link is None else robot.below(root_link)
     else:
-        robot = robot_of_urdf(
-            path,
-            element,
-            package_dirs,
-            root_link,
-            visuals_collide=visuals_collide,
-            with_shapes=with_shapes,
-        )
-    return with_srdf(robot.with_fixed_base(), path, srdf, named).prefixed(prefix)
+        robot = robot_of_urdf(described, element, with_shapes=with_shapes)
+    return with_srdf(robot.with_fixed_base(), path, described.srdf, named).prefixed(prefix)
 
 
-def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, str]) -> ET.Element:
+def _element(described: RobotDescription) -> ET.Element:
     """Return the ``<robot>`` of a URDF or an expanded xacro file, or the ``<mujoco>`` of an MJCF.
 
     Raises:
         RobotError: If the file is missing, is none of them, or declares a DOCTYPE or entities, or
             if xacro cannot expand it.
     """
+    path = described.urdf_path
     content = read_bytes(path, URDF)
     found = kind_of_file(path, content)
     refuse_other_kind(path, URDF, None if found in _OTHER_XML else found)
     with errors_of_text(path, URDF):
         root = parse_xml(content)
         if path.suffix == ".xacro" or any(one.tag.startswith("xacro:") for one in root.iter()):
-            root = parse_xml(_expanded(path, package_dirs, xacro_args))
+            root = parse_xml(_expanded(described))
     if root.tag == "sdf":
         raise RobotError(
             f"{path}: is an SDF, which is not read; write it as a URDF or as an MJCF, e.g. with "
@@ -124,17 +110,15 @@ def _element(path: Path, package_dirs: Sequence[Path], xacro_args: Mapping[str, 
     return root
 
 
-def _expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, str]) -> bytes:
+def _expanded(described: RobotDescription) -> bytes:
     """Return the URDF that a xacro file makes.
 
-    Args:
-        path: The file.
-        package_dirs: Where ``$(find NAME)`` is looked up, as ``package://NAME`` is.
-        arguments: Values of its ``<xacro:arg>``.
+    ``$(find NAME)`` is looked up as ``package://NAME`` is.
 
     Raises:
         RobotError: If xacrodoc is not installed, or the file cannot be expanded in a minute.
     """
+    path = described.urdf_path
     if importlib.util.find_spec("xacrodoc") is None:
         raise RobotError(
             f"{path} is a xacro file, which needs xacrodoc; install it with pip install "
@@ -145,8 +129,8 @@ def _expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, 
             text = child.call(
                 run_xacro,
                 str(path.resolve()),
-                _packages(path, package_dirs),
-                dict(arguments),
+                _packages(path, described.package_dirs),
+                dict(described.xacro_args),
                 limit=_XACRO_SECONDS,
             )
     except ValueError as error:

@@ -29,7 +29,7 @@ from graspless_pin.geometry.hand.robot_model import (
     root_of_tree,
 )
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.robots.description import JointCoupling
+from graspless_pin.geometry.robots.description import JointCoupling, RobotDescription
 from graspless_pin.intake.files import is_file
 from graspless_pin.problem.checks import FloatArray
 
@@ -37,31 +37,23 @@ _PRIMITIVES = ("box", "sphere", "cylinder", "capsule")
 
 
 def robot_of_urdf(
-    path: Path,
-    root: ET.Element,
-    package_dirs: Sequence[Path] = (),
-    root_link: str | None = None,
-    *,
-    visuals_collide: bool = False,
-    with_shapes: bool = True,
+    described: RobotDescription, root: ET.Element, *, with_shapes: bool = True
 ) -> RobotModel:
-    """Return the robot that a URDF describes.
+    """Return the robot that a URDF describes, or what hangs on the root link of its description.
 
     Args:
-        path: The file. Relative mesh paths in it are relative to its folder.
-        root: Its ``<robot>`` element.
-        package_dirs: Where ``package://`` addresses are looked up.
-        root_link: Keep only this link and what hangs on it; None: the whole robot.
-        visuals_collide: Whether links without collision shapes collide with their visual ones.
+        described: The robot. Relative mesh paths in its file are relative to the file's folder.
+        root: The file's ``<robot>`` element.
         with_shapes: Whether the shapes of the links are read.
 
     Raises:
-        RobotError: If its links form no tree or lack ``root_link``, or a link, joint, shape or
+        RobotError: If its links form no tree or lack the root link, or a link, joint, shape or
             rotor that is kept is malformed.
 
     Warns:
         GrasplessPinWarning: A collision shape of size zero is left out.
     """
+    path, root_link = described.urdf_path, described.root_link
     links, joints = root.findall("link"), root.findall("joint")
     ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in joints]
     names = [link.get("name", "") for link in links]
@@ -73,21 +65,8 @@ def robot_of_urdf(
     kept_joints = {joint.get("name", "") for joint in joints}
     rotors = _rotor_inertias(path, root, kept_joints)
     of_joints = tuple(_joint(path, joint, rotors) for joint in joints)
-    return RobotModel(
-        str(path),
-        top,
-        tuple(
-            _link(
-                path,
-                link,
-                package_dirs,
-                visuals_collide=visuals_collide,
-                with_shapes=with_shapes,
-            )
-            for link in links
-        ),
-        of_joints,
-    )
+    of_links = tuple(_link(described, link, with_shapes=with_shapes) for link in links)
+    return RobotModel(str(path), top, of_links, of_joints)
 
 
 def _end(joint: ET.Element, end: str) -> str:
@@ -183,34 +162,27 @@ def _rotor_inertias(path: Path, root: ET.Element, joints: Collection[str]) -> di
     return rotors
 
 
-def _link(
-    path: Path,
-    link: ET.Element,
-    package_dirs: Sequence[Path],
-    *,
-    visuals_collide: bool,
-    with_shapes: bool,
-) -> RobotLink:
+def _link(described: RobotDescription, link: ET.Element, *, with_shapes: bool) -> RobotLink:
     """Read one link."""
     name = link.get("name", "")
-    where = f"{path}: link {name!r}"
+    where = f"{described.urdf_path}: link {name!r}"
     collisions: list[LinkShape] = []
     visuals: list[LinkShape] = []
     if with_shapes:
         of_collisions, of_visuals = link.findall("collision"), link.findall("visual")
-        if visuals_collide and not of_collisions:
+        if described.visuals_collide and not of_collisions:
             of_collisions = of_visuals
         collisions = [
             shape
             for element in of_collisions
-            if (shape := _shape(path, where, element, package_dirs, leave_out_empty=True))
+            if (shape := _shape(described, where, element, leave_out_empty=True))
         ]
         # They are drawn only: half a link would mislead more than its collision shapes do.
         try:
             visuals = [
                 shape
                 for element in of_visuals
-                if (shape := _shape(path, where, element, package_dirs, leave_out_empty=False))
+                if (shape := _shape(described, where, element, leave_out_empty=False))
             ]
         except RobotError:
             visuals = []
@@ -238,12 +210,7 @@ def _inertial(where: str, link: ET.Element) -> tuple[float, FloatArray, FloatArr
 
 
 def _shape(
-    path: Path,
-    where: str,
-    element: ET.Element,
-    package_dirs: Sequence[Path],
-    *,
-    leave_out_empty: bool,
+    described: RobotDescription, where: str, element: ET.Element, *, leave_out_empty: bool
 ) -> LinkShape | None:
     """Read one shape; None: it has no size, and was left out.
 
@@ -258,7 +225,7 @@ def _shape(
         if not (x and y and z):
             raise RobotError(f"{where} has a mesh scale of {shape.get('scale')!r}")
         written = shape.get("filename", "")
-        looked = tuple(_candidates(path, written, package_dirs))
+        looked = tuple(_candidates(described.urdf_path, written, described.package_dirs))
         file = next((one.resolve() for one in looked if is_file(one)), None)
         return LinkShape(LinkMesh(written, file, looked, (x, y, z)), T)
     if shape.tag not in _PRIMITIVES:

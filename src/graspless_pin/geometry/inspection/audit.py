@@ -16,11 +16,11 @@ from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
 from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.actuation import is_placeholder
-from graspless_pin.geometry.hand.assembly import JoinedMounts, Mount, join_mounts, read_model
+from graspless_pin.geometry.hand.assembly import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh, looked_for
-from graspless_pin.geometry.hand.reading import URDF
+from graspless_pin.geometry.hand.reading import URDF, read_robot
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.inspection.listing import describe_efforts
 from graspless_pin.geometry.robots.description import RobotDescription
@@ -191,12 +191,12 @@ def audit_urdf(
     errors: list[Exception] = []
     with capture() as emitted:
         with capture(), _kept(errors):  # what is said of shapes is said again below
-            model = read_model(robot)
+            model = read_robot(robot)
             findings += [*_audit_meshes(robot, model), *_audit_shapes(model)]
         joined: JoinedMounts | None = None
         with _kept(errors):
             joined = join_mounts([Mount(robot)], with_shapes=False)
-            findings += _audit_mimics(robot, read_model(robot, with_shapes=False))
+            findings += _audit_mimics(robot, read_robot(robot, with_shapes=False))
             findings += _audit_joints(robot, joined)
         if not errors:
             with _kept(errors):
