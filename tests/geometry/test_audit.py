@@ -10,8 +10,7 @@ from hand_tools import joint, link, write_urdf
 from graspless_pin.cli.robots import robot_text
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import FindingCode
-from graspless_pin.geometry.inspection.audit import audit_urdf
-from graspless_pin.geometry.inspection.listing import list_robots
+from graspless_pin.geometry.inspection import audit_urdf, list_robots
 from graspless_pin.geometry.robots.files import robot_names
 
 BALL = '<sphere radius="0.01"/>'

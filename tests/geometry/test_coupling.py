@@ -14,7 +14,7 @@ from graspless_pin.findings import FindingCode
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.coupling import resolve_couplings
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.inspection import audit_urdf
 from graspless_pin.geometry.robots.description import JointCoupling
 
 CHAIN = "".join(link(name, mass=0.1) for name in ("base", "a", "b", "c", "d"))

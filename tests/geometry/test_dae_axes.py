@@ -17,7 +17,7 @@ from graspless_pin.findings import FindingCode, capture
 from graspless_pin.geometry.bodies.mesh_files import parse_mesh
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.shapes import MeshShape
-from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.inspection import audit_urdf
 from graspless_pin.visualization.drawing import hand_triangles
 
 DAE = """<?xml version="1.0" encoding="utf-8"?>

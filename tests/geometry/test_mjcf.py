@@ -21,7 +21,7 @@ from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
-from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.inspection import audit_urdf
 from graspless_pin.geometry.robots.files import describe_urdf
 from graspless_pin.simulation.protocol import load_mujoco
 

@@ -11,8 +11,7 @@ from graspless_pin.errors import GrasplessPinWarning, MeshError, RobotError
 from graspless_pin.findings import FindingCode, Severity, capture
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.inspection.audit import audit_urdf
-from graspless_pin.geometry.inspection.listing import list_robots
+from graspless_pin.geometry.inspection import audit_urdf, list_robots
 from graspless_pin.geometry.robots.description import RobotDescription
 
 BALL = '<sphere radius="0.01"/>'

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from graspless_pin import load_scene
 from graspless_pin.cli.commands import app
 from graspless_pin.findings import FindingCode
-from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.inspection import audit_urdf
 
 URDF = """<robot name="drawn"><link name="palm">
 <visual><origin xyz="0 0 0.1" rpy="0 0 1.5707963"/><geometry><mesh filename="egg.stl"/></geometry>

@@ -14,7 +14,7 @@ from graspless_pin.errors import RobotError
 from graspless_pin.geometry.hand import reading
 from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.hand.tree import build_tree
-from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.inspection import audit_urdf
 from graspless_pin.geometry.robots.files import describe_urdf
 
 PARTS = """

@@ -11,7 +11,7 @@ from graspless_pin import Hand, load_scene
 from graspless_pin.errors import GrasplessPinError, MeshError, RobotError, SceneError
 from graspless_pin.geometry.bodies.meshes import hull_points, load_mesh
 from graspless_pin.geometry.hand.reading import read_robot
-from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.inspection import audit_urdf
 from graspless_pin.geometry.robots.files import describe_urdf, load_robot
 from graspless_pin.intake.files import FileKind, check_file, is_file, read_bytes, read_text
 from graspless_pin.report.reading import read_document

@@ -12,8 +12,8 @@ from tabulate import tabulate
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import is_serious
-from graspless_pin.geometry.inspection.audit import AuditReport, audit_urdf
-from graspless_pin.geometry.inspection.listing import EffortRecord, RobotRecord, list_robots
+from graspless_pin.geometry.hand.assembly import EffortRecord
+from graspless_pin.geometry.inspection import AuditReport, RobotRecord, audit_urdf, list_robots
 
 _FINGERS = 20
 """Columns for the names of fingers: then a table of robots fits 80."""

@@ -11,10 +11,10 @@ from .bodies.shapes import MeshShape as MeshShape
 from .bodies.shapes import Sphere as Sphere
 from .contact.contact_points import BodyKind as BodyKind
 from .contact.contact_points import ContactPoint as ContactPoint
-from .inspection.audit import AuditReport as AuditReport
-from .inspection.audit import audit_urdf as audit_urdf
-from .inspection.listing import RobotRecord as RobotRecord
-from .inspection.listing import list_robots as list_robots
+from .inspection import AuditReport as AuditReport
+from .inspection import RobotRecord as RobotRecord
+from .inspection import audit_urdf as audit_urdf
+from .inspection import list_robots as list_robots
 from .posing.closing import ClosingResult as ClosingResult
 from .posing.closing import close_hand as close_hand
 from .posing.fingertips import FingertipPlacement as FingertipPlacement

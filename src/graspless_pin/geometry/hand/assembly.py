@@ -22,9 +22,11 @@ from graspless_pin.geometry.hand.actuation import (
     Actuation,
     EffortLimit,
     expand_overrides,
+    is_placeholder,
     plan_actuation,
     resolve_effort_limits,
     spread_names,
+    urdf_efforts,
 )
 from graspless_pin.geometry.hand.fingers import (
     ControlPlan,
@@ -248,6 +250,51 @@ def _prefix_fingers(prefix: str, fingers: Mapping[str, FingerSpec]) -> dict[str,
         )
         for finger, spec in fingers.items()
     }
+
+
+@dataclass(frozen=True)
+class EffortRecord:
+    """The effort limit of a joint or tendon.
+
+    Attributes:
+        lower: Lower limit, N m (N for prismatic joints and tendons).
+        upper: Upper limit, in the same unit.
+        known: Whether it is stated with a source, rather than taken from the URDF.
+        source: Where it comes from, or what is known of it.
+    """
+
+    lower: float
+    upper: float
+    known: bool
+    source: str
+
+
+def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str, EffortRecord]:
+    """Return the effort limit of every joint with a motor and every tendon of one robot."""
+    tree, tendons = joined.tree, joined.tendons
+    stated = spread_names(tree, joined.fingers, robot.effort_sources, tendons)
+    pulled = {joint for arms in tendons.values() for joint in arms}
+    lower, upper = urdf_efforts(tree)
+    efforts: dict[str, EffortRecord] = {}
+    for index in tree.coupling.leaders:
+        name = tree.joint_names[index]
+        if name in pulled or name in tree.locked:
+            continue
+        note = joined.effort_unknown.get(name)
+        if note is None and is_placeholder(float(upper[index]), on_arm=name in joined.outer_joints):
+            note = "the URDF's, which looks like a placeholder"
+        efforts[name] = EffortRecord(
+            float(lower[index]), float(upper[index]), known=False, source=note or "the URDF's"
+        )
+    for name in tendons:
+        stated_by = "the MJCF's" if name in joined.tensions else "nobody states it"
+        ends = joined.tensions.get(name, (0.0, float("inf")))
+        source = joined.effort_unknown.get(name, stated_by)
+        efforts[name] = EffortRecord(*ends, known=False, source=source)
+    for name, (low, high) in joined.effort_limits.items():
+        source = " ".join(robot.effort_sources[stated[name]].split())
+        efforts[name] = EffortRecord(low, high, known=True, source=source)
+    return efforts
 
 
 def joint_armatures(

@@ -1,38 +1,182 @@
-"""Audit a URDF: what will hurt later, and what to do about it."""
+"""Look at robots: lists of fingers, joints and limits, and audits of what will hurt later.
+
+An audit says what to do about each thing that it finds.
+"""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from graspless_pin.errors import ArgumentError, MeshError, RobotError
 from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
-from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.actuation import is_placeholder
-from graspless_pin.geometry.hand.assembly import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.hand.assembly import (
+    EffortRecord,
+    JoinedMounts,
+    Mount,
+    describe_efforts,
+    join_mounts,
+)
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh, looked_for
 from graspless_pin.geometry.hand.reading import URDF, read_robot
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
-from graspless_pin.geometry.inspection.listing import describe_efforts
-from graspless_pin.geometry.robots.description import RobotDescription
-from graspless_pin.geometry.robots.files import find_robot
+from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
+from graspless_pin.geometry.robots.files import find_robot, robot_names
 from graspless_pin.intake.files import check_file, read_bytes
 
+
+@dataclass(frozen=True)
+class JointRecord:
+    """A movable joint.
+
+    Attributes:
+        name: Its name.
+        kind: ``revolute``, ``continuous`` or ``prismatic``.
+        lower: Lowest position, rad or m; -inf without a limit. Where others follow the joint, their
+            limits count, too.
+        upper: Highest position, likewise; inf without a limit.
+        follows: Multiplier by independent joint that it follows; empty if it is independent.
+        offset: Its position when those stand at zero, rad or m.
+        effort: Its effort limit; None if it follows others, hangs on tendons or is locked.
+        is_held: Whether it is position-controlled unless asked otherwise.
+        is_locked: Whether its limits leave it no room: it holds whatever it feels.
+    """
+
+    name: str
+    kind: str
+    lower: float
+    upper: float
+    follows: Mapping[str, float]
+    offset: float
+    effort: EffortRecord | None
+    is_held: bool
+    is_locked: bool = False
+
+
+@dataclass(frozen=True)
+class RobotRecord:
+    """A robot of the list. See the example of `list_robots`.
+
+    Attributes:
+        name: Its name.
+        origin: Where its model comes from.
+        urdf_path: Its URDF.
+        palms: The links that carry fingers.
+        fingers: Fingers by name.
+        joints: Movable joints in model order.
+        tendons: Effort limit by tendon.
+        stiffness: Gain of position feedback that its file states, see `RobotDescription`.
+        damping: The same of the damping.
+        problem: Why it cannot be loaded, if it cannot; then the rest is empty.
+    """
+
+    name: str
+    origin: str
+    urdf_path: Path | None
+    palms: tuple[str, ...] = ()
+    fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
+    joints: tuple[JointRecord, ...] = ()
+    tendons: Mapping[str, EffortRecord] = field(default_factory=dict)
+    stiffness: float | Mapping[str, float] | None = None
+    damping: float | Mapping[str, float] | None = None
+    problem: str | None = None
+
+
+def list_robots(names: Sequence[str] | None = None) -> tuple[RobotRecord, ...]:
+    """List robots; meshes are not read.
+
+    Args:
+        names: Robot files or example-robot-data models; None lists all robot files that come with
+            this package.
+
+    Returns:
+        A record of each. One that cannot be loaded says why.
+
+    Examples:
+        >>> from graspless_pin.geometry import list_robots
+        >>> (robot,) = list_robots(["trihand"])
+        >>> sorted(robot.fingers)
+        ['finger_1', 'finger_2', 'finger_3']
+    """
+    return tuple(_record(name) for name in (robot_names() if names is None else names))
+
+
+def _record(name: str) -> RobotRecord:
+    """Return the record of one robot."""
+    try:
+        robot = find_robot(name)
+    except RobotError as error:
+        return RobotRecord(name, "unknown", None, problem=str(error))
+    origin = f"the URDF {robot.urdf_path.name}"
+    if robot.model:
+        origin = f"the model {robot.model} of example-robot-data"
+    if robot.root_link is not None:
+        origin += f", from the link {robot.root_link} on"
+    try:
+        with capture():  # the audit says it
+            joined = join_mounts([Mount(robot)], with_shapes=False)
+            if not joined.palms:  # shapes tell whether it ends in a jaw
+                joined = join_mounts([Mount(robot)])
+            robot.check_gains([*joined.tree.joint_names, *joined.tendons, *joined.fingers])
+    except (RobotError, MeshError) as error:
+        return RobotRecord(robot.name, origin, robot.urdf_path, problem=str(error))
+    efforts = describe_efforts(robot, joined)
+    return RobotRecord(
+        name=robot.name,
+        origin=origin,
+        urdf_path=robot.urdf_path,
+        palms=joined.palms,
+        fingers=joined.fingers,
+        joints=tuple(_joint(joined, index, efforts) for index in range(len(joined.tree.lower))),
+        tendons={tendon: efforts[tendon] for tendon in joined.tendons},
+        stiffness=robot.stiffness,
+        damping=robot.damping,
+    )
+
+
+def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]) -> JointRecord:
+    """Return the record of one joint."""
+    tree, coupling = joined.tree, joined.tree.coupling
+    name = tree.joint_names[index]
+    leads = index in coupling.leaders
+    lower, upper = tree.lower[index], tree.upper[index]
+    if leads:
+        lower, upper = (ends[coupling.leaders.index(index)] for ends in tree.ranges)
+    follows = {
+        tree.leader_names[column]: float(coupling.S[index, column])
+        for column in coupling.drivers([index])
+    }
+    return JointRecord(
+        name=name,
+        kind=tree.joint_kinds[index],
+        lower=float(lower),
+        upper=float(upper),
+        follows={} if leads else follows,
+        offset=float(coupling.offset[index]),
+        effort=efforts.get(name),
+        is_held=name in joined.held_joints,
+        is_locked=name in tree.locked,
+    )
+
+
 _HOLLOW_RATIO = 2.0
-"""Hull over mesh in volume: below, cutting a link rarely changes what it touches."""
+"""Hull over mesh in volume, which only a closed one has: below, a cut rarely changes contacts."""
 
 
 def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Finding]:
     """Find meshes that are missing, of a strange size, unusable or far from convex."""
+    # Loaded here: it loads trimesh, which a list of robots goes without.
+    from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
+
     relative: list[str] = []
     up_axes: dict[str, str] = {}
     for link in model.links:
@@ -46,11 +190,11 @@ def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
                         frame = dae_frame(mesh.file, read_bytes(mesh.file, MESH))
                         up_axes[mesh.file.name] = frame[1]
     if relative:
-        count, example = len(relative), relative[0]
         yield Finding(
             FindingCode.RELATIVE_MESH,
             "robot",
-            f"paths of meshes are relative to the URDF's folder: {count}, such as {example!r}",
+            f"paths of meshes are relative to the URDF's folder: {len(relative)}, such as "
+            f"{relative[0]!r}",
             "nothing to do here; Pinocchio alone and most ROS tools need package:// or file://",
         )
     turned = [f"{name} ({up})" for name, up in up_axes.items() if up not in ("", "Z_UP")]
@@ -105,22 +249,15 @@ def _audit_mesh(
             f"{mesh.file.name} lies in one plane and has no volume",
             "give it a thickness or use a box",
         )
-    elif not _is_cut(robot, link):
-        yield from _audit_hollows(where, link, mesh.file.name, loaded)
-
-
-def _is_cut(robot: RobotDescription, link: str) -> bool:
-    """Return whether the robot file has a link's meshes cut into convex pieces."""
-    convex = robot.meshes.convex
-    return (convex.get(link) if isinstance(convex, Mapping) else convex) == "decompose"
-
-
-def _audit_hollows(where: str, link: str, name: str, mesh: trimesh.Trimesh) -> Iterator[Finding]:
-    """Find a mesh that its hull fills out by far; only of a closed one the volume is known."""
-    if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0):
         return
-    ratio = float(mesh.convex_hull.volume / abs(mesh.volume))
+    convex = robot.meshes.convex
+    is_cut = (convex.get(link) if isinstance(convex, Mapping) else convex) == "decompose"
+    is_closed = loaded.is_watertight and loaded.is_winding_consistent and loaded.volume != 0.0
+    if is_cut or not is_closed:
+        return
+    ratio = float(loaded.convex_hull.volume / abs(loaded.volume))
     if ratio > _HOLLOW_RATIO:
+        name = mesh.file.name
         yield Finding(
             FindingCode.HOLLOW_MESH,
             where,
@@ -151,11 +288,11 @@ class AuditReport:
     name: str
     urdf_path: Path
     loads: bool
-    links: tuple[str, ...]
-    joints: tuple[str, ...]
-    palms: tuple[str, ...]
-    fingers: dict[str, tuple[str, ...]]
-    findings: tuple[Finding, ...]
+    links: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+    palms: tuple[str, ...] = ()
+    fingers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
 
 
 def audit_urdf(
@@ -204,7 +341,14 @@ def audit_urdf(
     if errors:
         way = _way_round(robot, joined)
         if not any(item.code in _MESH_FAILURES for item in findings):
-            findings.append(_unreadable(robot, errors[0]))
+            findings.append(
+                Finding(
+                    FindingCode.UNREADABLE,
+                    str(robot.urdf_path),
+                    str(errors[0]),
+                    "fix this first: the robot cannot be loaded until then",
+                )
+            )
         findings = [
             replace(item, advice=item.advice + way)
             if item.code in (*_MESH_FAILURES, FindingCode.UNREADABLE)
@@ -213,7 +357,16 @@ def audit_urdf(
         ]
     codes = {item.code for item in findings}
     findings += [item for item in emitted if item.code not in codes]
-    return _report(robot, joined, findings, loads=not errors)
+    report = AuditReport(robot.name, robot.urdf_path, not errors, findings=gravest_first(findings))
+    if joined is None:
+        return report
+    return replace(
+        report,
+        links=tuple(joined.tree.link_frames),
+        joints=joined.tree.joint_names,
+        palms=joined.palms,
+        fingers={name: spec.joints for name, spec in joined.fingers.items()},
+    )
 
 
 @contextmanager
@@ -232,34 +385,6 @@ def _way_round(robot: RobotDescription, joined: JoinedMounts | None) -> str:
             join_mounts([Mount(replace(robot, root_link=palm, fingers={}, palms=()))])
             return f"; or take only the hand, which can be loaded: root_link: {palm}"
     return ""
-
-
-def _report(
-    robot: RobotDescription, joined: JoinedMounts | None, findings: list[Finding], *, loads: bool
-) -> AuditReport:
-    """Put a report together."""
-    return AuditReport(
-        name=robot.name,
-        urdf_path=robot.urdf_path,
-        loads=loads,
-        links=() if joined is None else tuple(joined.tree.link_frames),
-        joints=() if joined is None else joined.tree.joint_names,
-        palms=() if joined is None else joined.palms,
-        fingers={}
-        if joined is None
-        else {name: spec.joints for name, spec in joined.fingers.items()},
-        findings=gravest_first(findings),
-    )
-
-
-def _unreadable(robot: RobotDescription, error: Exception) -> Finding:
-    """Return the finding for a URDF that is refused."""
-    return Finding(
-        FindingCode.UNREADABLE,
-        str(robot.urdf_path),
-        str(error),
-        "fix this first: the robot cannot be loaded until then",
-    )
 
 
 def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
@@ -321,7 +446,7 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 f"the effort limit {effort.upper:g} looks like a placeholder{held}",
                 "give the motor's real limit in effort_limits (N m, or N if prismatic)",
             )
-    rest = joint_positions(tree, {})
+    rest, movable = joint_positions(tree, {}), set(tree.leader_names) - tree.locked
     lowest, highest = tree.tolerated
     for name in sorted(tree.locked):
         where = tree.lower[tree.joint_index[name]]
@@ -340,9 +465,7 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 f"follows its leader to {rest[index]:g}, outside its limits {limits}",
                 "name a position of the leader in q, or correct limits, multiplier or offset",
             )
-        elif name in tree.locked:
-            continue
-        elif index in tree.coupling.leaders and abs(rest[index]) > LIMIT_TOLERANCE:
+        elif abs(rest[index]) > LIMIT_TOLERANCE and name in movable:
             own = not lowest[index] <= 0.0 <= highest[index]
             of = f"its limits {limits}" if own else "the limits of what follows it"
             yield Finding(

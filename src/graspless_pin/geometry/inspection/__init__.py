@@ -1,1 +1,0 @@
-"""What is known about robots before they are used: listings and audits of their files."""
