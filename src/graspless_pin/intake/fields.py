@@ -31,7 +31,6 @@ def no_truth_value(value: Any) -> Any:
 
 
 _NUMBER = BeforeValidator(no_truth_value)
-Number = Annotated[float, _NUMBER]
 Finite = Annotated[
     float, Field(ge=-LARGEST_LENGTH, le=LARGEST_LENGTH, allow_inf_nan=False), _NUMBER
 ]

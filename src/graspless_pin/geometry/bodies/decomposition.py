@@ -36,9 +36,9 @@ from graspless_pin.errors import (
     OverrunError,
 )
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.meshes import hull_corners, simplified_for_cutting
 from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.geometry.outside_calls import ITERATIONS, SEED, run_coacd
 from graspless_pin.intake.fields import Seconds, no_truth_value
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.progress import waiting_for

@@ -20,7 +20,7 @@ from graspless_pin.errors import ArgumentError, CrashError, OverrunError, RobotE
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.urdf import robot_of_urdf
-from graspless_pin.geometry.hand.xacro_call import run_xacro
+from graspless_pin.geometry.outside_calls import run_xacro
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.intake.files import (
     FileKind,
