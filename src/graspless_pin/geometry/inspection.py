@@ -26,9 +26,9 @@ from graspless_pin.geometry.hand.assembly import (
 )
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
-from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh, looked_for
 from graspless_pin.geometry.hand.reading import URDF, read_robot
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
+from graspless_pin.geometry.hand.tree import is_flat, load_link_mesh, looked_for
 from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, robot_names
 from graspless_pin.intake.files import check_file, read_bytes

@@ -14,8 +14,7 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.hand.link_shapes import LinkGeometry
-from graspless_pin.geometry.hand.tree import KinematicTree
+from graspless_pin.geometry.hand.tree import KinematicTree, LinkGeometry
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.checks import FloatArray, unknown_name

@@ -1,19 +1,32 @@
-"""One Pinocchio model of all mounted robots, with couplings and collision geometry of its own."""
+"""One tree of all mounted robots: couplings, limits, and the collision shapes of their links.
+
+Of these shapes primitives stay; a mesh becomes convex.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
+from graspless_pin.errors import MeshError
+from graspless_pin.findings import emit
 from graspless_pin.geometry.bodies.collision import BodyShapes
-from graspless_pin.geometry.bodies.decomposition import Cut
+from graspless_pin.geometry.bodies.decomposition import Cut, convex_pieces
+from graspless_pin.geometry.bodies.meshes import (
+    DENSE_MESH,
+    hull_corners,
+    scaled_mesh,
+    warn_of_scale,
+)
+from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.hand.coupling import (
     FOLLOWER_TOLERANCE,
     LIMIT_TOLERANCE,
@@ -22,12 +35,42 @@ from graspless_pin.geometry.hand.coupling import (
     limits_that_agree,
     resolve_couplings,
 )
-from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries
-from graspless_pin.geometry.hand.robot_model import LinkShape, RobotJoint, RobotLink, RobotModel
-from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace, joint_motions
+from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel
+from graspless_pin.geometry.hand.work_space import (
+    Kinematics,
+    WorkSpace,
+    joint_motions,
+    pinocchio_model,
+)
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.records import Brief, Record
+
+if TYPE_CHECKING:
+    import trimesh
+
+
+_MOST_PLACES = 3
+"""That a message names, of those where a mesh was looked for."""
+FLATNESS = 1e-7
+"""Thickness over length below which a mesh (single-precision vertices) has no volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGeometry(Record):
+    """A collision shape that moves with a link.
+
+    Attributes:
+        link: Name of the link.
+        joint: Pinocchio index of the joint that carries it, 0 for the base.
+        shape: coal geometry, a primitive or a convex hull.
+        T_joint_geometry: (4, 4) pose in the joint's frame.
+    """
+
+    link: str
+    joint: int
+    shape: Any
+    T_joint_geometry: FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -331,142 +374,94 @@ def build_tree(
     )
 
 
-_ALIGNED = {
-    "revolute": (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
-    "continuous": (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ),
-    "prismatic": (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
-}
-_UNALIGNED = {
-    "revolute": pin.JointModelRevoluteUnaligned,
-    "prismatic": pin.JointModelPrismaticUnaligned,
-}
-_BEYOND_COSINES = 1.01
-"""Pinocchio's limits of a cosine and a sine, which are none."""
-
-
-class _Frame(NamedTuple):
-    """A frame to be added.
-
-    Attributes:
-        joint: Pinocchio index of the joint that carries it.
-        key: Its type and name.
-        placement: In the joint's frame.
-        above: Key of the frame that it hangs on; None: the universe.
-    """
-
-    joint: int
-    key: tuple[Any, str]
-    placement: Any
-    above: tuple[Any, str] | None
-
-
-def pinocchio_model(
-    robots: Sequence[tuple[RobotModel, FloatArray]],
-) -> tuple[Any, tuple[tuple[frozenset[str], Any], ...]]:
-    """Return one ``pinocchio.Model`` of robots that are fixed to the world.
-
-    Links, joints and frames come in the order of Pinocchio's own reader of URDFs: depth first, the
-    joints of one link by name; then frames by the joint that carries them, as `appendModel` sorts
-    them. Frames of joints are called ``joint NAME``: a joint may be called like a link.
+def link_geometries(
+    model: Any,
+    robot: RobotModel,
+    link_frames: Mapping[str, int],
+    cuts: Mapping[str, Cut] = MappingProxyType({}),
+) -> tuple[LinkGeometry, ...]:
+    """Return the collision shapes of a robot's links, in the order of their frames.
 
     Args:
-        robots: Each with its (4, 4) ``T_world_base``; their names must differ.
+        model: ``pinocchio.Model``.
+        robot: The robot.
+        link_frames: Index of the model's frames by link.
+        cuts: How the meshes of some links are cut into convex pieces; others become hulls.
 
-    Returns:
-        The model, with rotor inertias as armature; and of each robot the names of its joints and
-        frames, and the inertia of what does not move, in world axes.
+    Raises:
+        MeshError: If a mesh is missing, cannot be read, has no volume or cannot be cut.
+
+    Warns:
+        GrasplessPinWarning: A mesh is larger than 5 m or smaller than 1 mm.
+            A mesh that is cut is not watertight, or its pieces cannot be kept.
     """
-    model = pin.Model()
-    bases = tuple(
-        _Builder(model, robot, pin.SE3(np.array(T_world_base))).add()
-        for robot, T_world_base in robots
-    )
-    rotors = {one.name: one.rotor_inertia for robot, _ in robots for one in robot.joints}
-    model.armature = np.array([rotors[name] for name in tuple(model.names)[1:]])
-    return model, bases
-
-
-class _Builder:
-    """Adds one robot to a model."""
-
-    def __init__(self, model: Any, robot: RobotModel, T_world_base: Any) -> None:
-        self._model, self._robot, self._base = model, robot, T_world_base
-        self._links = {link.name: link for link in robot.links}
-        self._below: dict[str, list[RobotJoint]] = {}
-        for joint in sorted(robot.joints, key=lambda one: one.name):
-            self._below.setdefault(joint.parent, []).append(joint)
-        self._frames: list[_Frame] = []
-        self._fixed = pin.Inertia.Zero()
-
-    def add(self) -> tuple[frozenset[str], Any]:
-        """Add it; return its names and the inertia of what does not move."""
-        self._visit(self._links[self._robot.root], 0, pin.SE3.Identity(), None)
-        at: dict[tuple[Any, str], int] = {}
-        for frame in sorted(self._frames, key=lambda one: one.joint):
-            above = 0 if frame.above is None else at[frame.above]
-            placement = frame.placement if frame.joint else self._base * frame.placement
-            kind, name = frame.key
-            at[frame.key] = self._model.addFrame(
-                pin.Frame(name, frame.joint, above, placement, kind)
+    found = []
+    for link in sorted(robot.links, key=lambda one: link_frames[one.name]):
+        frame = model.frames[link_frames[link.name]]
+        for item in link.collisions:
+            T = (frame.placement * pin.SE3(np.array(item.T_link_shape))).homogeneous
+            pieces = (
+                _mesh_pieces(robot.label, link.name, item.shape, cuts.get(link.name))
+                if isinstance(item.shape, LinkMesh)
+                else item.shape.pieces()
             )
-        fixed = self._base.act(self._fixed)
-        self._model.inertias[0] = self._model.inertias[0] + fixed
-        joints = [one.name for one in self._robot.joints if one.is_movable]
-        return frozenset([*joints, *(name for _, name in at)]), fixed
-
-    def _visit(
-        self, link: RobotLink, joint: int, placement: Any, above: tuple[Any, str] | None
-    ) -> None:
-        """Add a link at a placement in the frame of a joint, and all below it."""
-        body = (pin.FrameType.BODY, link.name)
-        self._frames.append(_Frame(joint, body, placement, above))
-        if link.mass or link.inertia.any():
-            # Set one by one: its constructor refuses inertias that no rigid body has.
-            own = pin.Inertia.Zero()
-            own.mass, own.lever = link.mass, np.array(link.center_of_mass)
-            own.inertia = np.array(link.inertia)
-            if joint:
-                self._model.appendBodyToJoint(joint, own, placement)
-            else:
-                self._fixed = self._fixed + placement.act(own)
-        for item in self._below.get(link.name, ()):
-            T, child = placement * pin.SE3(np.array(item.T_parent_joint)), self._links[item.child]
-            kind = pin.FrameType.JOINT if item.is_movable else pin.FrameType.FIXED_JOINT
-            frame = (kind, f"joint {item.name}")
-            if item.is_movable:
-                carrier = self._add_joint(item, joint, T if joint else self._base * T)
-                T = pin.SE3.Identity()
-            else:
-                carrier = joint
-            self._frames.append(_Frame(carrier, frame, T, body))
-            self._visit(child, carrier, T, frame)
-
-    def _add_joint(self, item: RobotJoint, parent: int, placement: Any) -> int:
-        ends = np.array([item.lower]), np.array([item.upper])
-        if item.kind == "continuous":
-            ends = -_BEYOND_COSINES * np.ones(2), _BEYOND_COSINES * np.ones(2)
-        return self._model.addJoint(
-            parent, _joint_model(item), placement, item.name,
-            np.array([item.effort]), np.array([item.velocity]), *ends,
-        )  # fmt: skip
+            found += [
+                LinkGeometry(link.name, int(frame.parentJoint), shape, np.array(T))
+                for shape in pieces
+            ]
+    return tuple(found)
 
 
-def _joint_model(item: RobotJoint) -> Any:
-    for axis, kind in zip(np.eye(3), _ALIGNED[item.kind], strict=True):
-        if (item.axis == axis).all():
-            return kind()
-    axis = item.axis / np.abs(item.axis).max()  # whose squares are numbers
-    axis = axis / np.linalg.norm(axis)
-    return _unbounded(axis) if item.kind == "continuous" else _UNALIGNED[item.kind](axis)
+def _mesh_pieces(label: str, link: str, mesh: LinkMesh, cut: Cut | None) -> tuple[Any, ...]:
+    """Return the hull of a mesh, or its pieces."""
+    surface = load_link_mesh(label, link, mesh)
+    what = f"the collision mesh {mesh.file} of link {link!r}"
+    points = [np.array(surface.vertices, dtype=np.float64)]
+    if is_flat(points[0]):
+        raise MeshError(f"{what} has no volume; give it a thickness or use a box")
+    warn_of_scale(what, points[0], 'needs scale="0.001 0.001 0.001" in the URDF')
+    if cut is not None:
+        points = convex_pieces(surface, what, cut)
+    elif len(points[0]) > DENSE_MESH:
+        points[0], found = hull_corners(points[0], what)
+        emit(*found)
+    return tuple(convex_geometry(corners, what) for corners in points)
 
 
-def _unbounded(axis: FloatArray) -> Any:
-    """Return a joint without limits about a unit vector (3,).
+def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
+    """Read a link's collision mesh in metres; do not change what is returned.
 
-    The bindings cannot tell it its axis; Pinocchio's reader of URDFs does.
+    Args:
+        label: The robot's file, for the message.
+        link: The link.
+        mesh: The mesh.
+
+    Raises:
+        MeshError: If it is missing or cannot be read.
     """
-    words = " ".join(repr(float(one)) for one in axis)
-    return pin.buildModelFromXML(
-        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        f'<parent link="a"/><child link="b"/><axis xyz="{words}"/></joint></robot>'
-    ).joints[1]
+    if mesh.file is None:
+        package = mesh.written.startswith("package://")
+        hint = "; give package_dirs, the folder that holds the package" if package else ""
+        raise MeshError(
+            f"{label}: link {link!r} needs the collision mesh {mesh.written!r}, which is missing "
+            f"(looked for {looked_for(mesh.looked)}){hint}"
+        )
+    try:
+        return scaled_mesh(mesh.file, mesh.scale, upright=False)
+    except MeshError as error:
+        raise MeshError(
+            f"{label}: the collision mesh {mesh.file} of link {link!r}: {error}"
+        ) from error
+
+
+def looked_for(places: Sequence[Path]) -> str:
+    """Return where a mesh was looked for, in words: the likeliest places."""
+    more = len(places) - _MOST_PLACES
+    named = ", ".join(str(file) for file in places[:_MOST_PLACES]) or "nowhere"
+    return named if more <= 0 else f"{named} and {more} more places"
+
+
+def is_flat(vertices: FloatArray) -> bool:
+    """Return whether (V, 3) vertices lie in one plane; coal would crash on their hull."""
+    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return len(extents) < 3 or bool(extents[2] <= FLATNESS * extents[0])
