@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from planar_fingers import ball, body
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.compound import Compound
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import Box, Cylinder, HalfSpace
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.poses import pose_matrix

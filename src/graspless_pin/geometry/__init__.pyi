@@ -1,7 +1,7 @@
-from .bodies.compound import Compound as Compound
 from .bodies.object_and_supports import ManipulatedObject as ManipulatedObject
 from .bodies.object_and_supports import Materials as Materials
 from .bodies.object_and_supports import Support as Support
+from .bodies.shape import Compound as Compound
 from .bodies.shapes import Box as Box
 from .bodies.shapes import Capsule as Capsule
 from .bodies.shapes import Cone as Cone

@@ -17,8 +17,8 @@ import numpy as np
 from graspless_pin.caching import Bounded, Latest
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, capture, emit
-from graspless_pin.geometry.bodies.compound import Compound
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.hand.assembly import AssembledMounts
 from graspless_pin.geometry.poses import pose_matrix

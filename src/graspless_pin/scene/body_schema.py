@@ -95,7 +95,7 @@ def _one_of(*entries: type[Entry]) -> GetPydanticSchema:
     return GetPydanticSchema(lambda _, handler: handler(several))
 
 
-_SOLIDS = tuple(one.entry() for one in SHAPES.values() if one is not HalfSpace)
+_SOLIDS = tuple(one.entry() for one in SHAPES.values() if one.is_bounded)
 
 
 class PartEntry(Entry):

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from graspless_pin.atomic_write import draft_of, make_folder_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import capture
-from graspless_pin.geometry.bodies.compound import Compound
+from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
+from graspless_pin.geometry.bodies.shape import Shape
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import FloatArray, checked_inertia, finite_array, read_only
@@ -120,7 +120,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         Warns:
             GrasplessPinWarning: A mesh is not watertight and what is asked of it needs its volume.
         """
-        if isinstance(shape, HalfSpace):
+        if not shape.is_bounded:
             raise ArgumentError("shape", f"object '{name}' cannot be a half-space")
         filled = None
         if mass is None or density is not None or center_of_mass is None:
@@ -150,7 +150,7 @@ class ManipulatedObject(Brief, _PlacedShape):
                 body's, or the pose is not rigid.
         """
         _check_name(self.name)
-        if isinstance(self.shape, HalfSpace):
+        if not self.shape.is_bounded:
             raise ArgumentError("shape", f"object '{self.name}' cannot be a half-space")
         if not (math.isfinite(self.mass) and self.mass > 0.0):
             raise ArgumentError(

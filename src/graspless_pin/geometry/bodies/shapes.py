@@ -366,6 +366,7 @@ class HalfSpace(Shape):
     """
 
     kind = "half_space"
+    is_bounded = False
     coal_type = coal.Halfspace
 
     def pieces(self) -> tuple[Any, ...]:
@@ -396,7 +397,7 @@ SHAPES: dict[str, type[Shape]] = {
 }
 """All shapes by the ``type`` that scene files give them: a new one is added to this list.
 
-A `compound.Compound` is made of them.
+A `shape.Compound` is made of them.
 """
 
 
