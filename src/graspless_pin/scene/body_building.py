@@ -1,6 +1,6 @@
 """From entries of a scene file to poses, shapes, the object and its supports.
 
-What scenes of one folder share: robots, hands, and whatever was built of the same content. A scene
+What scenes of one folder share: hands, and whatever was built of the same content. A scene
 is built in stages. Each depends on parts of the file and on what earlier stages made; where these
 are as they were in the scene before, so is what it makes.
 """
@@ -22,7 +22,6 @@ from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.hand.assembly import AssembledMounts
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import changed
 from graspless_pin.scene.body_schema import (
@@ -73,13 +72,11 @@ class SceneParts:
     Of hands up to sixteen are kept; of other stages, what was made last.
 
     Attributes:
-        robots: Robot by name or path.
         hands: Hand by all of its entry that its description, fingers and control depend on.
         latest: What each stage made last.
         last: The scene that was built last; None: there is none.
     """
 
-    robots: dict[tuple[str, ...], RobotDescription] = field(default_factory=dict)
     hands: Bounded[str, AssembledMounts] = field(default_factory=lambda: Bounded(_MOST_HANDS))
     latest: Latest = field(default_factory=Latest)
     last: Last | None = None

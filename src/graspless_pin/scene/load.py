@@ -195,10 +195,11 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         with file.at(("hand",)):
             named = named_positions(tree.group_states, entry.group_states, tree.lacking)
         q = named | merged_angles(entry.q, entry.q_deg)
-        with parts.stage("hand positions", tree, repr(q)) as posed:
-            if posed.made is None:
-                with file.at(("hand",)):
-                    posed.made = joint_positions(tree, q)
+        with file.at(("hand",)):
+            sources = tree, repr(q)
+            positions = parts.latest.made(
+                "hand positions", sources, lambda: joint_positions(tree, q)
+            )
         for name in entry.q_deg:
             if tree.joint_kinds[tree.joint_index[name]] == "prismatic":
                 raise file.error(("hand", "q_deg", name), "is a linear joint; give metres under q")
@@ -206,8 +207,8 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
             limits, found = mounts.effort_limits(entry.effort_limits)
         hand = parts.latest.made(
             "hand of the mounts",
-            (mounts, posed.made),
-            lambda: hand_of(mounts, limits, posed.made),
+            (mounts, positions),
+            lambda: hand_of(mounts, limits, positions),
         )
         stage.made = changed(hand, effort_limits=limits, findings=(*hand.findings, *found))
     return stage.made
@@ -228,7 +229,7 @@ def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledM
         key += "".join([item.model_dump_json(exclude=_ANYWHERE) for item in entry.mounts])
         assembled = parts.hands.get(key)
         if assembled is None:
-            mounts = [_mount(file, parts, *place) for place in mounted]
+            mounts = [_mount(file, *place) for place in mounted]
             name = "mounts" if entry.mounts else "robot" if entry.urdf is None else "urdf"
             with file.at(("hand",), (name,)):
                 assembled = assembled_mounts(mounts, entry.control, entry.armature)
@@ -243,14 +244,12 @@ def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledM
     return stage.made
 
 
-def _mount(
-    file: YamlSource, parts: SceneParts, where: Location, prefix: str, entry: MountEntry
-) -> Mount:
+def _mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) -> Mount:
     fingers = None
     if entry.fingers is not None:
         fingers = {name: item.spec() for name, item in entry.fingers.items()}
     with file.at(where, ("robot",)):
-        found = _robot(file, parts, entry)
+        found = _robot(file, entry)
     if entry.visuals_collide is not None:
         found = replace(found, visuals_collide=entry.visuals_collide)
     given = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
@@ -260,17 +259,13 @@ def _mount(
     return Mount(found, None, prefix, fingers, meshes=meshes, root_link=entry.root_link, srdf=srdf)
 
 
-def _robot(file: YamlSource, parts: SceneParts, entry: MountEntry) -> RobotDescription:
-    """Return the robot that an entry names, read if it is new."""
-    source = str(entry.robot) if entry.urdf is None else str(file.file(entry.urdf))
-    if entry.urdf is None and source.endswith((".yaml", ".yml")):
-        source = str(file.file(source))
+def _robot(file: YamlSource, entry: MountEntry) -> RobotDescription:
+    """Return the robot that an entry names."""
     folders = [file.file(folder) for folder in entry.package_dirs]
-    key = ("robot" if entry.urdf is None else "urdf", source, *map(str, folders))
-    if key not in parts.robots:
-        read = find_robot if entry.urdf is None else describe_urdf
-        parts.robots[key] = read(source, folders)
-    return parts.robots[key]
+    if entry.urdf is not None:
+        return describe_urdf(file.file(entry.urdf), folders)
+    name = str(entry.robot)
+    return find_robot(str(file.file(name)) if name.endswith((".yaml", ".yml")) else name, folders)
 
 
 def _gains_of_robots(hand: Hand) -> Controller:

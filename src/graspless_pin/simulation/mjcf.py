@@ -7,7 +7,7 @@ refused.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,6 +110,13 @@ def add(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:
     """Add an element with some attributes."""
     words = {key: _words(value) for key, value in attributes.items()}
     return ET.SubElement(parent, tag, words)
+
+
+def add_tendon(document: Mjcf, name: str, arms: Mapping[str, float]) -> None:
+    """Add a fixed tendon with its moment arm (m) at each of some joints."""
+    tendon = add(document.section("tendon"), "fixed", name=name)
+    for joint, arm in arms.items():
+        add(tendon, "joint", joint=joint, coef=arm)
 
 
 def add_mass(body: ET.Element, mass: float, center: FloatArray, inertia: FloatArray) -> None:

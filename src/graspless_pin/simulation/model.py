@@ -34,6 +34,7 @@ from graspless_pin.simulation.mjcf import (
     Mjcf,
     add,
     add_mass,
+    add_tendon,
     check_at_rest,
     hand_surface,
     write_object,
@@ -415,12 +416,12 @@ def _write_couplings(document: Mjcf, hand: Hand, joints: DrivenJoints) -> None:
     coupling = hand.tree.coupling
     for index in sorted(joints.axes.keys() - set(coupling.leaders)):
         name, *_ = joints.axes[index]
-        tendon = add(document.section("tendon"), "fixed", name=f"coupling/{name}")
-        add(tendon, "joint", joint=name, coef=1.0)
-        for column, leader in enumerate(coupling.leaders):
-            factor = float(coupling.S[index, column])
-            if factor and leader in joints.axes:
-                add(tendon, "joint", joint=joints.axes[leader][0], coef=-factor)
+        arms = {
+            joints.axes[leader].name: -float(factor)
+            for leader, factor in zip(coupling.leaders, coupling.S[index], strict=True)
+            if factor and leader in joints.axes
+        }
+        add_tendon(document, f"coupling/{name}", {name: 1.0} | arms)
         add(document.section("equality"), "tendon", tendon1=f"coupling/{name}")
 
 

@@ -403,13 +403,11 @@ def _run(
     )
 
 
-def change_of_pose(manipulated: ManipulatedObject, T: FloatArray) -> tuple[float, float]:
-    """Return how far an object at a pose (4, 4) is from where it was: m, rad."""
-    return _change(manipulated, manipulated.T_world_object, T)
-
-
-def _change(manipulated: ManipulatedObject, T0: FloatArray, T: FloatArray) -> tuple[float, float]:
-    """Return how far an object goes from a pose (4, 4) to another one: m, rad."""
+def change_of_pose(
+    manipulated: ManipulatedObject, T: FloatArray, T0: FloatArray | None = None
+) -> tuple[float, float]:
+    """Return how far an object at a pose (4, 4) is from another one, its own if None: m, rad."""
+    T0 = manipulated.T_world_object if T0 is None else T0
     way = transformed(T, manipulated.center_of_mass) - transformed(T0, manipulated.center_of_mass)
     R = T[:3, :3] @ T0[:3, :3].T
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
@@ -421,7 +419,7 @@ def _rests(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:
     """Return whether the object stays where it is in the last quarter of the time."""
     *_, last = poses
     quarter = poses[-max(len(poses) // 4, 2) :]
-    moves = [np.divide(_change(manipulated, last, T), HELD).max() for T in quarter]
+    moves = [np.divide(change_of_pose(manipulated, T, last), HELD).max() for T in quarter]
     return max(moves) < _RESTING_SHARE
 
 

@@ -31,6 +31,7 @@ from graspless_pin.simulation.mjcf import (
     Mjcf,
     add,
     add_mass,
+    add_tendon,
     check_at_rest,
     hand_surface,
     write_object,
@@ -183,10 +184,8 @@ def _write_followers(document: Mjcf, hand: Hand) -> None:
             add(document.section("equality"), "joint", joint1=names[index], joint2=leader,
                 polycoef=[offset, factor, 0.0, 0.0, 0.0])  # fmt: skip
             continue
-        tendon = add(document.section("tendon"), "fixed", name=f"coupling/{names[index]}")
-        add(tendon, "joint", joint=names[index], coef=1.0)
-        for leader, factor in factors.items():
-            add(tendon, "joint", joint=leader, coef=-factor)
+        arms = {names[index]: 1.0} | {leader: -factor for leader, factor in factors.items()}
+        add_tendon(document, f"coupling/{names[index]}", arms)
         add(document.section("equality"), "tendon", tendon1=f"coupling/{names[index]}",
             polycoef=[offset, 0.0, 0.0, 0.0, 0.0])  # fmt: skip
 
@@ -199,11 +198,10 @@ def _write_motors(document: Mjcf, hand: Hand) -> None:
     arms = np.linalg.pinv(actuation.from_independent[:, columns])  # of A = R^T (R R^T)^-1
     pulled: set[str] = set()
     for name, row in zip(actuation.tendons, arms, strict=True):
-        tendon = add(document.section("tendon"), "fixed", name=name)
-        for joint, arm in zip(leaders, row.tolist(), strict=True):
-            if abs(arm) > _NO_ARM:
-                pulled.add(joint)
-                add(tendon, "joint", joint=joint, coef=arm)
+        pairs = zip(leaders, row.tolist(), strict=True)
+        own = {joint: arm for joint, arm in pairs if abs(arm) > _NO_ARM}
+        pulled |= own.keys()
+        add_tendon(document, name, own)
         _write_motor(document, name, limits[name], tendon=name)
     for joint in leaders:
         if joint not in pulled:
