@@ -184,16 +184,25 @@ def unit_vector(vector: FloatArray, least: float = 0.0) -> FloatArray:
     return vector / length if length > least else np.array([0.0, 0.0, 1.0])
 
 
+def as_numbers(name: str, values: ArrayLike, wanted: str = "numbers") -> FloatArray:
+    """Return a float copy of ``values``, which must be the numbers that are wanted, in words.
+
+    Raises:
+        ArgumentError: If they are none; with the name.
+    """
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(name, f"needs {wanted}, got {values!r:.200}") from error
+
+
 def finite_numbers(name: str, values: ArrayLike) -> FloatArray:
     """Return a float copy of ``values``, which must be finite numbers.
 
     Raises:
         ArgumentError: If they are not; with the name.
     """
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(name, f"needs numbers, got {values!r}") from error
+    array = as_numbers(name, values)
     if not np.isfinite(array).all():
         raise ArgumentError(name, f"needs finite numbers, got {array.tolist()}")
     return array

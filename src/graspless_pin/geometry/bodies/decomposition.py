@@ -227,19 +227,20 @@ def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
 
     CoACD would wrap solids that touch in a common skin, which is off by a hundredth of their size.
     """
+    import trimesh
+
     if not (mesh.is_watertight and mesh.is_winding_consistent):
         return [mesh]
     parts = [mesh] if mesh.body_count == 1 else list(mesh.split())
     inside_out = [part.volume < 0.0 for part in parts]
     if any(inside_out) and not all(inside_out):
         return [mesh]  # a hollow is a part that is turned inside out
-    return [_inverted(part) if part.volume < 0.0 else part for part in parts]
-
-
-def _inverted(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    import trimesh
-
-    return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
+    return [
+        trimesh.Trimesh(part.vertices, part.faces[:, ::-1], process=False)
+        if part.volume < 0.0
+        else part
+        for part in parts
+    ]
 
 
 def _cache_folder() -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from abc import ABC, abstractmethod
@@ -21,7 +20,7 @@ from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import FloatArray, checked_inertia, finite_array, read_only
 from graspless_pin.records import Brief, PickledByFields, changed
-from graspless_pin.suggestions import names_in_words
+from graspless_pin.suggestions import names_in_words, nearest_name
 
 
 class _PlacedShape(PickledByFields, ABC):
@@ -399,15 +398,14 @@ class Materials(PickledByFields):
             used: Names of the bodies' materials.
         """
         bodies = sorted(set(used))
-        meant: dict[str, str] = {}
-        for name in self.names:
-            if name in bodies:
-                continue
-            plain = {body.casefold(): body for body in bodies if _digits(body) == _digits(name)}
-            near = difflib.get_close_matches(name.casefold(), plain, n=1, cutoff=_SIMILAR_NAMES)
-            if near:
-                meant[name] = plain[near[0]]
-        return meant
+        nearest = {
+            name: nearest_name(
+                name, [body for body in bodies if _digits(body) == _digits(name)], _SIMILAR_NAMES
+            )
+            for name in self.names
+            if name not in bodies
+        }
+        return {name: near for name, near in nearest.items() if near is not None}
 
     def friction(self, first: str, second: str) -> float:
         """Coefficient of friction of two materials.

@@ -32,7 +32,7 @@ from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.convex_sets import ConvexSet
 from graspless_pin.geometry.bodies.meshes import MOST_FACES, Triangles
 from graspless_pin.geometry.bodies.polytopes import hull_of
-from graspless_pin.geometry.poses import as_pose, transformed
+from graspless_pin.geometry.poses import as_numbers, as_pose, transformed
 from graspless_pin.intake.fields import METRES, Entry, FilePath, Finite, Length
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.records import PickledByFields
@@ -455,10 +455,7 @@ def checked_lengths(name: str, value: Any, count: int) -> Any:
 
 
 def _three_lengths(name: str, values: ArrayLike) -> tuple[float, ...]:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(name, f"needs three positive numbers, got {values!r}") from error
+    array = as_numbers(name, values, "three positive numbers")
     if (
         array.shape != (3,)
         or not (array >= SMALLEST_LENGTH).all()

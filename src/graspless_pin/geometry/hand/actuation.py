@@ -24,6 +24,7 @@ from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree
+from graspless_pin.geometry.poses import as_numbers
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, unknown_name
@@ -86,7 +87,14 @@ def plan_actuation(
         R = np.array([arms[name] for name in group])
         joints = np.flatnonzero(np.any(R != 0.0, axis=0))
         driven |= set(joints.tolist())
-        if not _is_force_controlled(group, {modes[joint] for joint in joints}):
+        own_modes = {modes[joint] for joint in joints}
+        if len(own_modes) > 1:
+            raise ArgumentError(
+                "control",
+                f"the joints of tendon {', '.join(group)} have different control modes; give them "
+                "one",
+            )
+        if own_modes != {ControlMode.FORCE}:
             continue
         R = R[:, joints]
         if np.linalg.matrix_rank(R) < len(group):
@@ -149,16 +157,6 @@ def _moment_arms(tree: KinematicTree, name: str, joints: Mapping[str, float]) ->
     if not np.isfinite(independent).all() or not independent.any():
         raise ArgumentError(argument, f"needs a moment arm where a joint moves, got {dict(joints)}")
     return independent
-
-
-def _is_force_controlled(group: list[str], modes: set[ControlMode]) -> bool:
-    """Return whether the joints of a group of tendons are all under force control."""
-    if len(modes) > 1:
-        raise ArgumentError(
-            "control",
-            f"the joints of tendon {', '.join(group)} have different control modes; give them one",
-        )
-    return modes == {ControlMode.FORCE}
 
 
 def _embed(columns: FloatArray, rows: NDArray[np.intp], count: int) -> list[FloatArray]:
@@ -353,10 +351,7 @@ def urdf_efforts(tree: KinematicTree) -> tuple[FloatArray, FloatArray]:
 def _pair(name: str, limit: EffortLimit) -> tuple[float, float]:
     """Return a limit as (lower, upper)."""
     argument = f"effort_limits[{name!r}]"
-    try:
-        values = np.array(limit, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(argument, f"needs a number or a pair, got {limit!r}") from error
+    values = as_numbers(argument, limit, "a number or a pair")
     if values.shape not in ((), (2,)) or not np.isfinite(values).all():
         raise ArgumentError(argument, f"needs a finite number or a pair, got {limit!r}")
     if values.shape == ():

@@ -36,7 +36,7 @@ from graspless_pin.geometry.hand.fingers import (
     plan_control,
 )
 from graspless_pin.geometry.hand.reading import read_robot, refuse_lacking
-from graspless_pin.geometry.hand.robot_model import RobotModel
+from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
 from graspless_pin.geometry.poses import as_pose, invert
 from graspless_pin.geometry.robots.description import (
@@ -179,7 +179,11 @@ def _couplings(robot: RobotDescription, model: RobotModel, prefix: str) -> list[
 
 def _cuts(mount: Mount, robot: RobotDescription, model: RobotModel) -> dict[str, Cut]:
     """Return how the meshes of some links of one robot are cut."""
-    links = model.links_with_meshes
+    links = tuple(
+        link.name
+        for link in model.links
+        if any(isinstance(one.shape, LinkMesh) for one in link.collisions)
+    )
     if mount.meshes is not None:
         return mount.meshes.cuts(links, mount.prefix)
     try:

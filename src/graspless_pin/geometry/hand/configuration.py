@@ -17,7 +17,7 @@ from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.hand.work_space import Kinematics
-from graspless_pin.geometry.poses import finite_numbers
+from graspless_pin.geometry.poses import as_numbers, finite_numbers
 from graspless_pin.problem.checks import FloatArray, all_true, unknown_name
 
 
@@ -78,10 +78,7 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> FloatArray:
     """
     coupling = tree.coupling
     count = len(coupling.leaders)
-    try:
-        positions = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError("q", f"needs numbers, got {values!r:.200}") from error
+    positions = as_numbers("q", values)
     if positions.shape != (count,):
         raise ArgumentError(
             "q",

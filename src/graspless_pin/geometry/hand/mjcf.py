@@ -25,7 +25,6 @@ from graspless_pin.geometry.hand.mjcf_source import (
 )
 from graspless_pin.geometry.hand.robot_model import (
     DrawnTendon,
-    LinkShape,
     RobotJoint,
     RobotLink,
     RobotModel,
@@ -443,16 +442,13 @@ class _Reader:
         seen = [geom for geom in seen if is_known(self._source, geom)]
         if self._visuals_collide and not touching:
             touching = seen
+        try:  # nothing fails that is drawn only
+            visuals = tuple(geom_shape(self._source, geom) for geom in seen)
+        except RobotError:
+            visuals = ()
         self._links.append(
             RobotLink(
                 name, mass, T[:3, 3].copy(), inertia,
-                tuple(geom_shape(self._source, geom) for geom in touching), self._visuals(seen),
+                tuple(geom_shape(self._source, geom) for geom in touching), visuals,
             )
         )  # fmt: skip
-
-    def _visuals(self, geoms: list[int]) -> tuple[LinkShape, ...]:
-        """Return how a link looks; nothing fails that is drawn only."""
-        try:
-            return tuple(geom_shape(self._source, geom) for geom in geoms)
-        except RobotError:
-            return ()

@@ -174,15 +174,6 @@ class RobotModel(Record):
         """Of the joints that follow others."""
         return tuple(one.coupling for one in self.joints if one.is_movable and one.coupling)
 
-    @property
-    def links_with_meshes(self) -> tuple[str, ...]:
-        """Names of the links that have a collision mesh."""
-        return tuple(
-            link.name
-            for link in self.links
-            if any(isinstance(one.shape, LinkMesh) for one in link.collisions)
-        )
-
     def below(self, top: str) -> RobotModel:
         """Return the robot that begins with one of its links, with what hangs on it.
 

@@ -239,26 +239,22 @@ def _shape(
         if min(size) < 0.0:
             raise RobotError(f"{where} has {what}={shape.get(key)!r}, which is negative")
         if min(size) == 0.0 and leave_out_empty:
-            _tell_of_empty(where, shape.tag, key, shape.get(key, ""))
+            emit(
+                Finding(
+                    FindingCode.EMPTY_SHAPE,
+                    where.partition(": ")[2].replace("'", ""),
+                    f"{where} has a {shape.tag} of {key} {shape.get(key, '')}, which is left out: "
+                    "nothing touches it",
+                    "give it a size if the link may touch the object",
+                    ("hand",),
+                )
+            )
             return None
         sizes.append(size[0] if count == 1 else tuple(size))
     try:
         return LinkShape(kind(*sizes), T)
     except ArgumentError as error:
         raise RobotError(f"{where} has a {kind.kind} that cannot be: {error}") from error
-
-
-def _tell_of_empty(where: str, tag: str, key: str, text: str) -> None:
-    """Say that a shape of size zero is left out."""
-    emit(
-        Finding(
-            FindingCode.EMPTY_SHAPE,
-            where.partition(": ")[2].replace("'", ""),
-            f"{where} has a {tag} of {key} {text}, which is left out: nothing touches it",
-            "give it a size if the link may touch the object",
-            ("hand",),
-        )
-    )
 
 
 def _origin(where: str, element: ET.Element) -> FloatArray:
