@@ -28,7 +28,6 @@ from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescripti
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.holding.controller import DAMPING, Controller
 from graspless_pin.problem.fingers import DEFAULT_GAIN
-from graspless_pin.records import changed
 from graspless_pin.scene.body_building import (
     Last,
     SceneParts,
@@ -194,23 +193,15 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         tree = mounts.joined.tree
         with file.at(("hand",)):
             named = named_positions(tree.group_states, entry.group_states, tree.lacking)
-        q = named | merged_angles(entry.q, entry.q_deg)
-        with file.at(("hand",)):
-            sources = tree, repr(q)
+            q = named | merged_angles(entry.q, entry.q_deg)
             positions = parts.latest.made(
-                "hand positions", sources, lambda: joint_positions(tree, q)
+                "hand positions", (tree, repr(q)), lambda: joint_positions(tree, q)
             )
-        for name in entry.q_deg:
-            if tree.joint_kinds[tree.joint_index[name]] == "prismatic":
-                raise file.error(("hand", "q_deg", name), "is a linear joint; give metres under q")
-        with file.at(("hand",)):
-            limits, found = mounts.effort_limits(entry.effort_limits)
-        hand = parts.latest.made(
-            "hand of the mounts",
-            (mounts, positions),
-            lambda: hand_of(mounts, limits, positions),
-        )
-        stage.made = changed(hand, effort_limits=limits, findings=(*hand.findings, *found))
+            for name in entry.q_deg:
+                if tree.joint_kinds[tree.joint_index[name]] == "prismatic":
+                    where = ("hand", "q_deg", name)
+                    raise file.error(where, "is a linear joint; give metres under q")
+            stage.made = hand_of(mounts, entry.effort_limits, positions)
     return stage.made
 
 

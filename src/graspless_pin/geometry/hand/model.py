@@ -160,9 +160,7 @@ class Hand(Record):
                 or a mimic joint follows a joint that does not exist.
         """
         parts = assembled_mounts(mounts, control, armature)
-        limits, found = parts.effort_limits(effort_limits or {})
-        hand = hand_of(parts, limits, joint_positions(parts.joined.tree, q or {}))
-        return changed(hand, findings=(*hand.findings, *found))
+        return hand_of(parts, effort_limits or {}, joint_positions(parts.joined.tree, q or {}))
 
     def with_configuration(self, q: Mapping[str, float] | ArrayLike) -> Hand:
         """Return this hand at another configuration.
@@ -407,13 +405,20 @@ class Hand(Record):
 
 
 def hand_of(
-    parts: AssembledMounts, limits: tuple[FloatArray, FloatArray], positions: FloatArray
+    parts: AssembledMounts, effort_limits: Mapping[str, EffortLimit], positions: FloatArray
 ) -> Hand:
-    """Return the hand of mounted robots with (L,) lower and upper limits and (n,) positions."""
+    """Return the hand of mounted robots at (n,) positions, and tell what of its limits looks wrong.
+
+    Args:
+        parts: The robots.
+        effort_limits: See `Hand.assemble`.
+        positions: Of all joints, rad or m.
+    """
     joined = parts.joined
+    limits, found = parts.effort_limits(effort_limits)
     return Hand(
         joined.tree, joined.mounts, joined.palms, joined.fingers, joined.arms, parts.plan,
-        parts.actuation, limits, positions, parts.findings,
+        parts.actuation, limits, positions, (*parts.findings, *found),
     )  # fmt: skip
 
 
