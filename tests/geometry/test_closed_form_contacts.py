@@ -24,7 +24,7 @@ from graspless_pin.geometry.contact.finding import (
 from graspless_pin.geometry.contact.patches import convex_set
 from graspless_pin.geometry.poses import pose_matrix
 
-LIMITS = ContactLimits(1e-3, 5e-3, 1e-3, 8)
+LIMITS = ContactLimits()
 FLOOR = CollisionBody("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), np.eye(4))
 
 
@@ -166,7 +166,7 @@ def test_the_points_of_a_face_do_not_change_as_it_moves(shape: str, count: int) 
     for _ in range(6):
         turn, tilt, gap = rng.uniform(-3, 3), rng.uniform(-2e-3, 2e-3, 2), rng.uniform(0, 3e-4)
         body, floor = on_floor(shape, lowest, turn, tuple(tilt), gap, int(rng.integers(1000)))
-        found = contact_arrays([body], [floor], BodyKind.SUPPORT, max_points=count)
+        found = contact_arrays([body], [floor], BodyKind.SUPPORT, ContactLimits(max_points=count))
         R, t = body.T_world_geometry[:3, :3], body.T_world_geometry[:3, 3]
         corners = found.positions + 0.5 * np.array(found.distances)[:, None] * found.normals
         places.append((corners - t) @ R)
@@ -176,8 +176,8 @@ def test_the_points_of_a_face_do_not_change_as_it_moves(shape: str, count: int) 
     if shape != "forty-sided":
         level, floor = on_floor(shape, lowest, 0.3, (0.0, 0.0), 1e-5)
         assert_same(
-            contact_arrays([level], [floor], BodyKind.SUPPORT, max_points=count),
-            found_in_general([level], [floor], BodyKind.SUPPORT, max_points=count),
+            contact_arrays([level], [floor], BodyKind.SUPPORT, ContactLimits(max_points=count)),
+            found_in_general([level], [floor], BodyKind.SUPPORT, ContactLimits(max_points=count)),
         )
 
 

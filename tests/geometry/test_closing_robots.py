@@ -13,13 +13,13 @@ from hand_tools import random_pose
 from planar_fingers import body
 from scipy.spatial.transform import Rotation
 from test_closing import gaps
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.errors import GrasplessPinWarning
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.bodies.shapes import Box, Sphere
 from graspless_pin.geometry.contact.distances import separation
-from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.closing import ClosingResult, close_hand

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shape import convex_geometry
-from graspless_pin.geometry.contact.finding import ContactPoint, find_contacts
+from graspless_pin.geometry.contact.contact_points import ContactPoint
 from graspless_pin.geometry.contact.merging import _covers
 from graspless_pin.geometry.poses import pose_matrix
 

@@ -7,6 +7,7 @@ from typing import Any
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
@@ -17,7 +18,6 @@ from graspless_pin.geometry.bodies.shapes import (
     Shape,
     Sphere,
 )
-from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.poses import pose_matrix
 
 Q = math.sqrt(0.5)

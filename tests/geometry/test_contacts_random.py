@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shape import convex_geometry
-from graspless_pin.geometry.contact.finding import ContactPoint, find_contacts
+from graspless_pin.geometry.contact.contact_points import ContactPoint
 from graspless_pin.geometry.poses import pose_matrix
 
 LYING = Rotation.from_euler("y", 90, degrees=True)

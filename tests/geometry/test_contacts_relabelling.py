@@ -13,10 +13,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from test_contacts_random import SHAPES
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.contact.contact_points import ContactPoint
 from graspless_pin.geometry.contact.distances import separation
-from graspless_pin.geometry.contact.finding import ContactPoint, find_contacts
 from graspless_pin.geometry.contact.polygons import Polygon, planar_hull, reduce_polygon
 from graspless_pin.geometry.poses import pose_matrix
 

@@ -7,6 +7,7 @@ from ellipsoid import Ellipsoid, EllipsoidSet
 from hand_tools import random_pose
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody
@@ -21,7 +22,7 @@ from graspless_pin.geometry.contact.curvature import (
     radii_of_curvature,
 )
 from graspless_pin.geometry.contact.distances import separation, solids_of
-from graspless_pin.geometry.contact.finding import contact_arrays, find_contacts
+from graspless_pin.geometry.contact.finding import contact_arrays
 from graspless_pin.geometry.poses import pose_matrix
 
 RADII = np.array([0.03, 0.02, 0.01])

@@ -15,12 +15,12 @@ from cutting_faults import never
 from cutting_here import cut_here
 from hand_tools import joint, link, write_urdf
 from planar_fingers import ball
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin import load_scene
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import ArgumentError, RobotError, SceneError
 from graspless_pin.geometry.bodies import decomposition
-from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.closing import close_hand

@@ -10,12 +10,13 @@ from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.contact.contact_points import (
     SPEED_TOLERANCE,
+    BodyKind,
     ContactArrays,
+    ContactPoint,
     contacts_that_stay,
     support_velocities,
     velocities_at,
 )
-from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 
 Q = math.sqrt(0.5)
 CENTER = np.array([0.0, 0.0, 0.1])

@@ -20,13 +20,14 @@ from cutting_here import cut_here
 from hand_tools import joint, link, random_pose, write_urdf
 from planar_fingers import body
 from scipy.spatial.transform import Rotation
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphere
+from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.contact.distances import nearest_separation
-from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.closing import close_hand

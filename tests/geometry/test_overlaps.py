@@ -12,7 +12,7 @@ from graspless_pin.errors import ArgumentError, GrasplessPinWarning
 from graspless_pin.findings import FindingCode
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace
-from graspless_pin.geometry.contact.finding import BodyKind
+from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import pose_matrix

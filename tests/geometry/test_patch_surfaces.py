@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shape import convex_geometry
-from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.poses import pose_matrix
 
 

@@ -4,10 +4,10 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
 from hypothesis import strategies as st
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
-from graspless_pin.geometry.contact.finding import find_contacts
 
 HALF = np.array([0.1, 0.2, 0.05])
 PART = st.floats(-0.4, 0.4)

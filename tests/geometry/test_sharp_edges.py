@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shape import convex_geometry
-from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.poses import pose_matrix
 
 APEXES = [5, 20, 50, 59, 61, 90, 119, 121, 170]  # degrees

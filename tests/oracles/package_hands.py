@@ -18,6 +18,7 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import trimesh
 import yourdfpy
+from tests.geometry.contact_tools import find_contacts
 from tests.geometry.hand_tools import (
     GRAVITY,
     difference_jacobian,
@@ -29,7 +30,6 @@ from tests.geometry.hand_tools import (
 from graspless_pin import Hand
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.poses import invert
 from graspless_pin.simulation.protocol import load_mujoco
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from scene_tools import EXAMPLES
+from tests.geometry.contact_tools import find_contacts
 
 from graspless_pin import load_scene
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.meshes import scaled_mesh
 from graspless_pin.geometry.bodies.shapes import MeshShape, Sphere
-from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
+from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.report import solution_document

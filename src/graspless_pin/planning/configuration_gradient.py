@@ -25,8 +25,8 @@ from graspless_pin.algorithms.gradients import (
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.geometry.bodies.shapes import Sphere
+from graspless_pin.geometry.contact.contact_points import ContactPoint
 from graspless_pin.geometry.contact.distances import bounded_set
-from graspless_pin.geometry.contact.finding import ContactPoint
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluation import Evaluation

@@ -21,7 +21,7 @@ from graspless_pin.geometry.contact.contact_points import (
     support_velocities,
     velocities_at,
 )
-from graspless_pin.geometry.contact.finding import contact_arrays
+from graspless_pin.geometry.contact.finding import ContactLimits, contact_arrays
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.records import Brief, changed
@@ -85,14 +85,10 @@ def support_bodies(scene: SceneFields) -> PlacedBodies:
 def _found(scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
     """Return the contacts of a scene's object with bodies of a kind."""
     try:
-        return contact_arrays(
-            scene.object.placed_bodies,
-            bodies,
-            kind,
-            tolerance=scene.contact_tolerance,
-            max_penetration=scene.max_penetration,
-            max_points=scene.points_per_patch,
+        limits = ContactLimits(
+            scene.contact_tolerance, scene.max_penetration, scene.points_per_patch
         )
+        return contact_arrays(scene.object.placed_bodies, bodies, kind, limits)
     except StateError as error:
         raise error.at(place_of(scene, "object", "pose")) from error
     except SceneError as error:

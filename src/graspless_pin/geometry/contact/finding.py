@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFau
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.convex_sets import Plane
 from graspless_pin.geometry.bodies.polytopes import Polytope
-from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.distances import near_pairs, solids_of
 from graspless_pin.geometry.contact.merging import Touch, is_on_both, merge_touches, on_surfaces
 from graspless_pin.geometry.contact.patches import find_patch
@@ -24,13 +25,34 @@ _ORIGIN = np.eye(4)
 _MOST_FACES = 1024  # that are kept; a fine mesh that rolls about has more
 
 
-class ContactLimits(NamedTuple):
-    """What counts as contact; see `find_contacts`."""
+@dataclass(frozen=True)
+class ContactLimits:
+    """What counts as contact.
 
-    tolerance: float
-    max_penetration: float
-    merge_distance: float
-    max_points: int
+    Attributes:
+        tolerance: Points closer than this are in contact, m.
+        max_penetration: Deepest overlap that passes for contact, m.
+        max_points: Largest number of points of one patch, at least 3.
+        merge_distance: Points of one pair of bodies closer together than this become one, m.
+    """
+
+    tolerance: float = 1e-3
+    max_penetration: float = 5e-3
+    max_points: int = 8
+    merge_distance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ArgumentError: One is out of range.
+        """
+        for name in ("tolerance", "max_penetration", "merge_distance"):
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ArgumentError(name, f"needs a positive length in metres, got {value!r}")
+        if self.max_points < 3:
+            raise ArgumentError("max_points", f"needs at least 3, got {self.max_points!r}")
 
 
 class PatchContacts(NamedTuple):
@@ -141,23 +163,13 @@ def _homogeneous(points: FloatArray) -> FloatArray:
     return np.column_stack([points, np.ones(len(points))])
 
 
-_TOLERANCE = 1e-3  # m
-_MAX_PENETRATION = 5e-3  # m
-MERGE_DISTANCE = 1e-3  # m
-_MAX_POINTS = 8
-
-
-def find_contacts(
-    object_body: CollisionBody | Sequence[CollisionBody],
-    hand_bodies: Sequence[CollisionBody],
-    support_bodies: Sequence[CollisionBody],
-    *,
-    tolerance: float = _TOLERANCE,
-    max_penetration: float = _MAX_PENETRATION,
-    merge_distance: float = MERGE_DISTANCE,
-    max_points: int = _MAX_POINTS,
-) -> tuple[ContactPoint, ...]:
-    """Find all points at which hand and supports touch the object.
+def contact_arrays(
+    object_bodies: Sequence[CollisionBody],
+    others: Sequence[CollisionBody],
+    kind: BodyKind,
+    limits: ContactLimits = ContactLimits(),
+) -> ContactArrays:
+    """Find all points at which hand links, or supports, touch the object.
 
     A face on a face gives the corners of the common part, a line its two ends, a curved or pointed
     touch one point; a circular rim counts as the regular polygon of `RIM_POINTS` points inscribed
@@ -165,57 +177,22 @@ def find_contacts(
     extreme points of all of it, and the seams between them give nothing.
 
     Args:
-        object_body: The manipulated object, or its convex pieces; not a half-space.
-        hand_bodies: Hand links.
-        support_bodies: Supports.
-        tolerance: Points closer than this are in contact, m.
-        max_penetration: Deepest overlap that passes for contact, m.
-        merge_distance: Points of one pair of bodies closer together than this become one, m.
-        max_points: Largest number of points of one patch, at least 3.
-
-    Returns:
-        Contacts in the order of ``hand_bodies``, then of ``support_bodies``. Those of one patch
-        share their normal and run counterclockwise about it, from the point that comes first by x,
-        then y, then z in the object's geometry frame. A face that lies on a half-space has the
-        points that it has without any gap or tilt, so that they do not change as it moves.
-
-    Raises:
-        ArgumentError: A limit is out of range, or the object has no pieces.
-        SceneError: Bodies overlap by more than ``max_penetration``, or a geometry is of a kind
-            that cannot be used.
-    """
-    pieces = [object_body] if isinstance(object_body, CollisionBody) else object_body
-    limits = (tolerance, max_penetration, merge_distance, max_points)
-    on_hand = contact_arrays(pieces, hand_bodies, BodyKind.HAND, *limits)
-    on_supports = contact_arrays(pieces, support_bodies, BodyKind.SUPPORT, *limits)
-    return tuple(on_hand.followed_by(on_supports))
-
-
-def contact_arrays(
-    object_bodies: Sequence[CollisionBody],
-    others: Sequence[CollisionBody],
-    kind: BodyKind,
-    tolerance: float = _TOLERANCE,
-    max_penetration: float = _MAX_PENETRATION,
-    merge_distance: float = MERGE_DISTANCE,
-    max_points: int = _MAX_POINTS,
-) -> ContactArrays:
-    """Find where the object touches hand links, or where it touches supports.
-
-    Args:
-        object_bodies: The object's convex pieces.
+        object_bodies: The manipulated object's convex pieces.
         others: Hand links or supports.
         kind: Which of them.
-        tolerance: As in `find_contacts`.
-        max_penetration: As in `find_contacts`.
-        merge_distance: As in `find_contacts`.
-        max_points: As in `find_contacts`.
+        limits: What counts as contact.
+
+    Returns:
+        Contacts in the order of ``others``. Those of one patch share their normal and run
+        counterclockwise about it, from the point that comes first by x, then y, then z in the
+        object's geometry frame. A face that lies on a half-space has the points that it has
+        without any gap or tilt, so that they do not change as it moves.
 
     Raises:
-        ArgumentError: As `find_contacts`.
-        SceneError: As `find_contacts`.
+        ArgumentError: The object has no pieces.
+        SceneError: Bodies overlap by more than ``max_penetration``, the object is a half-space, or
+            a geometry is of a kind that cannot be used.
     """
-    limits = _limits(tolerance, max_penetration, merge_distance, max_points)
     pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
     if not pieces.shapes.names:
         raise ArgumentError("object_body", "needs at least one piece")
@@ -237,20 +214,6 @@ def contact_arrays(
         np.array([patch.normal for patch in found for _ in patch.gaps]).reshape(-1, 3),
         tuple([gap for patch in found for gap in patch.gaps]),
     )
-
-
-@lru_cache(maxsize=64)
-def _limits(
-    tolerance: float, max_penetration: float, merge_distance: float, max_points: int
-) -> ContactLimits:
-    """Return the limits, checked."""
-    limits = ContactLimits(tolerance, max_penetration, merge_distance, max_points)
-    for name, value in limits._asdict().items():
-        if name != "max_points" and not 0.0 < value < math.inf:
-            raise ArgumentError(name, f"needs a positive length in metres, got {value!r}")
-    if max_points < 3:
-        raise ArgumentError("max_points", f"needs at least 3, got {max_points!r}")
-    return limits
 
 
 def _touches(

@@ -13,8 +13,8 @@ from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
+from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, separation
-from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.configuration import posed_links
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import KinematicTree
