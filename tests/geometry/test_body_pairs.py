@@ -116,12 +116,15 @@ def test_what_stands_around_is_compared_with_every_shape(seed, form):
 @pytest.mark.skipif(compiled.core is None, reason="numpy compares with spheres alone")
 @pytest.mark.parametrize("other", [coal.Box(0.1, 0.1, 0.02), coal.Halfspace(0.0, 0.0, 1.0, 0.01)])
 def test_of_a_cylinder_the_corners_of_its_box_do_not_count(other):
-    """Its axis is level over a face, and its box is turned by 45 degrees about it."""
-    turn = Rotation.from_euler("ZXZ", [30.0, 90.0, 45.0], degrees=True).as_matrix()
+    """Its axis is level over a face, and its box is turned by 45 degrees about it; it stands."""
+    lying = Rotation.from_euler("ZXZ", [30.0, 90.0, 45.0], degrees=True).as_matrix()
     shapes = BodyShapes(("link", "plate"), (coal.Cylinder(0.02, 0.05), other))
-    for height, left in ((0.0261, set()), (0.0259, {(0, 0)})):
-        bodies = PlacedBodies(shapes, np.array([rigid([0.0, 0.0, height], turn), np.eye(4)]))
-        assert left_by("compiled", parts(bodies, [0]), parts(bodies, [1]), [(0, 0)]) == left
+    # The face is at 10 mm: 4 mm deep it reaches below 6 mm.
+    for turn, lowest in ((lying, 0.02), (np.eye(3), 0.025)):
+        for height, left in ((0.0061, set()), (0.0059, {(0, 0)})):
+            poses = np.array([rigid([0.0, 0.0, height + lowest], turn), np.eye(4)])
+            bodies = PlacedBodies(shapes, poses)
+            assert left_by("compiled", parts(bodies, [0]), parts(bodies, [1]), [(0, 0)]) == left
 
 
 def test_what_is_smaller_than_the_depth_may_be_deeper(form):
