@@ -263,6 +263,23 @@ def test_a_failed_write_keeps_what_was_there(tmp_path, monkeypatch, step):
     assert [path.name for path in tmp_path.iterdir()] == ["solution.json"]
 
 
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        ("solve", "--json"),
+        ("tolerances", "--json"),
+        ("report", "--output"),
+        ("simulate", "--export"),
+    ],
+)
+def test_a_file_of_another_kind_is_not_replaced(tmp_path, command, option):
+    """A scene or a robot may be lost so."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(LINES)
+    assert_refused(run(command, scene, option, scene), f"{option}: {scene} is there already")
+    assert scene.read_text() == LINES
+
+
 def test_places_that_cannot_be_written(tmp_path):
     (tmp_path / "file").touch()
     for target in (tmp_path, tmp_path / "file" / "x.json"):

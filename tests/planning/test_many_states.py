@@ -169,7 +169,8 @@ def test_processes_find_the_same_and_go_on_after_one_died():
     np.testing.assert_allclose(there.margins, here.margins, rtol=0, atol=1e-9)
     np.testing.assert_allclose(there.bounds, here.bounds, rtol=0, atol=2e-7)
     solver = StateSolver(Configurations(evaluator.scene), Margin(), SolveOptions())
-    state = many_states.checked_states(9, **{name: of[:1] for name, of in states.items()})
+    one = {name: of[:1] for name, of in states.items()}
+    state = many_states.checked_states(solver.configurations, **one)
     with pytest.raises(CrashError):
         many_states.gathered(end_the_process, solver, state, 2, None)
     feasible = evaluator.are_feasible(**states, margin=margin, workers=2)
@@ -262,6 +263,19 @@ def test_forces_of_hybrid_fingers_have_columns_of_their_own(tmp_path):
 def test_bad_input_is_an_error(arguments, message):
     with pytest.raises(ArgumentError, match=message):
         Evaluator(example("trihand_push_box")).evaluate_many(**arguments)
+
+
+def test_states_are_taken_by_the_names_of_joints():
+    evaluator = Evaluator(example("trihand_push_box"))
+    q = evaluator.configuration()
+    first, second = evaluator.joint_names[:2]
+    named = [{first: float(q[0])}, {second: float(q[1]) + 1e-4}]
+    moved = np.array([q, q])
+    moved[1, 1] += 1e-4
+    found = evaluator.evaluate_many(named)
+    np.testing.assert_allclose(found.margins, evaluator.evaluate_many(moved).margins, rtol=1e-9)
+    with pytest.raises(ArgumentError, match=r"q\[1\]: .*did you mean"):
+        evaluator.evaluate_many([named[0], {f"{first}x": 0.0}])
 
 
 def test_a_margin_is_asked_for_as_of_one_state():

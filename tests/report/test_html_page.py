@@ -321,8 +321,9 @@ def test_a_problem_from_arrays():
     assert [row[4] for row in rows] == ["+2.0000", "+∞"]
     document = through_json(maximize_margin(pinched_block()))
     document["contacts"][0]["force"][1] += 0.1
-    page = read_html(report_html(case_of_document(document)))
-    assert "FAILED" in {row[1] for row in page.section("modes").rows()}
+    refused = report_html(case_of_document(document))
+    assert "FAILED" in {row[1] for row in read_html(refused).section("modes").rows()}
+    assert "<strong>Refused:</strong>" in refused
 
 
 def test_names_cannot_break_the_page():

@@ -151,3 +151,14 @@ def test_a_simulation_needs_the_scene(tmp_path):
     result = run(file, "-o", tmp_path / "report.html", "--no-ranges", "--simulate")
     assert result.exit_code == 2
     assert "--simulate: needs the scene. The document names no scene file." in result.stderr
+
+
+def test_a_document_that_is_refused_is_told_in_the_terminal_and_on_the_page(tmp_path):
+    file, target = tmp_path / "solution.json", tmp_path / "report.html"
+    document = through_json(maximize_margin(pinched_block()))
+    document["margin"] += 0.1
+    file.write_text(json.dumps(document), encoding="utf-8")
+    result = run(file, "-o", target, "--no-ranges")
+    assert result.exit_code == 4
+    assert f"{file}: is refused; graspless-pin verify {file} says why" in result.stderr
+    assert "These checks fail: margin as stated" in target.read_text(encoding="utf-8")

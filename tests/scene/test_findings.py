@@ -60,6 +60,8 @@ CASES = {
                 "'floor' and object 'box' overlap by 4.9 mm"),
     "degrees": ("rpy: [3.141592653589793, 0, 0]", "rpy: [180, 0, 0]", "angle-in-degrees", "hand",
                 "angles [180, 0, 0] rad of 'hand' are more than a turn"),
+    "radians": ("rpy: [3.141592653589793, 0, 0]", "rpy_deg: [3.1416, 0, 0]", "angle-in-radians",
+                "hand", "angles [3.1416, 0, 0] degrees of 'hand' look like radians"),
     "grams": ("mass: 1.0", "mass: 1000", "unlikely-density", "box", "more than any metal has"),
     "millimetres beside a hand": ("size: [0.2, 0.2, 0.2]", "size: [60, 50, 80]", "unlikely-size",
                                   "box", "'box' is 60 x 50 x 80 m large"),

@@ -81,6 +81,27 @@ def loaded_scene(path: Path) -> Scene:
         return load_scene(path)
 
 
+def check_output(option: str, file: str | Path | None, *suffixes: str) -> None:
+    """Refuse to replace a file of another kind: a scene, a robot or a document may be lost so.
+
+    Args:
+        option: That names the file.
+        file: The file to write; ``-`` or None: none.
+        suffixes: Of files that may be replaced, besides names without one.
+
+    Raises:
+        ArgumentError: If it is there and its name has another suffix.
+    """
+    if file is None or str(file) == "-" or not Path(file).is_file():
+        return
+    if Path(file).suffix.lower() not in ("", *suffixes):
+        raise ArgumentError(
+            option,
+            f"{file} is there already and may be another kind of file; choose a name with "
+            f"{' or '.join(suffixes)}",
+        )
+
+
 ControllerOption = Annotated[
     str | None,
     typer.Option(

@@ -11,6 +11,9 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_fo
 from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import (
     ControllerOption,
+    ExitCode,
+    check_output,
+    echo_error,
     echo_note,
     exit_code,
     opened_scene,
@@ -41,6 +44,7 @@ from graspless_pin.report.html import (
 )
 from graspless_pin.report.reading import read_document
 from graspless_pin.report.simulation import time_lapse
+from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.simulation import simulate
@@ -108,13 +112,15 @@ def report(
     with the verdict that it holds.
 
     Exit code 0: found; 1: infeasible, and the page says why; 2: bad input; 3: neither found nor
-    proven infeasible; 4: found, and something serious is wrong with the scene.
+    proven infeasible; 4: found, and something serious is wrong with the scene, or a check of
+    the document fails.
 
     Examples:
         graspless-pin report scene.yaml -o report.html
         graspless-pin report solution.json --scene scene.yaml
     """
     with plain_errors():
+        check_output("--output", output, ".html", ".htm")
         case = _case(source, scene, None if no_verdict else verdict_nodes, controller)
         try:
             make_folder_of(output)
@@ -139,7 +145,10 @@ def report(
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
-    raise typer.Exit(exit_code(case.solution))
+        refused = source.suffix.lower() == ".json" and not verify_document(case.document).passed
+        if refused:
+            echo_error(f"{source}: is refused; graspless-pin verify {source} says why")
+    raise typer.Exit(ExitCode.DOUBTFUL if refused else exit_code(case.solution))
 
 
 def _ranges(

@@ -13,6 +13,7 @@ from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.cli.outcome import (
     ControllerOption,
     ExitCode,
+    check_output,
     plain_errors,
     three_numbers,
 )
@@ -84,6 +85,7 @@ def simulate_scene(
         force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
+        check_output("--export", export, ".xml", ".mjcf")
         asked: dict[str, Any] = {} if required is None else {"stability": required}
         loaded, solution = solved_scene(scene, algorithm, controller, **asked)
         with waiting_for("simulating"):

@@ -16,6 +16,7 @@ from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, TorqueSc
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.cli.outcome import (
     ControllerOption,
+    check_output,
     exit_code,
     opened_scene,
     plain_errors,
@@ -152,6 +153,7 @@ def solve_scene(
         graspless-pin solve scene.yaml --json solution.json
     """
     with plain_errors():
+        check_output("--json", json_file, ".json")
         loaded = opened_scene(scene, controller)
         given: dict[str, Any] = {
             "margin": margin,

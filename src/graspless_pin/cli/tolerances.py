@@ -11,7 +11,7 @@ import typer
 from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
-from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.outcome import ExitCode, check_output, plain_errors
 from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
@@ -59,6 +59,7 @@ def tolerances_of_scene(
         graspless-pin tolerances scene.yaml --attainable
     """
     with plain_errors():
+        check_output("--json", json_file, ".json")
         loaded, solution = solved_scene(scene, algorithm)
         off = tolerances_under(loaded, solution, feedback, attainable=attainable)
         if json_file is not None:

@@ -259,7 +259,7 @@ class Evaluator:
 
     def evaluate_many(
         self,
-        q: ArrayLike | Configuration | None = None,
+        q: Configuration | Sequence[Configuration] | None = None,
         T_world_object: ArrayLike | None = None,
         twist: ArrayLike | Motion | None = None,
         *,
@@ -273,8 +273,8 @@ class Evaluator:
         torques are equally good, which of them comes out may.
 
         Args:
-            q: (K, a) positions of `joint_names`, rad or m; or what `evaluate` takes, for all
-                states.
+            q: (K, a) positions of `joint_names`, rad or m, or K mappings; or what `evaluate` takes,
+                for all states.
             T_world_object: (K, 4, 4) poses of the object, m; or what `evaluate` takes.
             twist: (K, 6) twists, m/s and rad/s; or what `evaluate` takes.
             evaluations: Numbers of the states of which the whole answer is kept, too.
@@ -289,12 +289,12 @@ class Evaluator:
             SceneError: As for `evaluate`.
             CrashError: If a process dies.
         """
-        states = checked_states(len(self.joint_names), q, T_world_object, twist)
+        states = checked_states(self._solver.configurations, q, T_world_object, twist)
         return evaluated_states(self._solver, states, evaluations, workers, progress)
 
     def are_feasible(
         self,
-        q: ArrayLike | Configuration | None = None,
+        q: Configuration | Sequence[Configuration] | None = None,
         T_world_object: ArrayLike | None = None,
         twist: ArrayLike | Motion | None = None,
         *,
@@ -308,7 +308,7 @@ class Evaluator:
         `is_feasible`.
         """
         required = required_margin(margin, self.required_margin)
-        states = checked_states(len(self.joint_names), q, T_world_object, twist)
+        states = checked_states(self._solver.configurations, q, T_world_object, twist)
         return feasible_states(self._solver, states, required, workers, progress)
 
     def is_feasible(

@@ -17,6 +17,7 @@ from graspless_pin.algorithms.search_state import CLOSED
 from graspless_pin.child_process import kept_processes, shared_work, usable_cores
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
+from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.state_loops import COVERAGES, StateFigures
 from graspless_pin.planning.state_solver import StateSolver
@@ -83,11 +84,11 @@ class StateArrays(NamedTuple):
         return q, T, twist
 
 
-def checked_states(joint_count: int, q: Any, T_world_object: Any, twist: Any) -> StateArrays:
+def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) -> StateArrays:
     """Return states as they are given to `Evaluator.evaluate_many`.
 
     Args:
-        joint_count: a.
+        at: The states that there are.
         q: See there.
         T_world_object: See there.
         twist: See there.
@@ -96,6 +97,9 @@ def checked_states(joint_count: int, q: Any, T_world_object: Any, twist: Any) ->
         ArgumentError: If nothing has an entry for each state, or not as many as another; if a shape
             is wrong, a number not finite or a pose not rigid.
     """
+    joint_count = len(at.joint_names)
+    if isinstance(q, Sequence) and len(q) and all(isinstance(one, Mapping) for one in q):
+        q = np.array([_positions(at, number, one) for number, one in enumerate(q)])
     given = {"q": q, "T_world_object": T_world_object, "twist": twist}
     shapes = {"q": (joint_count,), "T_world_object": (4, 4), "twist": (6,)}
     each: dict[str, FloatArray] = {}
@@ -107,7 +111,9 @@ def checked_states(joint_count: int, q: Any, T_world_object: Any, twist: Any) ->
             each[name] = _numbers(name, value, (None, *shapes[name]))
     if not each:
         raise ArgumentError(
-            "q", f"give q (K, {joint_count}), T_world_object (K, 4, 4) or twist (K, 6) for K states"
+            "q",
+            f"give q (K, {joint_count}) in the order of `joint_names` or K mappings from them, "
+            "T_world_object (K, 4, 4) or twist (K, 6) for K states",
         )
     first, count = next((name, len(values)) for name, values in each.items())
     for name, values in each.items():
@@ -117,6 +123,14 @@ def checked_states(joint_count: int, q: Any, T_world_object: Any, twist: Any) ->
             )
     _check_rigid(each.get("T_world_object", np.empty((0, 4, 4))))
     return StateArrays(count, each, common)
+
+
+def _positions(at: Configurations, number: int, q: Mapping[str, float]) -> FloatArray:
+    """Return (a,) positions of one of many states, in which an error says which."""
+    try:
+        return at.array(q)
+    except ArgumentError as error:
+        raise ArgumentError(f"q[{number}]", error.message) from None
 
 
 def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:

@@ -18,6 +18,9 @@ from graspless_pin.scene.yaml_source import Location
 
 MOST_ANGLE = 2.0 * math.pi + 1e-9
 """Larger angles, rad, are taken for degrees."""
+_SHARES = math.pi / 12.0 * np.array([2.0, 3.0, 4.0, 6.0, 8.0, 9.0, 10.0, 12.0, 18.0, 24.0])
+"""Angles in degrees that are one of these are taken for radians."""
+_ROUNDED = 1e-3  # rad
 
 
 def entry_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
@@ -29,6 +32,7 @@ def entry_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
     """
     for location, subject, pose in _poses(entry):
         yield from _of_angles(location, subject, pose)
+        yield from _in_radians(location, subject, pose)
     yield from _of_materials(entry, table)
 
 
@@ -62,6 +66,21 @@ def _of_angles(location: Location, subject: str, pose: PoseEntry) -> Iterator[Fi
             f"the angles [{given}] rad of '{subject}' are more than a turn",
             f"give angles in radians, or all of them under rpy_deg: {cure}",
             (*location, "rpy"),
+        )
+
+
+def _in_radians(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
+    angles = pose.rpy_deg or ()
+    turned = np.abs([angle for angle in angles if angle])
+    if len(turned) and (np.abs(turned[:, None] - _SHARES).min(axis=1) <= _ROUNDED).all():
+        given = ", ".join(f"{angle:g}" for angle in angles)
+        degrees = ", ".join(f"{math.degrees(angle):.4g}" for angle in angles)
+        yield Finding(
+            FindingCode.ANGLE_IN_RADIANS,
+            subject,
+            f"the angles [{given}] degrees of '{subject}' look like radians",
+            f"give them under rpy, or [{degrees}] under rpy_deg",
+            (*location, "rpy_deg"),
         )
 
 

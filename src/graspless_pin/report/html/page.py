@@ -114,6 +114,7 @@ def _context(
     torques = solution.torques if solution.found else problem.gravity_torques
     algorithm, aim = _aim(solution)
     findings = solution.findings
+    checks = check_rows(case.document) if solution.found else []
     context: dict[str, Any] = {
         "case": case,
         "findings": findings,
@@ -122,6 +123,7 @@ def _context(
         "problem": problem,
         "proof": solution.certificate,
         "found": solution.found,
+        "failed": [row["name"] for row in checks if row["verdict"] == "FAILED"],
         "algorithm": algorithm,
         "aim": aim,
         "joints": joint_rows(solution),
@@ -153,7 +155,7 @@ def _context(
             "limits": [margin_limit_words(solution, case.bodies), joint_limit_words(solution)],
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
-            "checks": check_rows(case.document),
+            "checks": checks,
             **_ranges(case, bounds, rest_bounds, partial(_number, size=load, signed=True)),
         }
     return context
