@@ -36,7 +36,7 @@ def weak_page(weak: Weak) -> Element:
 
 
 def status(page: Element) -> str:
-    (line,) = (p for p in page.all("p") if "status" in (p.attributes.get("class") or "").split())
+    *_, line = (p for p in page.all("p") if "status" in (p.attributes.get("class") or "").split())
     return line.text
 
 

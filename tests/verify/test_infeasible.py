@@ -142,6 +142,7 @@ def test_figures_that_a_status_makes_nothing_of_are_named():
     assert "proof.motion" not in str(verify_document(document))
     more = changed(document, "proof", "motion", to=[0.0] * 8)
     assert "no check uses proof.motion" in str(verify_document(more))
+    assert "no check uses 'remark'" in str(verify_document({**document, "remark": "heavier"}))
 
 
 def test_multipliers_that_friction_outweighs_prove_nothing():

@@ -92,9 +92,13 @@ def check_output(option: str, file: str | Path | None, *suffixes: str) -> None:
     Raises:
         ArgumentError: If it is there and its name has another suffix.
     """
-    if file is None or str(file) == "-" or not Path(file).is_file():
+    if file is None or str(file) == "-":
         return
-    if Path(file).suffix.lower() not in ("", *suffixes):
+    try:
+        is_there = Path(file).is_file()
+    except OSError:  # no file can have such a name, which whoever writes it says
+        return
+    if is_there and Path(file).suffix.lower() not in ("", *suffixes):
         raise ArgumentError(
             option,
             f"{file} is there already and may be another kind of file; choose a name with "

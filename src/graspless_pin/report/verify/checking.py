@@ -15,6 +15,7 @@ from graspless_pin.report.verify.assumptions import taken_as_given
 from graspless_pin.report.verify.bounds import proven_bound
 from graspless_pin.report.verify.disturbances import disturbance_checks
 from graspless_pin.report.verify.fields import (
+    FIELDS,
     FORMAT,
     FOUND_STATES,
     IN_MODE,
@@ -137,6 +138,7 @@ def unread_figures(
     }
     stated = {**{f"proof.{key}": one for key, one in document["proof"].items()}, **document}
     unread = [key for key, is_read in read.items() if not is_read and stated.get(key)]
+    unread += [f"{key!r:.60}" for key in document if key not in FIELDS["document"]]
     words = f"no check uses {', '.join(unread)}"
     return [given("figures without a claim", words)] if unread else []
 
