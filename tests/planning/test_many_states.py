@@ -337,7 +337,7 @@ def test_edges_and_depths_are_left_to_the_general_search(tmp_path, by_numpy):
         "supports: [{name: floor, shape: {type: half_space}}]\n"
     )
     scene = load_scene(tmp_path / "scene.yaml")
-    x, height = np.linspace(0.04, 0.06, 21), np.linspace(-0.008, 0.0015, 12)
+    x, height = np.linspace(0.04, 0.06, 20), np.linspace(-0.008, 0.0015, 12)
     q = np.array([[a, 0.01, 0.11 + h] for a in x for h in height])
     found = Evaluator(scene, collisions=False).evaluate_many(q)
     expected = by_numpy(lambda: Evaluator(scene, collisions=False).evaluate_many(q))

@@ -108,7 +108,7 @@ def _proven(dynamics: Dynamics, states: States, dual: DualBound, row: FloatArray
     return size + both if size <= tolerance else np.inf
 
 
-_ROUNDING = 0.01
+_SPLIT_SLACK = 0.01
 """Of the closing tolerance: what open and slipping contacts leave to closed and sticking ones, but
 for what many others add up to."""
 _LOOSEST = 1e-9
@@ -385,7 +385,7 @@ def split(
     contact = int(np.argmax(score))
     if not whole[contact] or score[contact] < least:
         return contact, []
-    most, may_part = _ROUNDING * closing_tolerance(dynamics), not never_opens[contact]
+    most, may_part = _SPLIT_SLACK * closing_tolerance(dynamics), not never_opens[contact]
     return contact, _parts(states, contact, u[contact, 1:], most, may_open=may_part)
 
 
