@@ -346,6 +346,31 @@ def test_the_schema_of_studies_states_their_bounds():
         assert most("ComputeEntry", key) == bounds.LONGEST_TIME
 
 
+@pytest.mark.parametrize("command", ["robustness", "tolerances"])
+def test_commands_that_need_torques_take_the_figures_of_algorithms(command):
+    def told(*options):
+        return run(command, PAPER / "cuboid_at_rest.yaml", *options)
+
+    by_default, asked = (told("--algorithm", "torque", *more) for more in ((), ("--margin", "0.4")))
+    assert asked.exit_code == by_default.exit_code
+    assert asked.stdout != by_default.stdout  # more margin, other torques
+    useless = told("--algorithm", "margin", "--margin", "0.4")
+    assert useless.exit_code == 2 and "--margin: is no option of the algorithm" in useless.stderr
+
+
+def test_a_report_is_of_the_algorithm_that_is_asked_for(tmp_path: Path):
+    page = tmp_path / "page.html"
+    asked = ("--algorithm", "torque", "--margin", "0.4", "--no-ranges", "--no-verdict", "-o", page)
+    assert run("report", PAPER / "cuboid_at_rest.yaml", *asked).exit_code == 0
+    assert "at a margin of 0.4 N" in page.read_text(encoding="utf-8")
+
+
+def test_a_report_of_a_document_takes_no_option_of_scenes(tmp_path: Path):
+    (tmp_path / "answer.json").write_text("{}", encoding="utf-8")
+    refused = run("report", tmp_path / "answer.json", "--margin", "0.4")
+    assert refused.exit_code == 2 and "--margin: goes with a scene alone" in refused.stderr
+
+
 def test_tolerances_are_told_in_their_units():
     told = run("tolerances", PAPER / "cuboid_at_rest.yaml", "--algorithm", "torque")
     assert told.exit_code == 0 and "--feedback tells" in told.stdout

@@ -10,7 +10,7 @@ import pytest
 from cases import GRAVITY, block_between_walls, block_on_slope, hybrid_on_wall, pressed_on_wall
 from tests.cli.cli_tools import LINES, run
 
-from graspless_pin import Robustness, Stability, robustness, what_would_hold
+from graspless_pin import QuasistaticProblem, Robustness, Stability, robustness, what_would_hold
 from graspless_pin.algorithms import what_would_hold as changes_that_hold
 from graspless_pin.errors import ArgumentError
 
@@ -51,6 +51,24 @@ def test_with_time_enough_nothing_is_another(commanded: Robustness) -> None:
     assert found.complete
     assert found.relies_on == commanded.relies_on
     assert str(found) == str(commanded)
+
+
+def test_joints_that_nothing_holds_are_told_of_together() -> None:
+    # A motor bears its link's weight beside a stool, another link floats: both move at any error.
+    beside = QuasistaticProblem(
+        [[0.1, 0.0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05]],
+        [[0.0, 0.0, 1.0]] * 3,
+        [0.0, 0.0, -4.9, 0.0, 0.0, 0.0],
+        friction=0.5,
+        jacobian=np.zeros((9, 2)),
+        gravity_torques=[2.0, 0.0],
+        joint_inertia=1e-3 * np.eye(2),
+        object_inertia=np.diag([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]),
+    )
+    told = str(robustness(beside, [2.0, 0.0]))
+    assert "joint_1, joint_2: fail at less than 0.002 N m, 0.1 % of the largest torque" in told
+    assert "all torques together: fail at less than 0.1 %" in told
+    assert "e-" not in told
 
 
 def test_nothing_is_said_of_what_may_move() -> None:

@@ -33,6 +33,8 @@ _MOST_SPANS = 12
 _MOST_HALVINGS = 16
 _BEYOND = (1e-5, 1e-4, 1e-3)
 """Of the load: so far beyond the last balanced multiple a verdict is asked for."""
+_NO_ERROR = 1e-3
+"""Of the largest torque: no actuator keeps its torque to less."""
 
 
 NOT_REACHED = "not reached: the time was over before"
@@ -236,17 +238,29 @@ class Robustness(Brief):
     def __str__(self) -> str:
         """Return the figures, one line each."""
         lines = [self.verdict.message]
-        problem = self.verdict.problem
+        problem, torques = self.verdict.problem, np.abs(self.verdict.torques)
+        free: dict[str, list[str]] = {}
+        units = np.array([str(unit) for unit in problem.joint_units])
         for name, unit, less, more in (
-            zip(problem.joint_names, problem.joint_units, self.less, self.more, strict=True)
-            if self.less
-            else ()
+            zip(problem.joint_names, units, self.less, self.more, strict=True) if self.less else ()
         ):
-            lines.append(f"{name}: {_error(less, more, 1.0, str(unit))}")
-        if self.all_less is not None and self.all_more is not None and self.less:
+            most = _NO_ERROR * torques[units == unit].max()
+            if less.failing <= most and more.failing <= most:
+                free.setdefault(f"{most:.2g} {unit}", []).append(name)
+            else:
+                lines.append(f"{name}: {_error(less, more, 1.0, str(unit))}")
+        share = f"{100.0 * _NO_ERROR:g} %"
+        for most, names in free.items():
             lines.append(
-                f"all torques together: {_error(self.all_less, self.all_more, 100.0, '%')}"
+                f"{', '.join(names)}: fail at less than {most}, {share} of the largest torque; "
+                "joint feedback would hold them"
             )
+        if self.all_less is not None and self.all_more is not None and self.less:
+            at_once = self.all_less.failing <= _NO_ERROR and self.all_more.failing <= _NO_ERROR
+            borne = _error(self.all_less, self.all_more, 100.0, "%")
+            if at_once:
+                borne = f"fail at less than {share}; joint feedback would hold them"
+            lines.append(f"all torques together: {borne}")
         if self.without:
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"
             lines.append(f"contacts without which rest is not proven: {listed}")

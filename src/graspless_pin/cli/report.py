@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
+from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import (
     ControllerOption,
@@ -22,6 +24,7 @@ from graspless_pin.cli.outcome import (
 )
 from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import (
+    asking_by_name,
     judged_at_corners,
     proven_and_verdict,
     proven_answer,
@@ -50,6 +53,7 @@ from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.simulation import simulate
 
 
+@asking_by_name
 def report(
     source: Annotated[
         Path,
@@ -64,6 +68,9 @@ def report(
             help="Scene of the document, to draw its bodies; no file that a document names is "
             "opened.",
         ),
+    ] = None,
+    algorithm: Annotated[
+        str | None, typer.Option(help=f"Whose torques; default: the file's. {AIMS}.")
     ] = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE|-", help="The page to write.")
@@ -105,11 +112,12 @@ def report(
             "the former is told anyway.",
         ),
     ] = False,
+    **figures: Any,
 ) -> None:
     """Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.
 
-    A scene is solved with its own options; for others, solve it with --json and report that file,
-    with the verdict that it holds.
+    For other options of solve, write its answer with --json and report that file, with the verdict
+    that it holds.
 
     Exit code 0: found; 1: infeasible, and the page says why; 2: bad input; 3: neither found nor
     proven infeasible; 4: found, and something serious is wrong with the scene, or a check of
@@ -117,11 +125,19 @@ def report(
 
     Examples:
         graspless-pin report scene.yaml -o report.html
+        graspless-pin report scene.yaml --algorithm torque --margin 0.2
         graspless-pin report solution.json --scene scene.yaml
     """
     with plain_errors():
         check_output("--output", output, ".html", ".htm")
-        case = _case(source, scene, None if no_verdict else verdict_nodes, controller)
+        nodes = None if no_verdict else verdict_nodes
+        if source.suffix.lower() == ".json":
+            of_scenes = {"controller": controller, "algorithm": algorithm, **figures}
+            case = _documented_case(source, scene, of_scenes)
+        elif scene is not None:
+            raise ArgumentError("--scene", "goes with a solution document (.json) alone")
+        else:
+            case = _solved_case(source, nodes, controller, algorithm, figures)
         try:
             make_folder_of(output)
         except OSError as error:
@@ -175,33 +191,44 @@ def _ranges(
         )
 
 
-def _case(
-    source: Path, scene_file: Path | None, verdict_nodes: int | None, controller: str | None
-) -> Case:
-    if source.suffix.lower() != ".json":
-        if scene_file is not None:
-            raise ArgumentError("--scene", "goes with a solution document (.json) alone")
-        scene = opened_scene(source, controller)
-        (solution, answer), verdict, note = solved(scene), None, ""
-        if answer is not None:
-            answer = proven_answer(answer)
-            solution = answer.solution.of_source(scene)
-            if verdict_nodes is not None:
-                answer = judged_at_corners(scene, answer)
-        if verdict_nodes is not None and (answer is None or answer.found):
-            solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
-        emit(*solution.findings)
-        show_findings()
-        if note and verdict is None:
-            echo_note(note)
-        return case_of_scene(scene, solution, source, verdict, answer)
-    if controller is not None:
-        raise ArgumentError("--controller", "goes with a scene alone: a document has its own")
+def _documented_case(source: Path, scene_file: Path | None, of_scenes: Mapping[str, Any]) -> Case:
+    """Return the case of a document.
+
+    Raises:
+        ArgumentError: If an option is given that asks something of a scene.
+    """
+    for name, value in of_scenes.items():
+        if value is not None:
+            raise ArgumentError(f"--{name}", "goes with a scene alone: a document has its own")
     document = read_document(source)
     try:
         return case_of_document(document, scene_file)
     except ArgumentError as error:
         raise SceneError(f"{source}: {error}") from error
+
+
+def _solved_case(
+    source: Path,
+    verdict_nodes: int | None,
+    controller: str | None,
+    algorithm: str | None,
+    figures: Mapping[str, Any],
+) -> Case:
+    """Return the case of a scene, solved and with its verdict, if it is asked for."""
+    scene = opened_scene(source, controller)
+    (solution, answer), verdict, note = solved(scene, algorithm, **figures), None, ""
+    if answer is not None:
+        answer = proven_answer(answer)
+        solution = answer.solution.of_source(scene)
+        if verdict_nodes is not None:
+            answer = judged_at_corners(scene, answer)
+    if verdict_nodes is not None and (answer is None or answer.found):
+        solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
+    emit(*solution.findings)
+    show_findings()
+    if note and verdict is None:
+        echo_note(note)
+    return case_of_scene(scene, solution, source, verdict, answer)
 
 
 def _scene_for(case: Case, option: str) -> Scene | None:

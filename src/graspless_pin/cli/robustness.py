@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -37,6 +37,7 @@ def robustness_scene(
         float | None,
         typer.Option(min=0.0, help="Most seconds of the search; what is proven by then is told."),
     ] = None,
+    **figures: Any,
 ) -> None:
     """Report which torque errors and lost contacts rest survives, or what would help.
 
@@ -45,9 +46,10 @@ def robustness_scene(
 
     Examples:
         graspless-pin robustness scene.yaml
+        graspless-pin robustness scene.yaml --algorithm torque --margin 0.2
     """
     with plain_errors():
-        loaded, solution = solved_scene(scene, algorithm)
+        loaded, solution = solved_scene(scene, algorithm, **figures)
         if why := unknown_of(loaded):
             typer.echo(why)
             raise typer.Exit(ExitCode.INFEASIBLE)

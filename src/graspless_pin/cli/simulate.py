@@ -70,6 +70,7 @@ def simulate_scene(
     export: Annotated[
         Path | None, typer.Option(metavar="FILE|-", help="Write the MuJoCo model (MJCF).")
     ] = None,
+    **figures: Any,
 ) -> None:
     """Simulate a scene's rest with MuJoCo: does the object stay under constant torques?
 
@@ -86,8 +87,7 @@ def simulate_scene(
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
         check_output("--export", export, ".xml", ".mjcf")
-        asked: dict[str, Any] = {} if required is None else {"stability": required}
-        loaded, solution = solved_scene(scene, algorithm, controller, **asked)
+        loaded, solution = solved_scene(scene, algorithm, controller, stability=required, **figures)
         with waiting_for("simulating"):
             found = simulate(
                 loaded,

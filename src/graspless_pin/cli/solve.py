@@ -40,6 +40,15 @@ _RANGE_NODES = 100
 """Nodes of each search for the margin at worst, on a slow machine, too."""
 _RANGES_TIME = 20.0  # s; for many contacts, in scenes that are harder than all examples
 
+_FIGURES: dict[str, tuple[Any, str]] = {
+    "margin": (float, "Required margin e0 of Algorithm 2, N."),
+    "scale": (
+        TorqueScale,
+        "absolute: largest |torque|; limits: largest share of a joint's limit.",
+    ),
+    "regularization": (float, "Epsilon of the regularised program."),
+}
+"""Type and help of the figures of Algorithms 1 and 2; those of others have theirs with them."""
 
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
@@ -48,51 +57,48 @@ def asking_by_name(command: _Command) -> _Command:
     """Give a command's option ``algorithm`` its choices, and its ``**figures``, if any, options.
 
     Args:
-        command: What it has no argument of its own for is among its ``**figures``.
+        command: Its ``**figures`` have what it has no argument of its own for, None if not given.
     """
     signature = inspect.signature(command, eval_str=True)
     options: list[inspect.Parameter] = []
     for one in signature.parameters.values():
+        if one.kind is inspect.Parameter.VAR_KEYWORD:
+            continue
+        options.append(one)
         if one.name == "algorithm":
             names: Any = Literal[*OBJECTIVES]
-            options.append(
-                one.replace(annotation=Annotated[names | None, one.annotation.__metadata__[0]])
-            )
-        elif one.kind is inspect.Parameter.VAR_KEYWORD:
-            options += _further_figures(signature.parameters)
-        else:
-            options.append(one)
-    asked: Any = command
-    asked.__signature__ = signature.replace(parameters=options)
+            asked = Annotated[names | None, one.annotation.__metadata__[0]]
+            options[-1:] = [one.replace(annotation=asked), *_figures(signature.parameters)]
+    called: Any = command
+    called.__signature__ = signature.replace(parameters=options)
     return command
 
 
-def _further_figures(known: Container[str]) -> Iterator[inspect.Parameter]:
+def _figures(known: Container[str]) -> Iterator[inspect.Parameter]:
     """Yield an option for each other figure; what is no single value stands in scenes alone."""
+    figures = dict(_FIGURES)
     for key, annotated in figure_types().items():
         kind, *metadata = get_args(annotated) if get_origin(annotated) is Annotated else [annotated]
         plain = get_origin(kind) is Literal or (
             isinstance(kind, type) and issubclass(kind, int | float | str)
         )
-        if key in known or not plain:
-            continue
-        descriptions = [one.description for one in metadata if getattr(one, "description", "")]
-        option = typer.Option(help="".join(descriptions[-1:]))
-        yield inspect.Parameter(
-            key,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=None,
-            annotation=Annotated[kind | None, option],
-        )
+        if plain:
+            descriptions = [one.description for one in metadata if getattr(one, "description", "")]
+            figures.setdefault(key, (kind, "".join(descriptions[-1:])))
+    for key, (kind, description) in figures.items():
+        if key not in known:
+            yield inspect.Parameter(
+                key,
+                inspect.Parameter.POSITIONAL_OR_KEYWORD,
+                default=None,
+                annotation=Annotated[kind | None, typer.Option(help=description)],
+            )
 
 
 @asking_by_name
 def solve_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     algorithm: Annotated[str | None, typer.Option(help=f"{AIMS}.")] = None,
-    margin: Annotated[
-        float | None, typer.Option(help="Required margin e0 of Algorithm 2, N.")
-    ] = None,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE|-", help="Write the solution as JSON.")
     ] = None,
@@ -106,14 +112,7 @@ def solve_scene(
     static_friction: Annotated[
         StaticFriction | None, typer.Option(help="coulomb drops the virtual-sliding rule.")
     ] = None,
-    scale: Annotated[
-        TorqueScale | None,
-        typer.Option(help="absolute: largest |torque|; limits: largest share of a joint's limit."),
-    ] = None,
     solver: Annotated[str | None, typer.Option(help="piqp, proxqp, highs, clarabel, ...")] = None,
-    regularization: Annotated[
-        float | None, typer.Option(help="Epsilon of the regularised program.")
-    ] = None,
     search: Annotated[Search | None, typer.Option(help="How the modes are searched.")] = None,
     node_limit: Annotated[int | None, typer.Option(help="Most nodes of the search.")] = None,
     time_limit: Annotated[float | None, typer.Option(help="Most seconds of the search.")] = None,
@@ -156,13 +155,10 @@ def solve_scene(
         check_output("--json", json_file, ".json")
         loaded = opened_scene(scene, controller)
         given: dict[str, Any] = {
-            "margin": margin,
             "sign_rule": sign_rule,
             "sliding_rule": sliding_rule,
             "static_friction": static_friction,
-            "scale": scale,
             "solver": solver,
-            "regularization": regularization,
             "search": search,
             "node_limit": node_limit,
             "time_limit": time_limit,
@@ -171,8 +167,7 @@ def solve_scene(
             "verdict_nodes": verdict_nodes,
             **figures,
         }
-        options = {name: value for name, value in given.items() if value is not None}
-        solution, answer = solved(loaded, algorithm, **options)
+        solution, answer = solved(loaded, algorithm, **given)
         verdict, note, bounds = None, "", None
         if answer is not None and not no_verdict:
             answer = proven_answer(answer)
@@ -204,12 +199,13 @@ def solved(
     Args:
         scene: The scene.
         algorithm: See `Scene.solve`.
-        options: See `Scene.solve`.
+        options: See `Scene.solve`; None: not given.
 
     Returns:
         The solution, and None of a nominal scene. Else that under the torques for
         all that is not known; where there are none, that of the joined problem, without torques.
     """
+    options = {name: value for name, value in options.items() if value is not None}
     with waiting_for("solving"):
         if scene.uncertainty is None:
             return scene.solve(algorithm, **options), None
@@ -234,7 +230,7 @@ def solved_scene(
         path: The scene file.
         algorithm: See `Scene.solve`.
         controller: See `opened_scene`.
-        options: See `Scene.solve`.
+        options: See `solved`.
 
     Raises:
         typer.Exit: If there are no torques.

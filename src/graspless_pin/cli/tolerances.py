@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -44,6 +44,7 @@ def tolerances_of_scene(
         str | None,
         typer.Option("--json", metavar="FILE|-", help="Write the torques and figures as JSON, SI."),
     ] = None,
+    **figures: Any,
 ) -> None:
     """Report how far mass, pushes, friction and torques may be off, each by itself.
 
@@ -60,7 +61,7 @@ def tolerances_of_scene(
     """
     with plain_errors():
         check_output("--json", json_file, ".json")
-        loaded, solution = solved_scene(scene, algorithm)
+        loaded, solution = solved_scene(scene, algorithm, **figures)
         off = tolerances_under(loaded, solution, feedback, attainable=attainable)
         if json_file is not None:
             from graspless_pin.report import write_document
