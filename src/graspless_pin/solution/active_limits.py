@@ -82,7 +82,8 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
     """Return a sentence that says which contacts limit the margin, and how.
 
     Those next to slipping are told by whether they use friction: a force along the normal is as far
-    from the sides of its cone as friction and its size allow.
+    from the sides of its cone as friction and its size allow. Contacts without friction are named,
+    too: (42) is not asked of them, so that less friction may end in more margin.
 
     Args:
         solution: A solution that was found.
@@ -95,12 +96,20 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
             unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED_FRICTION
             words = "available friction" if unused else f"the distance to {limit}"
             by_limit.setdefault(words, []).append(contact)
-    parts = []
-    for words, contacts in by_limit.items():
-        numbers = ", ".join(map(str, contacts))
-        names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
-        parts.append(f"{words} at contact{'s' * (len(contacts) > 1)} {numbers}{names}")
-    return f"The margin is limited by {' and by '.join(parts)}."
+    parts = [f"{words} at {_listed(contacts, bodies)}" for words, contacts in by_limit.items()]
+    sentence = f"The margin is limited by {' and by '.join(parts)}."
+    problem = solution.problem
+    bare = np.flatnonzero(~problem.has_cone & ~problem.is_sliding).tolist()
+    if not bare:
+        return sentence
+    where = _listed(bare, bodies)
+    return f"{sentence} Without friction, at {where}, it counts the normal force alone."
+
+
+def _listed(contacts: Sequence[int], bodies: Sequence[str] | None) -> str:
+    numbers = ", ".join(map(str, contacts))
+    names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
+    return f"contact{'s' * (len(contacts) > 1)} {numbers}{names}"
 
 
 def joint_limit_words(solution: TorqueSolution) -> str:
