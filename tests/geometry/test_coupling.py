@@ -189,7 +189,7 @@ def test_bad_tendons(tmp_path, extra, options, message):
 
 def test_a_tendon_without_limit_and_unknown_limits_warn(tmp_path):
     file = robot(tmp_path, "tendons: {t: {moment_arms: {b: 0.01}}}")
-    with pytest.warns(GrasplessPinWarning, match=r"placeholders: 't' \(inf\)"):
+    with pytest.warns(GrasplessPinWarning, match=r"placeholders: 't' \(unlimited\)"):
         hand = Hand.assemble([Mount(file)])
     np.testing.assert_array_equal(hand.effort_limits[1], [2, 2, 2, np.inf])
     file = robot(tmp_path, "effort_limits: {a: {unknown: nobody knows}}")

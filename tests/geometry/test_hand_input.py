@@ -65,7 +65,8 @@ def one_joint(tmp_path, effort):
 def test_placeholder_efforts_warn(tmp_path, effort, value):
     """Of a chain without a palm, which counts as an arm: 100 N m may be its own."""
     file = one_joint(tmp_path, effort)
-    with pytest.warns(GrasplessPinWarning, match=rf"'hinge' \({value}\); give .*effort_limits"):
+    told = "unlimited" if value == "inf" else value
+    with pytest.warns(GrasplessPinWarning, match=rf"'hinge' \({told}\); give .*effort_limits"):
         hand = Hand.from_urdf(file)
     np.testing.assert_array_equal(hand.effort_limits, [[-float(value)], [float(value)]])
 

@@ -17,6 +17,7 @@ from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.contact.distances import nearest_separation
+from graspless_pin.geometry.hand.actuation import limit_words
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray, JointUnit
@@ -294,7 +295,7 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         for name in one.subject.split(", ")
     }
     endless = {
-        name: f"'{name}' ({upper:g})"
+        name: limit_words(name, upper)
         for name, unit, lower, upper in zip(
             hand.actuation.names, hand.effort_units, *hand.effort_limits, strict=True
         )

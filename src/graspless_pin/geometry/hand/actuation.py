@@ -314,9 +314,9 @@ def resolve_effort_limits(
             index = tree.joint_index[name]
             lower[row], upper[row] = urdf_lower[index], urdf_upper[index]
         if name in unknown:
-            noted.setdefault(unknown[name], []).append(f"{name!r} ({upper[row]:g})")
+            noted.setdefault(unknown[name], []).append(limit_words(name, upper[row]))
         elif is_placeholder(upper[row], on_arm=name in arm_joints):
-            doubtful[name] = f"{name!r} ({upper[row]:g})"
+            doubtful[name] = limit_words(name, upper[row])
     unsure = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
     declared = [name for name in actuation.names if name in unknown and name not in overrides]
     for code, names, what, listed in (
@@ -340,6 +340,11 @@ def resolve_effort_limits(
                 )
             )
     return read_only(lower), read_only(upper)
+
+
+def limit_words(name: str, limit: float) -> str:
+    """Return a joint with its effort limit, for messages."""
+    return f"{name!r} ({limit:g})" if np.isfinite(limit) else f"{name!r} (unlimited)"
 
 
 def urdf_efforts(tree: KinematicTree) -> tuple[FloatArray, FloatArray]:
