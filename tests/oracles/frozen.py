@@ -2,8 +2,9 @@
 
 Each version answers the same seeded problems and examples in a process of its own, through the
 public names alone. Values and bounds have to agree to 1e-7, decided verdicts and infeasible
-answers stay as they are; an answer that one version leaves undecided may be decided by the other.
-What commands print is listed where it differs, for somebody to read.
+answers stay as they are; an answer that the older version leaves undecided may be decided, and a
+scene that it refuses be read. Force ranges and verdicts are those of the older version's torques:
+optima need not be unique. What commands print is listed where it differs, for somebody to read.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ COUNT = 3000
 NODES = 1000
 """Of a search: some over directions take a quarter of an hour."""
 RULES = tuple(product(("strict", "exact", "nonzero"), ("exempt", "constrained")))
+REFUSED = 2
+"""Exit code of a scene that cannot be read."""
 OPEN = {"undecided", "limit_reached", "unverified", "unbounded", None}
 
 Answer = dict[str, Any]
@@ -49,8 +52,13 @@ def problems(count: int) -> Iterator[tuple[str, Callable[[], Any]]]:
         yield f"{family} {seed}, {contacts} contacts", partial(families[family], seed, contacts)
 
 
-def answers(count: int) -> Iterator[tuple[str, Answer]]:
-    """Yield the answers of the version that is imported, a name each."""
+def answers(count: int, older: Mapping[str, Answer]) -> Iterator[tuple[str, Answer]]:
+    """Yield the answers of the version that is imported, a name each.
+
+    Args:
+        count: How many seeded problems there are.
+        older: The answers whose torques are asked about; of those that it lacks, one's own.
+    """
     for seed, (name, make) in enumerate(problems(count)):
         problem = make()
         if seed % 5 == 4:
@@ -59,14 +67,14 @@ def answers(count: int) -> Iterator[tuple[str, Answer]]:
         if seed % 15 == 7 and problem.contact_count <= 6:
             sign = "direction"
         rules = {"sign_rule": sign, "sliding_rule": sliding, "node_limit": NODES}
-        yield from of_problem(name, problem, seed, rules)
+        yield from of_problem(name, problem, seed, rules, older)
     for scene in sorted((ROOT / "examples").rglob("*.yaml")):
         if "studies" not in scene.parts:
             yield from of_scene(scene)
 
 
 def of_problem(
-    name: str, problem: Any, seed: int, rules: Mapping[str, Any]
+    name: str, problem: Any, seed: int, rules: Mapping[str, Any], older: Mapping[str, Answer]
 ) -> Iterator[tuple[str, Answer]]:
     """Yield both optima of a problem, and ranges and a verdict for some."""
     from graspless_pin import contact_force_bounds, maximize_margin, minimize_torque, stability
@@ -77,9 +85,10 @@ def of_problem(
     yield f"{name}: torque", optimum(least, "torque")
     if not best.found or rules["sign_rule"] == "direction" or problem.contact_count > 8:
         return
+    torques = older.get(f"{name}: margin", {}).get("torques", best.torques)
     if seed % 6 == 0:
         few: dict[str, Any] = {**rules, "node_limit": 200}
-        ranges = contact_force_bounds(problem, best.torques, **few)
+        ranges = contact_force_bounds(problem, torques, **few)
         values = [ranges.smallest_margin, *ranges.lower.ravel(), *ranges.upper.ravel()]
         yield f"{name}: force ranges", {"values": [number(one) for one in values]}
     if seed % 6 == 2 and not problem.is_sliding.any():
@@ -87,7 +96,7 @@ def of_problem(
             object_inertia=np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01]),
             joint_inertia=1e-3 * np.eye(problem.joint_count),
         )
-        verdict = stability(moving, best.torques)
+        verdict = stability(moving, torques)
         yield f"{name}: verdict", {"status": verdict.status.name.lower()}
 
 
@@ -98,6 +107,7 @@ def optimum(solution: Any, algorithm: str) -> Answer:
         value = solution.margin if algorithm == "margin" else solution.max_torque
         answer["values"] = [number(value), number(solution.certificate.bound)]
         answer["loose"] = number(solution.certificate.gap)
+        answer["torques"] = solution.torques.tolist()
     return answer
 
 
@@ -134,7 +144,8 @@ def differences(new: Mapping[str, Answer], base: Mapping[str, Answer]) -> Iterat
             yield kind, f"{name}: {other} became {one}"
             continue
         if here.get("exit") != there.get("exit"):
-            yield "exit code", f"{name}: {there['exit']} became {here['exit']}"
+            kind = "read" if there.get("exit") == REFUSED else "exit code"
+            yield kind, f"{name}: {there['exit']} became {here['exit']}"
         if here.get("text") != there.get("text"):
             yield "text", name
         allowed = max(SAME, *(float(each.get("loose", 0.0)) for each in (here, there)))
@@ -151,11 +162,11 @@ def near(one: float, other: float, allowed: float) -> bool:
     return abs(one - other) <= allowed * max(1.0, abs(one), abs(other))
 
 
-def written(python: Path, count: int, folder: Path, name: str) -> dict[str, Answer]:
-    """Return the answers of the version that a Python imports."""
-    file = folder / f"{name}.json"
-    run([python, "-m", "tests.oracles.frozen", "--write", file, "--count", str(count)], ROOT,
-        **ONE_THREAD)  # fmt: skip
+def written(python: Path, count: int, folder: Path, *names: str) -> dict[str, Answer]:
+    """Return the answers of the version that a Python imports; the second name is the older's."""
+    file, *older = [folder / f"{name}.json" for name in names]
+    words = [python, "-m", "tests.oracles.frozen", "--write", file, "--count", str(count)]
+    run([*words, *(["--older", *older] if older else [])], ROOT, **ONE_THREAD)
     return json.loads(file.read_text(encoding="utf-8"))
 
 
@@ -165,9 +176,11 @@ def main() -> int:
     parser.add_argument("base", metavar="COMMIT", nargs="?", help="the version to compare with")
     parser.add_argument("--count", type=int, default=COUNT, help="of seeded problems")
     parser.add_argument("--write", type=Path, help="write the answers of this version, no more")
+    parser.add_argument("--older", type=Path, help="whose torques to ask about, with --write")
     given = parser.parse_args()
     if given.write is not None:
-        found = dict(answers(given.count))
+        older = {} if given.older is None else json.loads(given.older.read_text(encoding="utf-8"))
+        found = dict(answers(given.count, older))
         given.write.write_text(json.dumps(found, indent=0), encoding="utf-8")
         return 0
     if given.base is None:
@@ -176,7 +189,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="frozen-") as place:
         folder = Path(place)
         base = written(installed(commit, folder), given.count, folder, "base")
-        new = written(Path(sys.executable), given.count, folder, "new")
+        new = written(Path(sys.executable), given.count, folder, "new", "base")
     kinds: Counter[str] = Counter()
     for kind, said in differences(new, base):
         kinds[kind] += 1

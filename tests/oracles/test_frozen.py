@@ -25,6 +25,7 @@ def test_commands_are_held_by_their_exit_code_and_shown_by_their_text():
     base = {"exit": 0, "text": "holds"}
     assert kinds({"exit": 0, "text": "stays"}, base) == ["text"]
     assert kinds({"exit": 1, "text": "holds"}, base) == ["exit code"]
+    assert kinds(base, {"exit": 2, "text": "holds"}) == ["read"]
 
 
 def test_lost_answers_are_told():

@@ -6,7 +6,9 @@ from study_tools import Here, study
 from tests.cli.cli_tools import run
 
 from graspless_pin.cli import plot
-from graspless_pin.studies import read_results, run_study
+from graspless_pin.studies import read_results, results_summary, run_study
+
+MASSES = {"object.mass": {"values": [1.0, 2.0]}}
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +40,17 @@ def test_a_picture_of_each_kind(results, tmp_path, monkeypatch, kind):
     (axes,) = drawn
     assert axes.get_xlabel() == "friction coefficient, default"
     assert axes.get_ylabel() == ("margin e [N]" if kind == "line" else "object.mass [kg]")
+
+
+@pytest.mark.parametrize("vary", [{"solve.margin": {"values": [0.1, 0.3]}}, MASSES])
+def test_torques_are_drawn_where_margins_are_required(tmp_path, vary):
+    """The margins are those that were asked for, and say nothing."""
+    file, picture = tmp_path / "results.csv", tmp_path / "picture.svg"
+    asked = study(vary, compute={"algorithm": "torque"})
+    run_study(asked, file, executor=Here(), progress=False)
+    assert "smallest max |torque| 0.96" in results_summary(file)
+    assert run("plot", file, "-o", picture).exit_code == 0
+    assert "largest |torque| [N m]" in picture.read_text(encoding="utf-8")
 
 
 @pytest.mark.sampled(2)

@@ -59,7 +59,7 @@ def test_a_hand_that_touches_nothing_is_no_success(tmp_path, need_hand, code):
             "3 samples: 3 found (2 of them with serious findings), 0 infeasible, 0 failed"
         )
         assert "at sample 1: away_m 0" in lines[1] and "at sample 1: away_m 0" in lines[2]
-        assert lines[3] == "first serious finding at sample 0: hand-touches-nothing"
+        assert lines[5] == "first serious finding at sample 0: hand-touches-nothing"
         assert told.isna().tolist() == [False, True, False]
     else:
         assert lines[0] == "3 samples: 3 found, 0 infeasible, 0 failed"

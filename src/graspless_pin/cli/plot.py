@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from graspless_pin.atomic_write import make_folder_of
@@ -75,7 +76,11 @@ def plot(
     ] = None,
     value: Annotated[
         str | None,
-        typer.Option(metavar="COLUMN", help="Result; default: margin_N, of a boundary found."),
+        typer.Option(
+            metavar="COLUMN",
+            help="Result; default: margin_N, or the largest torque where a margin was required; of "
+            "a boundary found.",
+        ),
     ] = None,
     controller: ControllerOption = None,
 ) -> None:
@@ -150,13 +155,23 @@ def _draw_study(
     table = read_results(results)
     across = x or _varied(table, "x", ())
     if kind is PlotKind.LINE:
-        margin_plot(table, across, figure.add_subplot(), value=value or "margin_N")
+        margin_plot(table, across, figure.add_subplot(), value=value or _result(table))
         return
     up = y or _varied(table, "y", (across,))
     if kind is PlotKind.MAP:
-        margin_heat_map(table, across, up, figure.add_subplot(), value=value or "margin_N")
+        margin_heat_map(table, across, up, figure.add_subplot(), value=value or _result(table))
     else:
         outcome_boundary(table, across, up, figure.add_subplot(), outcome=value or "found")
+
+
+def _result(table: Any) -> str:
+    """Return what a study looked for: the margin, or torques where each margin is as required."""
+    found = table[table["found"]]
+    margins = found["margin_N"]
+    required = found["solve.margin_N"] if "solve.margin_N" in found else margins.median()
+    is_required = len(found) > 1 and np.allclose(margins, required, rtol=1e-6, atol=0.0)
+    torques = [name for name in ("max_torque_Nm", "max_torque_N") if name in found]
+    return torques[0] if is_required and torques else "margin_N"
 
 
 def _varied(table: Any, option: str, taken: tuple[str, ...]) -> str:

@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +53,12 @@ _LAST = (
     "reason",
     "error",
 )
+_EXTREMES = {
+    "margin_N": ("margin", "N"),
+    "max_torque_Nm": ("max |torque|", "N m"),
+    "max_torque_N": ("max |force of a linear joint|", "N"),
+}
+"""Of the columns that a summary tells the extremes of: what they are, and their unit."""
 _ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")
 _TYPES = {
     "found": "bool",
@@ -338,10 +345,10 @@ def _csv_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
 
 
 def results_summary(table: pd.DataFrame | str | Path) -> str:
-    """Return how many samples were found, infeasible and failed, and the best and worst margin.
+    """Return how many samples were found, infeasible and failed, and the extremes of their figures.
 
     Samples with serious findings, such as a hand that touches nothing, are counted apart, and their
-    margins do not count.
+    margins and torques do not count.
 
     Args:
         table: What `read_results` returns, or a file, which is read part by part.
@@ -376,12 +383,16 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
         has_findings = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
         sound = part["found"] & ~has_findings
         serious += int((part["found"] & ~sound).sum())
-        margins = part.loc[sound, "margin_N"]
-        if len(margins):
-            high, low = part.loc[margins.idxmax()], part.loc[margins.idxmin()]
-            # Of equal ones that of the first part.
-            named["largest"] = max(named.get("largest", high), high, key=lambda row: row.margin_N)
-            named["smallest"] = min(named.get("smallest", low), low, key=lambda row: row.margin_N)
+        for column in _EXTREMES:
+            values = part.loc[sound, column].dropna() if column in part else ()
+            if len(values):
+                for word, of, row in (
+                    ("largest", max, part.loc[values.idxmax()]),
+                    ("smallest", min, part.loc[values.idxmin()]),
+                ):
+                    # Of equal ones that of the first part.
+                    told = named.get(f"{word} {column}", row)
+                    named[f"{word} {column}"] = of(told, row, key=itemgetter(column))
         for what, those in (
             ("finding", has_findings),
             ("failure", part["status"].isin([*Failure])),
@@ -399,11 +410,13 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
             lines[0] += f", {times} {why.value.replace('_', ' ')}"
     if asked:
         lines.append(f"torques for all that is not known exactly: {served} of {asked} found")
-    for word in ("largest", "smallest"):
-        if (row := named.get(word)) is not None:
-            names = row.index[1 : row.index.get_loc("status")]
-            values = ", ".join(f"{name} {_short(row[name])}" for name in names)
-            lines.append(f"{word} margin {row.margin_N:.4g} N at sample {row['sample']}: {values}")
+    for column, (what, unit) in _EXTREMES.items():
+        for word in ("largest", "smallest"):
+            if (row := named.get(f"{word} {column}")) is not None:
+                names = row.index[1 : row.index.get_loc("status")]
+                values = ", ".join(f"{name} {_short(row[name])}" for name in names)
+                figure = f"{word} {what} {row[column]:.4g} {unit}"
+                lines.append(f"{figure} at sample {row['sample']}: {values}")
     if (finding := named.get("finding")) is not None:
         lines.append(f"first serious finding at sample {finding['sample']}: {finding[FINDINGS]}")
     if (failure := named.get("failure")) is not None:
