@@ -77,6 +77,7 @@ BAD_PROBLEMS = {
     "a NaN normal": ("normals", changed(GOOD["normals"], (0, 0), NAN), ["NaN", "(0, 0)"]),
     "a wrench without moment": ("external_wrench", [0.0, 0.0, -9.8], ["(3,)", "expected (6"]),
     "a Jacobian with too few rows": ("jacobian", np.zeros((3, 2)), ["(3, 2)", "(6, any)"]),
+    "a transposed Jacobian": ("jacobian", np.zeros((1, 6)), ["(1, 6)", "it is transposed"]),
     "a Jacobian as a vector": ("jacobian", np.zeros(6), ["(6,)"]),
     "negative friction": ("friction", [0.3, -0.1], ["-0.1", "index 1", ">= 0"]),
     "infinite friction": ("friction", INF, ["inf", "index 0", "finite"]),

@@ -62,12 +62,9 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
             raise ArgumentError(name, what_to_pass(name, value, "array of real numbers"))
         must = "it must be an array of real numbers"
         raise ArgumentError(name, f"is {value!r:.200}; {must}{_without_quotes(text)}")
-    if array.shape != shape and (
-        array.ndim != len(shape)
-        or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True))
-    ):
+    if not _fits(array, shape):
         expected = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
-        meant = _ENTRIES.get(name, "")
+        meant = "; it is transposed" if _fits(array.T, shape) else _ENTRIES.get(name, "")
         raise ArgumentError(name, f"has shape {array.shape}; expected {expected}{meant}")
     if np.count_nonzero(np.isnan(array)):
         index = tuple(int(i) for i in np.argwhere(np.isnan(array))[0])
@@ -79,6 +76,14 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
             name, f"is {array[index]} at index {index}; it must be within ±{LARGEST:g}"
         )
     return read_only(array)
+
+
+def _fits(array: FloatArray, shape: tuple[int | None, ...]) -> bool:
+    """Return whether an array has a shape, of which None is any length."""
+    return array.shape == shape or (
+        array.ndim == len(shape)
+        and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+    )
 
 
 def _refuse_masks(name: str, value: object) -> None:
