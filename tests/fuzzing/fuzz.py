@@ -78,7 +78,9 @@ class Outcome:
         elif self.code == 2 and not (text.startswith(("error: ", "Usage: "))):
             found.append(f"no message: {text[:200]!r}")
         elif self.code in (0, 1, 4) and not all(
+            # A report of a document that is refused is written, and says so.
             line.startswith(("serious: ", "warning: ", "note: ", " ", "..."))
+            or (self.code == 4 and line.startswith("error: "))
             for line in text.splitlines()
         ):
             found.append(f"something else on standard error: {text[:200]!r}")

@@ -207,6 +207,7 @@ TEXTS = {
     "a tag": ("name: !!python/object/apply:os.getcwd []\n", ":1: is not plain YAML: column 7"),
     "half a character": ('name: "\\ud800"\n', ":1: name: has the character U\\+D800"),
     "control": ('name: "\\e[2J"\n', ":1: name: has the character U\\+001B"),
+    "a character that no YAML has": ('urdf: b\nname: "a\x7f"\n', ":2: has the character U\\+007F"),
     "long number": (f"friction: 0x{5000 * 'f'}\n", ":1: friction: found a number of 5002 char"),
 }
 

@@ -162,3 +162,13 @@ def test_a_document_that_is_refused_is_told_in_the_terminal_and_on_the_page(tmp_
     assert result.exit_code == 4
     assert f"{file}: is refused; graspless-pin verify {file} says why" in result.stderr
     assert "These checks fail: margin as stated" in target.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("origin", [None, 5, {}, {"versions": 3}, {"versions": {"numpy": "2.0"}}])
+def test_a_document_need_not_say_what_it_was_made_of(tmp_path, origin):
+    file, target = tmp_path / "solution.json", tmp_path / "report.html"
+    document = {**through_json(maximize_margin(pinched_block())), "provenance": origin}
+    file.write_text(json.dumps(document), encoding="utf-8")
+    result = run(file, "-o", target, "--no-ranges")
+    assert result.exit_code in (0, 4)
+    assert "How to reproduce" in target.read_text(encoding="utf-8")

@@ -85,7 +85,13 @@ def parse_yaml(text: str) -> ParsedYaml:
         TextError: It is no plain YAML, repeats a key, is nested more than 50 levels deep or has
             more than 30 000 entries, anchors written out.
     """
-    loader = YamlLoader(text)
+    try:
+        loader = YamlLoader(text)
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise TextError(
+            f"has the character U+{error.character:04X}, which YAML does not allow; remove it", line
+        ) from None
     try:
         root = loader.get_single_node()
         if root is None:

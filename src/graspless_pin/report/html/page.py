@@ -142,7 +142,7 @@ def _context(
         ),
         **_verdict(case),
         "unknown": unknown_rows(case),
-        "made_of": case.document.get("provenance") or {},
+        "made_of": _provenance(case.document),
         "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
         "force": partial(_number, size=load),
         "place": lambda value: coordinate(value, length).replace("-", "−"),
@@ -159,6 +159,17 @@ def _context(
             **_ranges(case, bounds, rest_bounds, partial(_number, size=load, signed=True)),
         }
     return context
+
+
+def _provenance(document: dict[str, Any]) -> dict[str, Any]:
+    """Return what a document says that it was made of; of one that is refused, nothing is sure."""
+    given = document.get("provenance")
+    given = given if isinstance(given, dict) else {}
+    versions = given.get("versions")
+    return {
+        **{key: given.get(key) for key in ("scene_file", "scene_sha256", "problem_sha256")},
+        "versions": versions if isinstance(versions, dict) else {},
+    }
 
 
 def _holds_joints(case: Case) -> bool:
