@@ -7,6 +7,7 @@ import pytest
 from tests.core.scenes import scene
 
 from graspless_pin import (
+    QuasistaticProblem,
     Status,
     compare_rules,
     contact_force_bounds,
@@ -70,3 +71,25 @@ def test_the_sensitivity_takes_limits():
 def test_impossible_limits_are_refused(analysis, limit):
     with pytest.raises(ArgumentError, match=next(iter(limit))):
         analysis(scene("rest"), **limit)
+
+
+@pytest.mark.parametrize("limit", [50.0, 0.016, 0.0099])
+def test_a_small_limit_hides_no_force(limit):
+    """The force set has no normal-force limit, and 30 N stand on legs that are to bear so little.
+
+    The legs at the corners bear 15, 7.5 and 7.5 N without the middle one, and it may bear all.
+    """
+    legs = [[0.1, 0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05], [0, 0, -0.05]]
+    load = [0, 0, -30.0, 0, 0, 0]
+    for count, upper in ((3, [15.0, 7.5, 7.5]), (4, [15.0, 7.5, 7.5, 30.0])):
+        table = QuasistaticProblem(
+            legs[:count], [[0, 0, 1]] * count, load, friction=0.5, max_normal_force=limit
+        )
+        bounds = contact_force_bounds(table, [], static_friction="coulomb")
+        assert bounds.status is Status.OPTIMAL and bounds.proven.all()
+        np.testing.assert_allclose(bounds.upper[:, 0], upper, rtol=1e-6)
+        if count == 3:
+            # They may push each other apart up to their friction, or not.
+            room = 7.5 * np.sin(np.arctan(0.5 * np.cos(np.pi / 8)))
+            assert bounds.smallest_margin == pytest.approx(min(0.0, limit - 15.0), abs=1e-6)
+            assert bounds.largest_margin == pytest.approx(min(room, limit - 15.0), abs=1e-6)

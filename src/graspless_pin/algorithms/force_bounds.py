@@ -40,8 +40,8 @@ from graspless_pin.solution.tables import (
 from graspless_pin.solvers import Outcome, solve
 from graspless_pin.tree_search import TreeSearch
 
-_FARTHEST_FORCE = 1e3
-"""Bounded forces are looked for up to this multiple of the largest normal-force limit."""
+_AT_REACH = 1.0 - 1e-6
+"""Share of the farthest normal force that is looked at: what is as large may be larger."""
 _LEAST_RAY_GROWTH = 1e-6
 _RAY_NODE_LIMITS = (32, 128, 512, 2048, 8192, None)
 """Limits of the searches for a free ray, one after the other: any ray will do."""
@@ -88,8 +88,7 @@ class ForceExtremes:
         self.limits, self.options = Limits.of(options), options
         self.problem, self.rules, self.solver = problem, options.rules, options.solver
         self.torques = torques
-        limit = float(problem.max_normal_force.max()) / problem.scales.force
-        self.set = formulate(problem, ForceSet(torques, min(_FARTHEST_FORCE * limit, FARTHEST)))
+        self.set = formulate(problem, ForceSet(torques))
         self.rays = formulate(problem, FreeRays())
         self.coordinates = self.set.coordinates
         self.rows = force_rows(problem, self.coordinates)
@@ -100,7 +99,16 @@ class ForceExtremes:
 
     def feasibility(self) -> Status:
         """Whether some mode holds the torques."""
-        return self._search(self.set)[0]
+        status, _ = self._search(self.set)
+        if status not in FOUND and self._reach < FARTHEST:
+            self.set = formulate(self.problem, ForceSet(self.torques, farthest=True))
+            status, _ = self._search(self.set)
+        return status
+
+    @property
+    def _reach(self) -> float:
+        """The largest normal force that is looked at, over F."""
+        return float(self.set.program.ub[self.coordinates.normal_columns].max())
 
     def component(self, contact: int, component: int) -> FloatArray:
         """(n,) functional of the coordinates that gives f_n, f_t1 or f_t2 of a contact, in N."""
@@ -127,6 +135,8 @@ class ForceExtremes:
             _, state = self._search(self.set.with_costs(c), cutoff=-above / scale)
             if state.best is not None:
                 value = -scale * state.best.value
+                normal = state.best.x[self.coordinates.normal_columns]
+                self.proven = self.proven and bool((normal < _AT_REACH * self._reach).all())
             elif above == -np.inf:
                 # The torques are held: a search that finds no force has nothing to say.
                 self.proven = False

@@ -65,20 +65,21 @@ class ForceSet(Objective):
 
     Attributes:
         torques: (L,) motors' torques, N m.
-        reach: Largest normal force that is looked at, over F.
+        farthest: Whether normal forces are looked at up to `FARTHEST`, not `force_reach`.
     """
 
     torques: FloatArray
-    reach: float
+    farthest: bool = False
     name = "force set"
 
     def build(self, program: ProgramBuilder) -> None:
         """Add the balance, the torques and the cones."""
-        program.look_within(program.forces.cone_box(self.reach))
+        reach = FARTHEST if self.farthest else force_reach(program.forces, self.torques)
+        program.look_within(program.forces.cone_box(reach))
         program.balance()
         program.held_torques(contact_torques(program.forces, self.torques))
         program.cones(0.0)
-        program.bound_normals(0.0, self.reach)
+        program.bound_normals(0.0, reach)
 
 
 @dataclass(frozen=True)
@@ -145,11 +146,11 @@ class HeldMargin(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add e/F; the forces stay in their cones whatever it is beyond the normal-force limit.
 
-        Forces a thousand times as large as the limit are not looked for.
+        Forces are looked for as far as `force_reach`.
         """
         forces = program.forces
         largest = float(forces.limit.max())
-        most = min(1e3 * largest, FARTHEST)
+        most = force_reach(forces, self.torques)
         program.look_within(forces.cone_box(min(most + largest, FARTHEST)))
         unit = forces.coordinates.force_scale
         e = program.columns("margin", low=-most, box=(-most, largest), cost=-1.0, unit=unit)
@@ -279,11 +280,21 @@ def _at_hand(forces: ForceRows, margin: float) -> float:
     return most + float(np.abs(forces.torque_rows).sum())
 
 
+def force_reach(forces: ForceRows, torques: FloatArray) -> float:
+    """Return up to which normal force, over F, forces without a limit are looked for.
+
+    A thousand times the largest of load, normal-force limits, and torques over their joint's scale.
+    """
+    limit, held = float(forces.limit.max()), contact_torques(forces, torques)
+    return min(_REACH * max(1.0, limit, float(np.abs(held).max(initial=0.0))), FARTHEST)
+
+
 def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
     """Return (L,) torques that the contacts make beside gravity, over the joint scale."""
     return (torques - forces.problem.gravity_torques) / forces.coordinates.joint_scale
 
 
+_REACH = 1e3
 _MARGIN_BESIDE = 0.1
 """What a margin of one load counts beside a depth of one joint scale."""
 
