@@ -90,6 +90,6 @@ def test_a_small_limit_hides_no_force(limit):
         np.testing.assert_allclose(bounds.upper[:, 0], upper, rtol=1e-6)
         if count == 3:
             # They may push each other apart up to their friction, or not.
-            room = 7.5 * np.sin(np.arctan(0.5 * np.cos(np.pi / 8)))
+            room = 7.5 * np.sin(np.arctan(0.5 * np.cos(np.pi / table.cone_edges)))
             assert bounds.smallest_margin == pytest.approx(min(0.0, limit - 15.0), abs=1e-6)
             assert bounds.largest_margin == pytest.approx(min(room, limit - 15.0), abs=1e-6)
