@@ -168,8 +168,11 @@ def test_a_motion_that_no_contact_resists_is_named():
     assert one.borne < 1e-3 and one.why == "free motion"
     motion = one.free_motion
     assert motion is not None
-    rows = np.hstack([problem.W.T, problem.jacobian])
+    rows = np.hstack([problem.W.T, -problem.jacobian])
     assert np.abs(rows @ motion).max() < 1e-8 * np.abs(motion).max() * np.abs(rows).max()
+    # Contacts do no work on it: load and motors do none together, without weights of joints.
+    power = motion[:6] @ problem.external_wrench, motion[6:] @ torques
+    assert sum(power) == pytest.approx(0.0, abs=1e-6 * np.abs(power).max())
     works = [motion[:6] @ member.problem.external_wrench for member in one.conflict]
     assert np.ptp(works) > 1e-9
     assert "free motion" in str(off)

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from tests.core.random_scenes import general_scene, infeasible_scene
-from tests.core.scenes import scene
+from tests.core.scenes import scene, slider
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -15,8 +15,10 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms import explanation as explanation_module
+from graspless_pin.algorithms.comparison import MinimumFriction
 from graspless_pin.algorithms.explanation import Suggestion, explain
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
+from graspless_pin.modes.rules import SlidingMode
 
 MU = 0.5
 LIMIT = 2.0
@@ -261,8 +263,23 @@ def test_what_no_solver_decides_on_is_left_out(monkeypatch):
         raise UndecidedMotionError("not decided")
 
     monkeypatch.setattr(explanation_module, "branch_and_bound", search)
-    found = explain(maximize_margin(pushed())).suggestions
+    explanation = explain(maximize_margin(pushed()))
+    found = explanation.suggestions
     assert [item.text.split(" would")[0] for item in found] == ["all friction coefficients"]
+    assert not explanation.complete
+
+
+def test_what_is_not_proven_leaves_an_explanation_open(monkeypatch):
+    solution = maximize_margin(pushed())
+    unknown = MinimumFriction(np.nan, proven=False)
+    monkeypatch.setattr(explanation_module, "smallest_factor", lambda *_: unknown)
+    assert not explain(solution).complete
+
+
+def test_a_mode_that_is_refused_is_an_answer():
+    mode = SlidingMode([True] * 5, [[1, -1]] * 5)
+    told = explain(maximize_margin(slider(1e-6), mode=mode)).cause
+    assert told.startswith("Not explained further: the given virtual-sliding mode has no")
 
 
 def test_a_help_far_beyond_all_that_is_at_hand_is_left_out():

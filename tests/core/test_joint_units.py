@@ -52,7 +52,9 @@ def test_wrong_units_are_named(units, message):
 def test_units_stay_where_the_joints_do():
     mixed = problem(MIXED)
     assert mixed.with_changes(friction=0.5).joint_units == MIXED
-    assert mixed.with_changes(joint_names=["a", "b"]).joint_units == MIXED
+    for names in (["a", "b"], np.array(["a", "b"]), None):
+        assert mixed.with_changes(joint_names=names).joint_units == MIXED
+    assert mixed.with_changes(jacobian=mixed.jacobian.tolist()).joint_units == MIXED
     wider = np.hstack([mixed.jacobian, mixed.jacobian[:, :1]])
     other = mixed.with_changes(
         jacobian=wider,

@@ -1,6 +1,7 @@
 """Numbers that are none or beyond what solvers bear are refused with argument, value and range."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,6 +161,20 @@ def test_a_number_that_is_none_is_named(name: str, bad: float) -> None:
     given[name].flat[1] = bad
     with pytest.raises(ArgumentError, match=rf"^{name}: is (NaN|-?inf|1e\+200) at index"):
         problem_of_own_arrays(**given)
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("friction", np.array([0.3, 1e5])),
+        ("cone_edges", 5000),
+        ("max_normal_force", 1e31),
+        ("torque_limits", (np.array([-1.0, 0.0, -1e35]), np.array([1.0, 0.0, 1e30]))),
+    ],
+)
+def test_own_arrays_have_the_bounds_of_the_constructor(name: str, bad: Any) -> None:
+    with pytest.raises(ArgumentError, match=f"^{name.removesuffix('_limits')}"):
+        problem_of_own_arrays(**{**arguments(), name: bad})
 
 
 def test_coefficients_of_friction_may_be_zero_but_not_negative() -> None:

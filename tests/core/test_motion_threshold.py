@@ -1,5 +1,6 @@
 """One rule for what counts as a virtual motion, and answers that say when they hang on it."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -82,6 +83,25 @@ def test_a_mode_that_hangs_on_the_threshold_says_so_when_it_is_refused():
     assert looser == pytest.approx(TURNED, rel=1e-2)
     assert np.isnan(stricter)
     assert "with ten times infeasible" in str(solution)
+
+
+@pytest.mark.parametrize("turn", [1e-6, 2.3e-6])
+def test_a_search_that_a_limit_ends_tells_no_other_optimum(turn):
+    """What it had found by then is none, and nothing found is not infeasible."""
+    whole = maximize_margin(slider(turn)).certificate.threshold_optima
+    assert whole is not None and whole == pytest.approx((TURNED, LINED_UP), rel=1e-2)
+    for nodes in range(1, 8):
+        told = maximize_margin(slider(turn), node_limit=nodes).certificate.threshold_optima
+        assert told is None or told == pytest.approx(whole, rel=1e-6)
+
+
+def test_torques_that_hang_on_the_threshold_are_told_in_their_unit():
+    solution = minimize_torque(slider(1e-6), 0.1)
+    certificate = replace(solution.certificate, threshold_optima=(0.5, np.nan))
+    infeasible = replace(minimize_torque(slider(1e-6), 30.0), certificate=certificate)
+    for told in (replace(solution, certificate=certificate), infeasible):
+        text = str(told).replace("0.5000", "0.5")
+        assert "a tenth of the threshold it is 0.5 N m, with ten times infeasible" in text
 
 
 @pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])

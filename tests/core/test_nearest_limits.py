@@ -89,7 +89,10 @@ def test_the_joint_nearest_its_limit():
         f"{100.0 * share:.1f} %."
     )
     free = maximize_margin(pinch(torque_limits=([-np.inf] * 2, [np.inf] * 2)))
-    assert joint_limit_words(free) == "No joint has a finite limit on the side of its torque."
+    assert (
+        joint_limit_words(free)
+        == "No joint has a finite limit other than zero on the side of its torque."
+    )
     none = QuasistaticProblem([[0, 0, -1]], [[0, 0, 1]], [0, 0, -1, 0, 0, 0], friction=0.5)
     assert joint_limit_words(maximize_margin(none)) == ""
     # A table that bears the load: the fingers' torques are zero, and none is near a limit.

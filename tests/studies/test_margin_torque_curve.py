@@ -139,6 +139,9 @@ def test_what_has_no_curve():
 def test_reading_between_and_beyond():
     curve = margin_torque_curve(scene("up"))
     assert np.isnan(curve.torque_at(curve.largest_margin + 1e-3))
+    best = maximize_margin(scene("up")).margin
+    for beside in (best, curve.largest_margin + 1e-9):
+        assert curve.torque_at(beside) == pytest.approx(curve.torques[-1, 1], rel=1e-6)
     assert curve.torque_at([[0.0, 1.0]]).shape == (1, 2)
     with pytest.raises(ArgumentError, match=r"margin: is -0\.1"):
         curve.torque_at([0.2, -0.1])

@@ -235,8 +235,9 @@ class AttainableTolerance(Brief):
             problem.
         conflict: Members that no torques serve together at `failing`; empty: it is not proven.
         in_time: Whether the search went to its end; else torques may bear more than `borne`.
-        free_motion: (P + L,) a motion that no contact resists, along which these members need
-            different torques; None: there is none, or feedback adds what they differ by.
+        free_motion: (P + L,) a motion [V; theta_dot] that no contact resists, along which these
+            members need different torques; None: there is none, or feedback adds what they differ
+            by.
     """
 
     quantity: Quantity
@@ -438,16 +439,19 @@ class AttainableSearch:
         motions = (found @ null_space(found[passive:][~levers], rcond=_VARIES)).T
         if not len(motions) or any(np.ptp(one.factors[levers]) > 0.0 for one in conflict):
             return None
-        # What the commands c have to do along each: motion_q . c = needed, for all members.
+        # What the commands c have to do along each: the contacts do no work, v . W f = -q . J^T f
+        # in W^T v + J q = 0, so that q . c = needed, for all members.
         needed = [
             (motions[:, passive:] @ (one.problem.gravity_torques - one.offsets)
-             - motions[:, :passive] @ one.problem.external_wrench) / one.factors[levers][0]
+             + motions[:, :passive] @ one.problem.external_wrench) / one.factors[levers][0]
             for one in conflict
         ]  # fmt: skip
         differ = np.ptp(needed, axis=0)
         most = int(differ.argmax())
         scale = problem.scales.force * problem.scales.length
-        return read_only(motions[most]) if differ[most] > _VARIES * scale else None
+        if differ[most] <= _VARIES * scale:
+            return None
+        return read_only(np.concatenate([motions[most, :passive], -motions[most, passive:]]))
 
 
 @cache

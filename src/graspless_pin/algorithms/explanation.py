@@ -17,7 +17,7 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.comparison import smallest_factor
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
@@ -36,6 +36,7 @@ from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
+from graspless_pin.solution.certificate import UNDECIDED
 from graspless_pin.solution.torque_solution import overload
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Outcome
 
@@ -118,7 +119,7 @@ class Tries:
 
     def ended(self, status: Status) -> None:
         """Note how a search ended."""
-        self.cut_short |= status in (Status.NOT_FOUND_IN_LIMIT, Status.LIMIT_REACHED)
+        self.cut_short |= status in (Status.LIMIT_REACHED, *UNDECIDED)
 
     def feasible(
         self, problem: QuasistaticProblem, solution: TorqueSolution, rules: Rules, margin: float
@@ -218,7 +219,8 @@ def explain(
     if solution.status is Status.LOAD_TOO_LARGE:
         return Explanation(f"Not solved: {overload(solution.problem)}.", (), ())
     if solution.status not in (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES):
-        return Explanation(f"Not solved: {solution.status.message}.", (), ())
+        head = "Not solved" if solution.status in UNDECIDED else "Not explained further"
+        return Explanation(f"{head}: {solution.status.message}.", (), ())
     conflicts, suggestions = tuple[int, ...](), list[Suggestion]()
     if solution.status is Status.INFEASIBLE_MODES:
         conflicts = () if solution.rules.by_direction else _conflicting_contacts(solution)
@@ -362,7 +364,7 @@ def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggesti
     if options is None:
         return
     found = smallest_factor(problem, solution.objective, options)
-    tries.cut_short |= tries.limits != NO_LIMITS and not found.proven
+    tries.cut_short |= not found.proven
     if not found.found:
         return
 
@@ -411,8 +413,10 @@ def _relief(
     formulation = formulate(solution.problem, objective)
     state = SearchState(formulation, options, tries.limits)
     # What was found before a motion could not be decided on helps all the same.
-    with suppress(UndecidedMotionError):
+    try:
         tries.ended(branch_and_bound(state))
+    except UndecidedMotionError:
+        tries.cut_short = True
     best, coordinates = state.best, formulation.coordinates
     if best is None or best.value <= 0.0:
         return None

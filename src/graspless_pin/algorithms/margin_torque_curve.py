@@ -348,6 +348,8 @@ class MarginTorqueCurve(Brief):
     def torque_at(self, margin: ArrayLike) -> FloatArray:
         """Return t*(e0), interpolated; at a jump the smaller value, NaN beyond the largest margin.
 
+        So far beyond as two optima of it may differ, 1e-8 of the load, it is that of its end.
+
         Args:
             margin: Required margins e0 >= 0, N, of any shape.
 
@@ -355,8 +357,10 @@ class MarginTorqueCurve(Brief):
             NoSolutionError: If no margin is feasible.
             ArgumentError: If a margin is negative or no number.
         """
-        self._check_found()
         wanted = finite_array("margin", np.ravel(margin), (None,))
+        end = self.largest_margin
+        near = wanted <= end + SAME_MARGIN * self.problem.scales.force
+        wanted = np.where(near, np.minimum(wanted, end), wanted)
         if (wanted < 0.0).any():
             raise ArgumentError("margin", f"is {wanted.min()}; a required margin is at least 0")
         piece = np.searchsorted(self.margins[:, 1], wanted, side="left")

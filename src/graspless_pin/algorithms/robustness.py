@@ -304,9 +304,9 @@ def robustness(
         problem: At rest, with `object_inertia` and `joint_inertia`.
         torques: (L,) the motors' torques, N m (N).
         precision: Relative width of the brackets with which the search ends.
-        node_limit: Sets of outcomes that each tree and each verdict may look at; a tenth of what
-            one verdict alone may, since there are two brackets for each joint and a verdict for
-            each contact.
+        node_limit: Sets of outcomes that each tree of a bracket and each verdict without a contact
+            may look at; a tenth of what the other verdicts may, on the torques as they are and
+            where brackets end, since there are two brackets for each joint.
         time_limit: Seconds in all; None: any time. What is proven by then is returned, and
             `complete` tells whether it is all.
 

@@ -32,6 +32,7 @@ from graspless_pin.problem.checks import read_only
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
+from graspless_pin.solution.certificate import UNDECIDED
 from graspless_pin.solvers import Outcome
 
 if TYPE_CHECKING:
@@ -200,9 +201,9 @@ def threshold_optima(
         gap: How near each of two optima is found, over the load or the optimum.
 
     Returns:
-        Two optima, NaN where nothing is feasible or the search was not completed; None where
-        neither differs by more than 1e-6 of the load, or of the optimum where that is larger, and
-        two gaps.
+        Two optima, NaN where nothing is feasible; None where neither differs by more than 1e-6 of
+        the load, or of the optimum where that is larger, and two gaps, or where a limit or a
+        program that no solver answered ended one of the searches.
     """
     formulation, kinematics = state.formulation, state.formulation.kinematics
     if state.rules.static_friction is StaticFriction.COULOMB:
@@ -213,7 +214,8 @@ def threshold_optima(
     for factor in THRESHOLD_FACTORS:
         other = VirtualKinematics(formulation.problem, factor * kinematics.threshold)
         again = SearchState(replace(formulation, kinematics=other), state.options, state.limits)
-        search(again)
+        if search(again) in (Status.LIMIT_REACHED, *UNDECIDED):
+            return None
         values.append(again.best_value)
     own = state.best_value
     same = (_SAME_OPTIMUM + 2.0 * gap) * (max(1.0, abs(own)) if np.isfinite(own) else 1.0)

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, SMALLEST
+from graspless_pin.bounds import (
+    LARGEST,
+    LARGEST_FRICTION,
+    LARGEST_LOAD_OVER_LIMIT,
+    MOST_CONE_EDGES,
+    SMALLEST,
+)
 from graspless_pin.problem.arguments import is_too_small
 from graspless_pin.problem.checks import (
     FREE_BODY,
@@ -64,15 +70,17 @@ def problem_of_own_arrays(
     lower, upper = torque_limits
     if not (
         len(positions) > 0
-        and SMALLEST <= max_normal_force < np.inf
+        and SMALLEST <= max_normal_force <= LARGEST
         and isinstance(cone_edges, int)
-        and cone_edges >= 3
+        and 3 <= cone_edges <= MOST_CONE_EDGES
         and not is_too_small(external_wrench)
         # All entries are numbers, coefficients not negative, and limits in their order.
         and all_within((positions, external_wrench, jacobian, friction, sliding, gravity_torques))
         and all_within((external_wrench[:3],), LARGEST_LOAD_OVER_LIMIT * max_normal_force)
-        and all_true(friction >= 0.0)
-        and all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
+        and all_true((friction >= 0.0) & (friction <= LARGEST_FRICTION))
+        and all_true((lower <= upper) & (lower <= LARGEST) & (upper >= -LARGEST))
+        and all_true((lower >= -LARGEST) | np.isinf(lower))
+        and all_true((upper <= LARGEST) | np.isinf(upper))
     ):  # fmt: skip
         # The constructor finds what is wrong and names it.
         return QuasistaticProblem(positions, normals, external_wrench, jacobian, friction=friction,

@@ -208,8 +208,10 @@ class QuasistaticProblem:
         unknown = sorted(set(changes) - set(known))
         if unknown:
             raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(known)}")
-        names = changes.get("joint_names", self.joint_names)
-        if not isinstance(names, Sequence) or len(names) != self.joint_count:
+        columns, jacobian = 0, changes.get("jacobian", self.jacobian)
+        with suppress(ValueError, IndexError):  # the constructor says that it is no matrix
+            columns = 0 if jacobian is None else np.shape(jacobian)[1]
+        if columns != self.joint_count:
             values["joint_units"] = None
         if "wrench_matrix" in changes:
             rows = 0

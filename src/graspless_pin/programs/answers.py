@@ -338,7 +338,7 @@ def _breaks_limits(
 def asked(backend: Backend, program: Program) -> Multipliers | None:
     """Return what a solver finds of a program, None if that is nothing or not to be reckoned with.
 
-    No solver is asked but here, and none is given figures that it does not bear.
+    No solver of a `Program` is asked but here, and none is given figures that it does not bear.
 
     Args:
         backend: The solver.
@@ -390,8 +390,7 @@ def _check_boxes(program: Program, x: FloatArray, y: FloatArray, z: FloatArray) 
     its value or its bound are not what they are within them.
     """
     low, high = program.box if program.whole_box is None else program.whole_box
-    room = PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(x))
-    outside = (x < low - room) | (x > high + room)
+    outside = _is_outside(x, low, high)
     if not outside.any():
         return
     larger = replace(program, box=np.stack((np.minimum(low, x), np.maximum(high, x))))
@@ -434,8 +433,13 @@ def _is_within_reach(program: Program, x: FloatArray) -> bool:
     """Return whether a bound is about a solution: not where this is farther than proofs look."""
     if program.whole_box is None:
         return True
-    room = PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(x))
-    return bool(((x >= program.box[0] - room) & (x <= program.box[1] + room)).all())
+    return not _is_outside(x, *program.box).any()
+
+
+def _is_outside(x: FloatArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
+    """(n,) whether each is outside its box by more than a tolerance of the box's own size."""
+    below = x < low - PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(low))
+    return below | (x > high + PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(high)))
 
 
 def failed(bound: float) -> Answer:

@@ -202,7 +202,7 @@ class Program:
             ub: (n,) upper bounds.
             cutoff: A value above which solutions are of no interest.
         """
-        if lb is self.lb and ub is self.ub:
+        if lb is self.lb and ub is self.ub and cutoff >= self.worst:
             return self
         return changed(self, "reach", **self._shared, lb=lb, ub=ub, worst=min(self.worst, cutoff))
 

@@ -115,7 +115,7 @@ def _listed(contacts: Sequence[int], bodies: Sequence[str] | None) -> str:
 def joint_limit_words(solution: TorqueSolution) -> str:
     """Return a sentence that says which joint is nearest its limit.
 
-    Empty without joints, and where no torque has a share of its limit to tell of.
+    Empty without joints, and where the torque nearest its limit is rounding of zero.
 
     Args:
         solution: A solution that was found.
@@ -125,7 +125,7 @@ def joint_limit_words(solution: TorqueSolution) -> str:
         return ""
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
     if np.isnan(shares).all():
-        return "No joint has a finite limit on the side of its torque."
+        return "No joint has a finite limit other than zero on the side of its torque."
     # Where joints tie, as at the least largest torque, rounding must not choose among them.
     joint = int(np.argmax(shares >= (1.0 - _TIE_TOLERANCE) * np.nanmax(shares)))
     torque, size = float(torques[joint]), torque_size(problem, torques)

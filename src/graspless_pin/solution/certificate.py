@@ -46,7 +46,7 @@ class Certificate:
             or 1e8 times the load.
         threshold_optima: The optimum with a tenth and with ten times the threshold of what counts
             as a virtual motion, in the bound's unit, NaN where nothing is feasible; None: both are
-            the same as here.
+            the same as here, or not known.
     """
 
     primal_residual: float
@@ -149,9 +149,10 @@ class Evidence(Brief):
         relaxation: Multipliers of the program without modes, or of the given mode where that has no
             forces: they bound every mode, or prove that there is nothing. None: not at hand.
         in_mode: Multipliers of the program in which the solution was found; None: none was.
-        added: Values of the columns that the objective adds to the forces', scaled; None: none.
-        forces: (M, 3) forces that balance where friction needs no virtual sliding, N, for a
-            solution that is infeasible by its modes alone.
+        added: Values of the columns that the objective adds to the forces', scaled, of the answer
+            or, where none was found, beside `forces`; None: neither is there.
+        forces: (M, 3) forces that balance where friction needs no virtual sliding, N, of a
+            solution for which no mode that admits them was found; None: there are none.
         motion: (P + L,) [V; theta_dot] that may be behind the mode, m/s and rad/s.
     """
 

@@ -16,7 +16,7 @@ from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.findings import Finding, FindingCode, gravest_first
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, JointUnit
+from graspless_pin.problem.checks import FloatArray, JointUnit, units_text
 from graspless_pin.programs.builder import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective, ScaledProgram, scaled_program
 from graspless_pin.records import changed
@@ -70,7 +70,7 @@ def solution_doubts(
             "solution",
             f"it is not proven that nothing is better: a better answer may exist (gap "
             f"{certificate.gap:.3g})",
-            "raise node_limit and time_limit",
+            "raise node_limit and time_limit if they were given, else ask another solver",
         )
     if certificate.threshold_optima is not None:
         yield Finding(
@@ -253,7 +253,7 @@ class TorqueSolution:
     @property
     def added_columns(self) -> FloatArray:
         """Values of the columns that the objective adds to the forces', scaled."""
-        return self._read(self.evidence.added)
+        return self._read(self.evidence.added if self.found else None)
 
     def named(self, y: FloatArray, z: FloatArray) -> Marginals:
         """Return multipliers of the rows of the solution's program by name, in SI units.
@@ -382,10 +382,12 @@ class TorqueSolution:
         unit, size = "N", self.problem.scales.force
         if self.algorithm is None and not self.objective.of_margin:
             unit, size = self.objective.unit_text or "of its own unit", 1.0
-        elif self.found and self.objective.by_limits:
+        elif self.objective.by_limits:
             unit, size = "of the limit", 1.0
-        elif self.found and self.algorithm is Algorithm.TORQUE:
-            unit, size = self.max_torque_unit, torque_size(self.problem, self.torques)
+        elif self.algorithm is Algorithm.TORQUE:
+            torques = self.torques if self.found else np.zeros(self.problem.joint_count)
+            unit = self.max_torque_unit if self.found else units_text(self.problem.joint_units)
+            size = torque_size(self.problem, torques)
         text = certificate_text(self.certificate, self.problem, unit, size, found=self.found)
         if self.found and self.guarantee is not None:
             gap, best = (

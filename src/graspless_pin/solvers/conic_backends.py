@@ -34,9 +34,10 @@ _CONE_TOLERANCE = 1e-9
 
 
 def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> FloatArray | None:
-    """Return (n,) where a semidefinite program has its least value, by Clarabel; None: nowhere.
+    """Return (n,) what Clarabel says is the optimum of a semidefinite program.
 
-    The point is held against the program, but proves nothing: it may be a guess alone.
+    None where it misses a row by more than 1e-6. Neither the inequalities nor the value are
+    checked: it is a guess.
 
     Args:
         program: The program.
