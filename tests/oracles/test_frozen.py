@@ -13,6 +13,7 @@ def test_values_agree_within_the_gap_that_a_search_left():
     assert kinds({**base, "values": [1.0 + 5e-7, 1.0]}, base) == ["value"]
     assert kinds({**base, "values": [1.0 + 5e-7, 1.0], "loose": 1e-6}, base) == []
     assert kinds({**base, "values": ["inf", 1.0]}, base) == ["value"]
+    assert kinds({**base, "values": [None, 1.0]}, base) == []  # not proven
 
 
 def test_only_what_was_open_may_be_decided():
