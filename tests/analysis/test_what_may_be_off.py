@@ -145,3 +145,27 @@ def test_what_has_no_tolerances():
     with pytest.raises(KeyError):
         tolerances(problem, torques, quantities=["more mass"]).of(Quantity.PUSH)
     assert Uncertainty().scaled(0.5).mass == 0.0
+
+
+def test_joints_that_have_no_torque_left_to_add_are_named():
+    """Both fingers' motors give all that they have: feedback has nothing to add to a push."""
+    problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+    torques = minimize_torque(problem, 0.5, static_friction="coulomb").torques
+    full = problem.with_changes(torque_limits=(-np.abs(torques).max(), np.abs(torques).max()))
+    for of, joints in ((problem, ()), (full, (0, 1))):
+        off = tolerances(of, torques, feedback=10.0, quantities=["push"], static_friction="coulomb")
+        assert off.of("push").joints == joints
+        assert ("finger_1/hinge, finger_6/hinge" in str(off)) == bool(joints)
+
+
+def test_figures_that_joints_give_way_far_for_are_told_to_be_rough():
+    problem = load_scene("examples/allegro_sphere_on_slope.yaml").problem()
+    torques = minimize_torque(problem, 0.05, static_friction="coulomb").torques
+    soft, stiff = (
+        tolerances(
+            problem, torques, feedback=k, quantities=["more mass"], static_friction="coulomb"
+        )
+        for k in (1.0, 1e4)
+    )
+    assert soft.is_rough and str(soft).endswith("less may be borne")
+    assert not stiff.is_rough and "may be borne" not in str(stiff)

@@ -373,15 +373,15 @@ def test_a_report_of_a_document_takes_no_option_of_scenes(tmp_path: Path):
 
 def test_tolerances_are_told_in_their_units():
     told = run("tolerances", PAPER / "cuboid_at_rest.yaml", "--algorithm", "torque")
-    assert told.exit_code == 0 and "--feedback tells" in told.stdout
+    assert told.exit_code == 0 and "under --controller K" in told.stdout
     for words in ("more mass", "centre of mass", " cm", " deg", "push", " N m"):
         assert words in told.stdout
     ball = ROOT / "examples" / "allegro_sphere_on_slope.yaml"
-    held = run("tolerances", ball, "--feedback", "1").stdout
+    held = run("tolerances", ball, "--controller", "1").stdout
     masses = [text.split("%")[0].split()[-1] for text in (held, run("tolerances", ball).stdout)]
     assert float(masses[0]) > 1.0 and float(masses[1]) == 0.0
-    assert "--feedback" not in held
-    assert run("tolerances", ball, "--feedback", "-1").exit_code == 2
+    assert "--controller" not in held
+    assert run("tolerances", ball, "--controller", "-1").exit_code == 2
 
 
 def test_tolerances_are_drawn_by_direction(tmp_path: Path):

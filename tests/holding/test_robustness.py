@@ -66,8 +66,9 @@ def test_joints_that_nothing_holds_are_told_of_together() -> None:
         object_inertia=np.diag([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]),
     )
     told = str(robustness(beside, [2.0, 0.0]))
-    assert "joint_1, joint_2: fail at less than 0.002 N m, 0.1 % of the largest torque" in told
-    assert "all torques together: fail at less than 0.1 %" in told
+    assert "joint_1, joint_2: rely on joint feedback" in told
+    assert "errors below 0.002 N m, 0.1 % of the largest torque, fail" in told
+    assert "all torques together: rely on joint feedback: errors below 0.1 % fail" in told
     assert "e-" not in told
 
 

@@ -252,14 +252,14 @@ class Robustness(Brief):
         share = f"{100.0 * _NO_ERROR:g} %"
         for most, names in free.items():
             lines.append(
-                f"{', '.join(names)}: fail at less than {most}, {share} of the largest torque; "
-                "joint feedback would hold them"
+                f"{', '.join(names)}: rely on joint feedback: under constant torques errors below "
+                f"{most}, {share} of the largest torque, fail"
             )
         if self.all_less is not None and self.all_more is not None and self.less:
             at_once = self.all_less.failing <= _NO_ERROR and self.all_more.failing <= _NO_ERROR
             borne = _error(self.all_less, self.all_more, 100.0, "%")
             if at_once:
-                borne = f"fail at less than {share}; joint feedback would hold them"
+                borne = f"rely on joint feedback: errors below {share} fail"
             lines.append(f"all torques together: {borne}")
         if self.without:
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"

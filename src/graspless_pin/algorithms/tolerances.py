@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,12 +37,20 @@ from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.solution.active_limits import limiting_contacts
 
+_AT_LIMIT = 1e-4
+"""Of a joint's torque: less room counts as none."""
 _CLOSE = 0.01
 """Of a bracket: how near what is borne and what fails have to be."""
 _ROUNDS = 12
 _AROUND = 16
 """Directions in the plane that are looked at first."""
 _CORNER_ROUNDS = 3
+_FAR = 0.02  # rad or m
+_ROUGH = (
+    f"where joints give way by more than {_FAR:g} rad (m), contacts move, which is not counted: "
+    "less may be borne"
+)
+_WHERE = "at contact, joint"
 _CERTAIN = 1e-6
 """Of the load: a margin that is not below minus this is none that failed."""
 
@@ -61,6 +69,7 @@ class Tolerance(Brief):
         direction: (3,) unit vector of the change that fails there, world axes; of torques (L,);
             None where there is but one.
         contacts: The contacts at which it fails.
+        joints: The joints whose torque, with feedback, is at its limit there.
         deflection: How far the joint that gives way most does so there to make the feedback, rad
             (m); 0 without feedback, NaN where that was not worked out. Where it is not small,
             contacts are elsewhere by then.
@@ -75,6 +84,7 @@ class Tolerance(Brief):
     contacts: tuple[int, ...] = ()
     deflection: float = 0.0
     boundary: FloatArray | None = None
+    joints: tuple[int, ...] = ()
 
     def along(self, directions: ArrayLike) -> FloatArray:
         """Return how large a change (K,) along each unit vector (K, 3) the hull of `boundary` has.
@@ -146,10 +156,17 @@ class Tolerances(Brief):
         kept = [
             place
             for place, name in enumerate(headers)
-            if not self.attainable or name not in ("direction", "at contact")
+            if not self.attainable or name not in ("direction", _WHERE)
         ]
         told = [[row[place] for place in kept] for row in rows]
-        return tabulate(told, headers=[headers[place] for place in kept])
+        return tabulate(told, headers=[headers[place] for place in kept]) + (
+            f"\n{_ROUGH}" if self.is_rough else ""
+        )
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether some joint gives way so far that contacts move, which is not counted."""
+        return any(one.deflection > _FAR for one in self.each)
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Return headers and rows of that table, with figures in %, cm, degrees, N and N m."""
@@ -157,11 +174,12 @@ class Tolerances(Brief):
         kinds = dict.fromkeys(self.problem.joint_units)
         unit = " or ".join("m" if one is JointUnit.FORCE else "rad" for one in kinds)
         for one in self.each:
-            contacts = ", ".join(map(str, one.contacts))
+            names = [self.problem.joint_names[joint] for joint in one.joints]
+            where = ", ".join([*map(str, one.contacts), *names])
             far = f"{one.deflection:.2g} {unit}" if one.deflection > _CERTAIN else ""
             figures = _figures(one)
-            rows.append((one.quantity, *figures, self._way(one), contacts, far))
-        headers = ("off", "borne", "fails at", "direction", "at contact", "joints give way")
+            rows.append((one.quantity, *figures, self._way(one), where, far))
+        headers = ("off", "borne", "fails at", "direction", _WHERE, "joints give way")
         given = len(headers) - (not any(row[-1] for row in rows))
         headers, rows = headers[:given], [row[:given] for row in rows]
         if not self.attainable:
@@ -342,28 +360,30 @@ class _Search:
         times = found.magnitudes / np.linalg.norm(loads, axis=1)
         return np.where(found.magnitudes > _CERTAIN * self.problem.scales.force, times, 0.0)
 
-    def _at_the_end(self, load: FloatArray) -> tuple[tuple[int, ...], float]:
-        """Return what is so under a load that is just borne.
-
-        Returns:
-            The contacts that have no room left, and how far joints give way.
-        """
+    def _at_the_end(self, load: FloatArray) -> dict[str, Any]:
+        """Return `contacts`, `joints` and `deflection` of a load that is just borne."""
         found = solve_problem(self._under((1.0 - _CERTAIN) * load), Margin(), self.how)
         if not found.found:
-            return (), 0.0 if self.stiffness is None else np.nan
+            return {"deflection": 0.0 if self.stiffness is None else np.nan}
         limits = limiting_contacts(found)
         contacts = tuple(sorted({contact for many in limits.values() for contact in many}))
         if self.stiffness is None:
-            return contacts, 0.0
-        added, soft = np.abs(found.torques - self.torques), self.stiffness > 0.0
-        return contacts, float((added[soft] / self.stiffness[soft]).max(initial=0.0))
+            return {"contacts": contacts}
+        rest, made = found.problem, found.torques
+        room = np.minimum(rest.upper_torque - made, made - rest.lower_torque)
+        full = room <= _AT_LIMIT * np.maximum(np.abs(made), self.problem.scales.joints)
+        added, soft = np.abs(made - self.torques), self.stiffness > 0.0
+        return {
+            "contacts": contacts,
+            "joints": tuple(np.flatnonzero(full & soft).tolist()),
+            "deflection": float((added[soft] / self.stiffness[soft]).max(initial=0.0)),
+        }
 
     def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
         times = float(self._rays(load[None])[0])
         if times >= most:
             return Tolerance(quantity, most, np.inf)
-        contacts, deflection = self._at_the_end(times * load)
-        return Tolerance(quantity, times, times, contacts=contacts, deflection=deflection)
+        return Tolerance(quantity, times, times, **self._at_the_end(times * load))
 
     def _joints(self, joints: NDArray[np.intp]) -> Tolerance:
         """Return by how much the torque of any one joint may be off, either way."""
@@ -374,7 +394,7 @@ class _Search:
         worst = int(times.argmin())
         least = float(times[worst])
         told = self._at_the_end(least * loads[worst])
-        return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), *told)
+        return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), **told)
 
     def _ball(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
         """Return how large a change may be in any direction.
@@ -414,8 +434,8 @@ class _Search:
             min(borne, least) if self.convex else least,
             least,
             read_only(ways[worst] @ axes),
-            *self._at_the_end(least * (ways[worst] @ loads)),
-            read_only(times[:, None] * (ways @ axes)),
+            boundary=read_only(times[:, None] * (ways @ axes)),
+            **self._at_the_end(least * (ways[worst] @ loads)),
         )
 
     def _bisected(self, quantity: Quantity, of: str, weight: Weight, most: float) -> Tolerance:

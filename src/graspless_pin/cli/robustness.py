@@ -13,7 +13,7 @@ from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
-from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors
 from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
@@ -30,6 +30,7 @@ _RANGES_TIME = 10.0  # s; by then most free rays are found
 def robustness_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
     algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,
+    controller: ControllerOption = None,
     nodes: Annotated[
         int, typer.Option(min=0, help="Most nodes (sets of outcomes) of each proof.")
     ] = 300,
@@ -49,7 +50,7 @@ def robustness_scene(
         graspless-pin robustness scene.yaml --algorithm torque --margin 0.2
     """
     with plain_errors():
-        loaded, solution = solved_scene(scene, algorithm, **figures)
+        loaded, solution = solved_scene(scene, algorithm, controller, **figures)
         if why := unknown_of(loaded):
             typer.echo(why)
             raise typer.Exit(ExitCode.INFEASIBLE)

@@ -11,7 +11,7 @@ import typer
 from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
-from graspless_pin.cli.outcome import ExitCode, check_output, plain_errors
+from graspless_pin.cli.outcome import ControllerOption, ExitCode, check_output, plain_errors
 from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
@@ -25,13 +25,7 @@ ATTAINABLE_TIME = 60.0  # s
 def tolerances_of_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,
-    feedback: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="Joint stiffness that adds to the torques, N m/rad; default: the controller's.",
-        ),
-    ] = None,
+    controller: ControllerOption = None,
     attainable: Annotated[
         bool,
         typer.Option(
@@ -56,13 +50,13 @@ def tolerances_of_scene(
 
     Examples:
         graspless-pin tolerances scene.yaml
-        graspless-pin tolerances scene.yaml --algorithm torque --feedback 1
+        graspless-pin tolerances scene.yaml --algorithm torque --controller 1
         graspless-pin tolerances scene.yaml --attainable
     """
     with plain_errors():
         check_output("--json", json_file, ".json")
-        loaded, solution = solved_scene(scene, algorithm, **figures)
-        off = tolerances_under(loaded, solution, feedback, attainable=attainable)
+        loaded, solution = solved_scene(scene, algorithm, controller, **figures)
+        off = tolerances_under(loaded, solution, attainable=attainable)
         if json_file is not None:
             from graspless_pin.report import write_document
             from graspless_pin.report.robust import tolerances_data
@@ -72,9 +66,9 @@ def tolerances_of_scene(
         if json_file == "-":
             raise typer.Exit(ExitCode.FOUND)
         typer.echo(str(off))
-        if off.feedback is None:
+        if off.feedback is None or not off.feedback.any():
             typer.echo(
-                "Torques are constant: --feedback tells what joint stiffness adds to them, where a "
+                "Torques are constant: under --controller K joint stiffness adds to them, where a "
                 "motion that no contact resists bears nothing."
             )
     raise typer.Exit(ExitCode.FOUND)
@@ -83,7 +77,6 @@ def tolerances_of_scene(
 def tolerances_under(
     scene: Scene,
     solution: TorqueSolution,
-    feedback: float | None = None,
     quantities: Collection[Quantity] = tuple(Quantity),
     *,
     attainable: bool = False,
@@ -93,14 +86,12 @@ def tolerances_under(
     Args:
         scene: The scene.
         solution: Its solution.
-        feedback: Joint stiffness, N m/rad; None: what the scene's controller adds.
         quantities: Which to tell of.
         attainable: Whether to tell, too, how far each may be off if torques are chosen for it.
     """
     with waiting_for("looking how far each may be off"):
         return scene.tolerances(
             solution.torques,
-            feedback=feedback,
             quantities=quantities,
             attainable=attainable,
             static_friction=StaticFriction.COULOMB,

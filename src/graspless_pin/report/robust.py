@@ -273,6 +273,7 @@ def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
             "failing": one.failing if math.isfinite(one.failing) else None,
             "direction": None if one.direction is None else one.direction.tolist(),
             "contacts": list(one.contacts),
+            "joints": [off.problem.joint_names[joint] for joint in one.joints],
             "deflection": one.deflection if math.isfinite(one.deflection) else None,
         }
         for one in off.each
