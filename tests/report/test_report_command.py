@@ -141,6 +141,11 @@ def test_a_verdict_and_a_simulation(tmp_path):
     assert "May fail: the object can slip down" in page.text
     section = page.section("simulation").text
     assert "Moved." in section and "moved: the object does not stay" in section
+    assert "bodies in MuJoCo, constant torques." in section
+    asked = ("--no-ranges", "--no-verdict", "--simulate", "--controller", "3")
+    assert run(SPHERE, "-o", target, *asked).exit_code == 0
+    text = target.read_text(encoding="utf-8")
+    assert "bodies in MuJoCo, joint feedback of 3 N m/rad." in text
     assert run(SPHERE, "-o", target, "--no-ranges", "--no-verdict").exit_code == 0
     assert "was not asked" in target.read_text(encoding="utf-8")
 

@@ -443,7 +443,11 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
             yield Finding(
                 FindingCode.PLACEHOLDER_EFFORT,
                 where,
-                f"the effort limit {effort.upper:g} looks like a placeholder{held}",
+                (
+                    f"the effort limit {effort.upper:g} looks like a placeholder{held}"
+                    if np.isfinite(effort.upper)
+                    else f"no effort limit is given{held}"
+                ),
                 "give the motor's real limit in effort_limits (N m, or N if prismatic)",
             )
     rest, movable = joint_positions(tree, {}), set(tree.leader_names) - tree.locked

@@ -48,6 +48,7 @@ _SHARE_HALVINGS = 8
 _MOST_NAMED = 3
 _FARTHEST_AMOUNT = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
+_ROUNDING = 1e-9  # of the other end
 _FINEST_END = 1e-6
 """Of the width that is looked at: ends are told no finer, however narrow the window is."""
 
@@ -178,9 +179,11 @@ class SqueezeWindow(Brief):
             way = "the given direction"
             if self.of_internal_forces:
                 way = "those of the internal forces\n(-1 takes the squeeze away, +1 doubles it)"
+            ends = self.lower.amount, self.upper.amount
+            rounding = _ROUNDING * max(map(abs, ends))
+            least, most = ("0" if abs(end) <= rounding else f"{end:+.3g}" for end in ends)
             lines = [
-                f"holds{with_what} while torques change by {self.lower.amount:+.3g} to "
-                f"{self.upper.amount:+.3g} times {way}",
+                f"holds{with_what} while torques change by {least} to {most} times {way}",
                 self.ends_words,
                 f"with less: {self.lower.message}",
                 f"with more: {self.upper.message}",

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.geometry import ManipulatedObject
+from graspless_pin.holding.controller import CONSTANT_TORQUES
 from graspless_pin.report.html.page import render, view_context
 from graspless_pin.scene import Scene
+from graspless_pin.scene.minimum_stiffness import controller_words
 from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, Simulation
 from graspless_pin.simulation.protocol import change_of_pose
 from graspless_pin.solution import Status
@@ -181,9 +183,10 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any
         text: Its figures, see `simulation_text`.
 
     Returns:
-        ``title`` of the scene, ``held`` (whether the object stays), ``outcome`` and ``bodies`` (how
-        hard they are) in words, ``rows`` (time (s), displacement (mm) and rotation (deg) of each
-        pose), ``text``, and what the 3-D ``view`` is filled with.
+        ``title`` of the scene, ``held`` (whether the object stays), ``outcome``, ``bodies`` (how
+        hard they are) and ``driven`` (by which controller) in words, ``rows`` (time (s),
+        displacement (mm) and rotation (deg) of each pose), ``text``, and what the 3-D ``view`` is
+        filled with.
 
     Raises:
         MeshError: A mesh file is missing or unreadable.
@@ -218,6 +221,7 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any
         "held": simulation.outcome is SimulatedOutcome.HELD,
         "outcome": simulation.outcome.value.capitalize(),
         "bodies": run.contact_model.name.capitalize(),
+        "driven": controller_words(scene) or CONSTANT_TORQUES,
         "rows": rows,
         "text": text,
         "view": view_context(

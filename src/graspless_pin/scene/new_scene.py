@@ -217,6 +217,10 @@ def _positions(hand: Hand) -> str:
     return "".join(lines) if len(lines) > 1 else ""
 
 
+def _said(limit: float) -> str:
+    return f"the file says {limit:g}" if math.isfinite(limit) else "the file gives no limit"
+
+
 def _efforts(
     hand: Hand, efforts: Mapping[str, float], effort: float | None
 ) -> tuple[str, tuple[str, ...], dict[str, float]]:
@@ -229,11 +233,11 @@ def _efforts(
     ]
     for name in doubted:
         if effort is not None:
-            lines.append(f"    {flow_of(name)}: {effort:g} # the file says {stated[name]:g}\n")
+            lines.append(f"    {flow_of(name)}: {effort:g} # {_said(stated[name])}\n")
         elif not is_placeholder(stated[name]):
             lines.append(f"    {flow_of(name)}: {stated[name]:g} # the file's, of unknown origin\n")
         else:
-            lines.append(f"    {flow_of(name)}: # fill in; the file says {stated[name]:g}\n")
+            lines.append(f"    {flow_of(name)}: # fill in; {_said(stated[name])}\n")
             left_open.append(name)
     kept: dict[str, float] = {}
     if effort is not None:

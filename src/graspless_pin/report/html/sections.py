@@ -33,6 +33,7 @@ from graspless_pin.report.verify.values import number
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
     contact_states,
+    counted,
     force_rounding,
     friction_use,
     limit_shares,
@@ -329,7 +330,8 @@ def scene_in_words(picture: Picture) -> str:
     }
     parts = []
     if counts[Role.HAND]:
-        parts.append(f"a hand of {counts[Role.HAND]} links")
+        links = {mesh.name.split("/", 2)[2] for mesh in picture.of(Role.HAND)}
+        parts.append(f"a hand of {counted(len(links), 'link')}")
     if counts[Role.OBJECT]:
         parts.append(f"the object {names[Role.OBJECT]}")
     if counts[Role.SUPPORT]:
