@@ -19,7 +19,7 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
-from graspless_pin.programs.answers import elastic
+from graspless_pin.programs.answers import checked_answer, elastic
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import (
     Outcome,
@@ -159,6 +159,19 @@ def test_infeasibility_is_proven(seed, solver):
     violation = by_linprog(elastic(program))
     assert violation is not None
     assert 0.0 < answer.proof <= violation + 1e-6
+
+
+def test_a_solver_whose_multipliers_prove_infeasibility_is_asked_once():
+    program = random_program(1, feasible=False)
+    proof, asked = solve(program), []
+
+    def backend(asked_for):
+        asked.append(asked_for)
+        return np.zeros(len(program.c)), proof.y, proof.z
+
+    answer = checked_answer(program, backend, "", np.inf)
+    assert answer.outcome is Outcome.INFEASIBLE
+    assert len(asked) == 1
 
 
 def test_many_optima_along_free_variables_come_to_an_end():

@@ -318,12 +318,23 @@ def _tried(
             return again
     if program.residual(found[0]) <= _LEAST_VIOLATION:
         return failed(answer.bound)  # no proof says more than a point violates
-    for multipliers in (found[1:], _elastic_multipliers(program, backend)):
-        if multipliers is not None:
-            proof = program.infeasibility_bound(*multipliers)
-            if proof > _LEAST_VIOLATION or _breaks_limits(program, multipliers, proof):
-                return _infeasible(np.inf, proof, *multipliers, name)
-    return failed(answer.bound)
+    return (
+        _proven_infeasible(program, found[1:], name)
+        or _proven_infeasible(program, _elastic_multipliers(program, backend), name)
+        or failed(answer.bound)
+    )
+
+
+def _proven_infeasible(
+    program: Program, multipliers: tuple[FloatArray, FloatArray] | None, name: str
+) -> Answer | None:
+    """Return the infeasible answer that multipliers prove; None: they prove none."""
+    if multipliers is None:
+        return None
+    proof = program.infeasibility_bound(*multipliers)
+    if proof > _LEAST_VIOLATION or _breaks_limits(program, multipliers, proof):
+        return _infeasible(np.inf, proof, *multipliers, name)
+    return None
 
 
 def _breaks_limits(
