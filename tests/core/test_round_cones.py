@@ -105,7 +105,6 @@ def test_tangent_cuts_find_what_clarabel_finds(number, objective):
     problem = round_scene(number)
     program = scaled_program(problem, objective).program
     ours, theirs = by_clarabel(program), by_cuts(by_piqp)(program)
-    assert ours is not None
     assert theirs is not None
     for found in (ours, theirs):
         bound, value, residual = program.judged(*found)
@@ -154,7 +153,7 @@ def test_any_multipliers_prove_a_bound(number):
     best = solve(program).value
     y, z = rng.normal(size=len(program.b)), rng.normal(size=len(program.l))
     assert program.dual_bound(y, z) <= best + 1e-9
-    _, y, z = by_clarabel(program) or pytest.fail("Clarabel has no answer")
+    _, y, z = by_clarabel(program)
     assert program.dual_bound(y, z) == pytest.approx(best, abs=1e-8)
     z = z + 1e-3 * rng.normal(size=len(z))
     assert program.dual_bound(y, z) <= best + 1e-9
@@ -168,7 +167,7 @@ def test_infeasible_round_programs_are_proven_so():
     answer = solve(program)
     assert answer.outcome is Outcome.INFEASIBLE
     relaxed = elastic(program)
-    _, y, z = by_clarabel(relaxed) or pytest.fail("Clarabel has no answer")
+    _, y, z = by_clarabel(relaxed)
     assert program.infeasibility_bound(*elastic_multipliers(program, np.append(y, z))) > 0.01
     enough = replace(program, u=np.where(np.isfinite(program.u), 2.0 * program.u, program.u))
     assert elastic(enough).cone_count == program.cone_count

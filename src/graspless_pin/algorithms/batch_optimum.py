@@ -307,7 +307,8 @@ def solution_of_optimum(
     )
 
 
-_MOST_STARTS = 8
+MOST_STARTS = 8
+"""Warm starts of one set of contacts: trying one costs a tenth of a solver's answer."""
 _MOST_COLD_COORDINATES = 24
 """Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
 
@@ -360,11 +361,11 @@ class LoadSweep:
                 own = [_start(self._loops, start)] if signs else []
                 if start.cover:
                     cover = core.ModeCover([signs_left(part) for part in start.cover])
-                    self._covers = [cover, *self._covers][:_MOST_STARTS]
+                    self._covers = [cover, *self._covers][:MOST_STARTS]
             else:
                 own = prepared_starts(self._loops, problem, [start])
             own = [one for one in own if one is not None]
-            self._pool = [*own, *self._pool][:_MOST_STARTS]
+            self._pool = [*own, *self._pool][:MOST_STARTS]
 
     def advance(
         self,

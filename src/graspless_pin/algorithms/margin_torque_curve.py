@@ -169,9 +169,9 @@ class CurveSearch:
         if not pieces:
             return Status.UNVERIFIED, []
         limited = status not in _PROVEN
-        while left := [one for one in pieces if not one.closed and one.b - one.a > SAME_MARGIN]:
-            if is_coulomb:
-                break
+        while not is_coulomb and (
+            left := [one for one in pieces if not one.closed and one.b - one.a > SAME_MARGIN]
+        ):
             piece = left[0]
             parts = [piece]
             for begin in (piece.a, piece.a + _STEP_BEHIND_JUMP):

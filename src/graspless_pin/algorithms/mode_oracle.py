@@ -27,8 +27,6 @@ from graspless_pin.problem.checks import FloatArray
 
 _LEAST_IMPORTANCE = 1e-3
 
-SignPair = tuple[int, int]
-
 
 @dataclass(frozen=True, eq=False)
 class FoundMode:

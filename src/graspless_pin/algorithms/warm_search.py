@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.batch_optimum import (
+    MOST_STARTS,
     WarmOptimum,
     WarmStart,
     solution_of_optimum,
@@ -254,8 +255,6 @@ def _fits(state: SearchState, mode: SlidingMode) -> bool:
 
 _MOST_CONTACT_SETS = 256
 _MOST_MISSES = 8
-_MOST_STARTS = 8
-"""Warm starts of one set of contacts: trying one costs a tenth of a solver's answer."""
 
 
 class ContactStarts:
@@ -337,7 +336,7 @@ class ContactStarts:
         """Keep what a search has left behind."""
         others = [start for start in self._starts if start.structure is not None]
         self._learned = learned
-        self._starts = (learned, *others[: _MOST_STARTS - 1])
+        self._starts = (learned, *others[: MOST_STARTS - 1])
 
     def new_for_loops(self) -> WarmStart | None:
         """Return what a search has learned since the last time; None: nothing."""

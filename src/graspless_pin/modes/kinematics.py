@@ -176,8 +176,7 @@ class VirtualKinematics:
 
     def feasible(self, requirements: Sequence[Requirement], rule: SignRule) -> bool:
         """Return whether `solve` finds a witness, without naming the conflict if not."""
-        contacts, signs = _split(requirements)
-        return self._fastest(contacts, signs, rule)[1].slowest >= self.threshold
+        return self.slowest(requirements, rule) >= self.threshold
 
     def slowest(self, requirements: Sequence[Requirement], rule: SignRule) -> float:
         """Return the slowest required sliding of the best motion; below the threshold: none counts.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -66,7 +66,7 @@ class FingerContacts:
     jacobian: ArrayLike | None = None
     torque_limits: tuple[ArrayLike, ArrayLike] = (-10.0, 10.0)
     max_force: float = np.inf
-    joint_names: Sequence[str] | None = field(default=None)
+    joint_names: Sequence[str] | None = None
     joint_units: Sequence[str] | None = None
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from graspless_pin.problem.checks import FloatArray, JointUnit
+from graspless_pin.problem.checks import FloatArray, JointUnit, turning
 from graspless_pin.problem.quasistatic import QuasistaticProblem, contact_map
 from graspless_pin.records import Brief, unchecked
 
@@ -246,8 +246,7 @@ def shared_commands(
     shared = (
         null_space(feedback.T, rcond=_RANK_TOLERANCE).T if feedback.size else np.eye(len(units))
     )
-    turning = np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
-    turns = (shared[:, turning] ** 2).sum(axis=1) >= 0.5
+    turns = (shared[:, turning(units)] ** 2).sum(axis=1) >= 0.5
     return shared, [JointUnit.TORQUE if turn else JointUnit.FORCE for turn in turns]
 
 

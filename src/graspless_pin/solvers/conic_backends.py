@@ -43,16 +43,13 @@ def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> 
         program: The program.
         inequalities: Of its first columns.
     """
-    found = by_clarabel(without_far_limits(program), inequalities)
-    if found is None or not np.isfinite(found[0]).all():
+    x = by_clarabel(without_far_limits(program), inequalities)[0]
+    if not np.isfinite(x).all() or program.residual(x) > _GUESS_TOLERANCE:
         return None
-    x = found[0]
-    return None if program.residual(x) > _GUESS_TOLERANCE else x
+    return x
 
 
-def by_clarabel(
-    program: Program, inequalities: Sequence[MatrixInequality] = ()
-) -> Multipliers | None:
+def by_clarabel(program: Program, inequalities: Sequence[MatrixInequality] = ()) -> Multipliers:
     """Clarabel's own interface: equalities, sides and bounds as cones of its, then second-order.
 
     Args:
