@@ -15,7 +15,7 @@ import numpy as np
 from graspless_pin.algorithms.options import Search, SolveOptions
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
-from graspless_pin.modes.rules import SlidingRule, StaticFriction
+from graspless_pin.modes.rules import StaticFriction, required_contacts
 from graspless_pin.modes.virtual_motions import CLEARLY, GUESSES, judged_by
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
@@ -99,7 +99,7 @@ def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
         options.solver != ANY_SOLVER
         or options.search is not Search.AUTO
         or rules.static_friction is StaticFriction.COULOMB
-        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
+        or required_contacts(problem, rules).any()
     )
 
 

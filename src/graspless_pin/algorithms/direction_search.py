@@ -19,7 +19,7 @@ from graspless_pin.algorithms.formulation import NO_FRICTION
 from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.search_state import Left, SearchState, Split, best_first, unsolved
 from graspless_pin.errors import ArgumentError
-from graspless_pin.modes.rules import SlidingMode, SlidingRule
+from graspless_pin.modes.rules import SlidingMode, required_contacts
 from graspless_pin.modes.sectors import (
     WIDEST,
     Exclusion,
@@ -102,9 +102,8 @@ class _DirectionSearch:
         self._formulation = state.formulation
         self._cones = self._formulation.coordinates.layout.cone_contacts
         self.motions = SectorMotions(self._formulation.kinematics)
-        problem = self._formulation.problem
-        constrained = state.rules.sliding is SlidingRule.CONSTRAINED
-        self.always = np.flatnonzero(problem.is_sliding & constrained).tolist()
+        required = required_contacts(self._formulation.problem, state.rules)
+        self.always = np.flatnonzero(required).tolist()
 
     def run(self, answer: Answer) -> Status:
         """Search from the answer to the relaxation on."""

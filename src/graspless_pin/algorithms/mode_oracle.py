@@ -18,9 +18,9 @@ from graspless_pin.modes.rules import (
     Rules,
     SignRule,
     SlidingMode,
-    SlidingRule,
     StaticFriction,
     Witness,
+    required_contacts,
 )
 from graspless_pin.modes.virtual_motions import CLEARLY
 from graspless_pin.problem.checks import FloatArray
@@ -232,9 +232,7 @@ class ModeOracle:
     @cached_property
     def _always_selected(self) -> list[int]:
         """Contacts in actual sliding, where (22) is asked of them."""
-        if self.rules.sliding is SlidingRule.EXEMPT:
-            return []
-        return [int(contact) for contact in np.flatnonzero(self.formulation.problem.is_sliding)]
+        return np.flatnonzero(required_contacts(self.formulation.problem, self.rules)).tolist()
 
     def _complete(
         self, known: list[Requirement], witness: Witness, part: ModePart

@@ -17,8 +17,8 @@ from graspless_pin.modes.rules import (
     Rules,
     SignRule,
     SlidingMode,
-    SlidingRule,
     candidate_contacts,
+    required_contacts,
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -50,8 +50,8 @@ class ModePart:
         """Return all modes that obey the rules on signs and selections."""
         every = np.ones((problem.contact_count, 2, 3), dtype=bool)
         every[:, :, 1] = rules.sign is SignRule.EXACT
-        always = problem.is_sliding & (rules.sliding is SlidingRule.CONSTRAINED)
-        return cls(always, ~candidate_contacts(problem, rules), every)
+        required = required_contacts(problem, rules)
+        return cls(required, ~candidate_contacts(problem, rules), every)
 
     @classmethod
     def one_mode(cls, mode: SlidingMode) -> ModePart:

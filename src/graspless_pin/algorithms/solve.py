@@ -25,6 +25,7 @@ from graspless_pin.modes.rules import (
     SlidingMode,
     StaticFriction,
     candidate_contacts,
+    required_contacts,
 )
 from graspless_pin.modes.virtual_motions import CLEARLY
 from graspless_pin.problem import QuasistaticProblem, checked_problem
@@ -151,9 +152,8 @@ def _checked_mode(
             f"has signs {mode.signs[index].tolist()} at selected contact {index}; the rule "
             f"'{rules.sign}' allows {allowed} zero",
         )
-    candidates = candidate_contacts(problem, rules)
-    stray = mode.selection & ~candidates
-    missing = candidates & problem.is_sliding & ~mode.selection
+    stray = mode.selection > candidate_contacts(problem, rules)
+    missing = mode.selection < required_contacts(problem, rules)
     if stray.any() or missing.any():
         index = int(np.argmax(stray | missing))
         what = "selects" if stray[index] else "does not select"

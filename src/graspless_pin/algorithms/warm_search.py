@@ -37,7 +37,7 @@ from graspless_pin.algorithms.solve import (
 )
 from graspless_pin.caching import Bounded
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
+from graspless_pin.modes.rules import SlidingMode, candidate_contacts, required_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
@@ -248,9 +248,8 @@ def _fits(state: SearchState, mode: SlidingMode) -> bool:
     if len(selection) != problem.contact_count:
         return False
     stray = selection > candidate_contacts(problem, state.rules)
-    if state.rules.sliding is SlidingRule.CONSTRAINED:
-        stray |= problem.is_sliding & ~selection
-    return not np.count_nonzero(stray)
+    missing = selection < required_contacts(problem, state.rules)
+    return not np.count_nonzero(stray | missing)
 
 
 _MOST_CONTACT_SETS = 256

@@ -224,9 +224,12 @@ def candidate_contacts(problem: QuasistaticProblem, rules: Rules) -> NDArray[np.
     Those with a friction cone and, when actual sliding is constrained, those that slide. A
     frictionless contact at rest has no friction to constrain and is never selected.
     """
-    if rules.sliding is SlidingRule.CONSTRAINED:
-        return problem.has_cone | problem.is_sliding
-    return problem.has_cone
+    return problem.has_cone | required_contacts(problem, rules)
+
+
+def required_contacts(problem: QuasistaticProblem, rules: Rules) -> NDArray[np.bool_]:
+    """(M,) contacts in actual sliding that every mode selects (Sec. III-C)."""
+    return problem.is_sliding & (rules.sliding is SlidingRule.CONSTRAINED)
 
 
 class Requirement(NamedTuple):
