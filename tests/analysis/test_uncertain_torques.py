@@ -29,13 +29,14 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms import robust_torques, uncertain_members
 from graspless_pin.algorithms.joined_optimum import member_margins
-from graspless_pin.algorithms.options import NO_LIMITS, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.uncertain_members import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem.members import feedback_torques, joined, under_commands
 from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
+from graspless_pin.tree_search import NO_LIMITS
 
 CORNERS = Uncertainty(mass=0.2, center_of_mass=0.01)
 

@@ -18,13 +18,14 @@ from graspless_pin.algorithms.branch_and_bound import branch_and_bound, search_m
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode, ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
-from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin, Torque
 from graspless_pin.solution.certificate import ContactSplit
 from graspless_pin.solvers import Outcome
+from graspless_pin.tree_search import NO_LIMITS, Limits
 
 RULES = Rules.parse()
 SPLIT = [

@@ -31,7 +31,6 @@ from graspless_pin import (
     stability,
 )
 from graspless_pin.algorithms.disturbances import GuaranteedDisturbance
-from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import LoadBracket, load_bracket
 from graspless_pin.holding import (
     bounds,
@@ -51,6 +50,7 @@ from graspless_pin.report.verify.rest import verdict_checks
 from graspless_pin.report.verify.rest_load import read_load
 from graspless_pin.solvers import simplex
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
+from graspless_pin.tree_search import Limits
 
 Array = NDArray[np.float64]
 Lie = Callable[[SimplexAnswer], SimplexAnswer]

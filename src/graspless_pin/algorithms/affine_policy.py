@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.force_policy import ForcePolicy, Unknowns
-from graspless_pin.algorithms.options import NO_LIMITS, Limits
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.members import Member, shared_commands
@@ -26,6 +25,7 @@ from graspless_pin.programs.answers import PRIMAL_TOLERANCE
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
 from graspless_pin.programs.objectives import Margin, Torque
 from graspless_pin.solvers.conic_backends import Entries, SparseConic, diagonal
+from graspless_pin.tree_search import NO_LIMITS, Limits
 
 CANCELS = 1e-9
 """Scaled: what balance may leave of a unit of what is unknown."""

@@ -20,7 +20,7 @@ from typing import Unpack
 import numpy as np
 from scipy.linalg import null_space
 
-from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.robust_torques import Feedback, solve_robust, torques_for_members
 from graspless_pin.algorithms.solve import solve_problem
@@ -45,6 +45,7 @@ from graspless_pin.problem.members import (
 from graspless_pin.programs.objectives import Objective, Torque
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status
+from graspless_pin.tree_search import NO_LIMITS, Limits
 
 _SHARE = 1e-3
 _COULOMB = SolveOptions(rules=Rules(static_friction=StaticFriction.COULOMB))

@@ -15,7 +15,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.named_objectives import objective_named
-from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.errors import OverrunError
@@ -27,6 +27,7 @@ from graspless_pin.programs.objectives import Algorithm, Margin, Objective
 from graspless_pin.records import Brief
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 from graspless_pin.solution.tables import Table, shown, torque_size
+from graspless_pin.tree_search import Limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)

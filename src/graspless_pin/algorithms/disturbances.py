@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robustness import LoadBracket, bracket_limits, load_bracket
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
@@ -29,6 +29,7 @@ from graspless_pin.programs.analysis_objectives import Disturbance
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
+from graspless_pin.tree_search import Limits
 
 _SOBOL_DIRECTIONS = 64
 _SAME_MULTIPLE = 1e-6

@@ -17,7 +17,7 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.comparison import smallest_factor
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
@@ -39,6 +39,7 @@ from graspless_pin.solution import Status, TorqueSolution, checked_solution
 from graspless_pin.solution.certificate import UNDECIDED
 from graspless_pin.solution.torque_solution import overload
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Outcome
+from graspless_pin.tree_search import Limits
 
 SUGGESTION_ROOM = 1.0 + 1e-6
 """A suggestion goes further by this, so that it is feasible and not just about to be."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.modes.sectors import Sector
@@ -38,7 +38,7 @@ from graspless_pin.solution.tables import (
     shown,
 )
 from graspless_pin.solvers import Outcome, solve
-from graspless_pin.tree_search import TreeSearch
+from graspless_pin.tree_search import Limits, TreeSearch
 
 _AT_REACH = 1.0 - 1e-6
 """Share of the farthest normal force that is looked at: what is as large may be larger."""

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.holding.dynamics import contact_jacobian, generalized_load
 from graspless_pin.holding.small_motions import LinearizedMotion, RestModel, extreme_forces
 from graspless_pin.holding.stability import counterexamples, undecided_verdict
@@ -29,6 +29,7 @@ from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.programs.program import MatrixInequality
 from graspless_pin.solution import Evidence, Guarantee, Status, TorqueSolution
 from graspless_pin.solvers import least_within
+from graspless_pin.tree_search import Limits
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)
 """Of the supports' friction, tried one after the other."""

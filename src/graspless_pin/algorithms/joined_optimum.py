@@ -20,7 +20,7 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.force_policy import far_apart
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solve_problem
@@ -35,6 +35,7 @@ from graspless_pin.records import changed
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import PRIMAL_TOLERANCE
 from graspless_pin.solvers.simplex import Simplex, SimplexOutcome
+from graspless_pin.tree_search import Limits
 
 _CLEAR = 1.001
 """Of the threshold: slower motions may be refused to all members together."""

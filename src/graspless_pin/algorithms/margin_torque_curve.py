@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.named_objectives import TorqueScale, torque_objective
-from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.kinematics import Requirement, mode_of, requirements_of, sign_pairs
@@ -40,6 +40,7 @@ from graspless_pin.programs.program import Program
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome, solve
+from graspless_pin.tree_search import Limits
 
 SAME_TORQUE = 2e-8
 """Torques closer than this, over the torque scale, are the same."""

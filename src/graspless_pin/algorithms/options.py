@@ -19,8 +19,6 @@ from graspless_pin.modes.rules import (
 from graspless_pin.problem.checks import choice, real_number, whole_number
 from graspless_pin.solvers import ANY_SOLVER, check_solver
 from graspless_pin.suggestions import names_in_words
-from graspless_pin.tree_search import NO_LIMITS as NO_LIMITS
-from graspless_pin.tree_search import Limits as Limits
 
 
 class Search(StrEnum):

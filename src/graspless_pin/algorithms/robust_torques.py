@@ -38,7 +38,7 @@ from graspless_pin.algorithms.joined_optimum import (
     under_limits,
     without_forces,
 )
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution, Samples
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
@@ -57,6 +57,7 @@ from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, re
 from graspless_pin.problem.members import Member, feedback_torques, joined
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.tree_search import Limits
 
 _EXTREMES = 16
 """Members, far from each other, that bound the torques or are in conflict, if no policy tells."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.algorithms.options import Limits
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.certificate import LoadLine, Unproven
 from graspless_pin.holding.dynamics import with_joints_held
@@ -27,6 +26,7 @@ from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.records import Brief
+from graspless_pin.tree_search import Limits
 
 _WIDEST = 0.5
 _MOST_SPANS = 12

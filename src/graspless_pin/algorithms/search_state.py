@@ -11,12 +11,12 @@ import numpy as np
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import FoundMode, ModeOracle
 from graspless_pin.algorithms.mode_tree import ModePart
-from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
-from graspless_pin.tree_search import Node, TreeSearch
+from graspless_pin.tree_search import NO_LIMITS, Limits, Node, TreeSearch
 
 CLOSED = 2e-8
 """Values closer than this, in scaled units or relative to them, count as equal."""

@@ -12,7 +12,7 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode
-from graspless_pin.algorithms.options import DEFAULT_OPTIONS, Limits, SolveOptions
+from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState, unsolved
 from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
@@ -35,6 +35,7 @@ from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
 from graspless_pin.solution.certificate import UNDECIDED
 from graspless_pin.solvers import Outcome
+from graspless_pin.tree_search import Limits
 
 if TYPE_CHECKING:
     from graspless_pin.holding.small_motions import RestModel

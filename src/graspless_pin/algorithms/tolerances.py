@@ -18,7 +18,7 @@ from graspless_pin.algorithms.attainable_tolerances import (
 )
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.joined_optimum import member_margins
-from graspless_pin.algorithms.options import NO_LIMITS, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
@@ -36,6 +36,7 @@ from graspless_pin.problem.members import feedback_torques, under_commands
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.solution.active_limits import limiting_contacts
+from graspless_pin.tree_search import NO_LIMITS
 
 _AT_LIMIT = 1e-4
 """Of a joint's torque: less room counts as none."""

@@ -27,7 +27,7 @@ from graspless_pin.algorithms.batch_programs import structure_of
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import SearchState, closeness
 from graspless_pin.algorithms.solve import (
     as_stable,
@@ -44,6 +44,7 @@ from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_o
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
+from graspless_pin.tree_search import Limits
 
 if TYPE_CHECKING:
     from graspless_pin.holding.small_motions import RestModel

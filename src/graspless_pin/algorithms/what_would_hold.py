@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.optimization import maximize_margin
-from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import bracket_limits
 from graspless_pin.holding.dynamics import with_joints_held
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import NODE_LIMIT, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.tree_search import Limits
 
 _TORQUE_SHARES = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Of torques or of the load, by which torques grow, tried one after the other."""

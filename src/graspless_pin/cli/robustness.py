@@ -10,7 +10,6 @@ import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.named_objectives import AIMS
-from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors
@@ -21,6 +20,7 @@ from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.tree_search import Limits
 
 _TOUCHING_GAP = 1e-9  # m; what is no farther apart touches
 _RANGES_TIME = 10.0  # s; by then most free rays are found

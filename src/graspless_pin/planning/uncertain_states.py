@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from graspless_pin.algorithms.joined_optimum import common_motions, member_margins, of_member
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
 from graspless_pin.caching import Bounded
@@ -37,6 +37,7 @@ from graspless_pin.scene.scene_findings import ALL_CHECKS, StateChecks
 from graspless_pin.scene.uncertain import check_center, corners_in, solve_uncertain
 from graspless_pin.scene.uncertain_figures import check_names_in
 from graspless_pin.solution import UNDECIDED
+from graspless_pin.tree_search import Limits
 
 _CANCELS = 1e-9
 """Of the load, or of what else there is: what rounding may leave of a figure."""

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from graspless_pin.algorithms.attainable_tolerances import largest_share
-from graspless_pin.algorithms.options import Limits, RequiredStability, SolveOptions
+from graspless_pin.algorithms.options import RequiredStability, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import Uncertainty
@@ -20,6 +20,7 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import MemberVerdicts, verdicts_of_members
 from graspless_pin.scene.uncertain import stated_by
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.tree_search import Limits
 
 SHARE_TIME = 20.0  # s
 """For the share of a set that is served."""

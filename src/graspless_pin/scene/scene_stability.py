@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tabulate import tabulate
 
-from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.contact.distances import near_pairs, separation
@@ -37,6 +37,7 @@ from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.problem_data import fingers_of_motors, problem_of, rest_problem
 from graspless_pin.scene.stated import Load
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.tree_search import Limits
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution

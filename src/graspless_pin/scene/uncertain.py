@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.joined_optimum import without_forces
-from graspless_pin.algorithms.options import Limits, RequiredStability, SolveOptions
+from graspless_pin.algorithms.options import RequiredStability, SolveOptions
 from graspless_pin.algorithms.robust_solution import RestAtCorners, RobustSolution
 from graspless_pin.algorithms.robust_torques import (
     Feedback,
@@ -44,6 +44,7 @@ from graspless_pin.scene.problem_data import (
 from graspless_pin.scene.scene_stability import torques_at_rest, under_feedback, verdicts_under
 from graspless_pin.scene.uncertain_figures import by_contact_and_joint
 from graspless_pin.solution import Guarantee, Status, TorqueSolution
+from graspless_pin.tree_search import Limits
 
 _OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")
 
