@@ -25,7 +25,7 @@ from graspless_pin import (
     optimize,
 )
 from graspless_pin.errors import ArgumentError
-from graspless_pin.programs.analysis_objectives import at_torques
+from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Margin, Torque, TorqueShare
 from graspless_pin.solution import Status
 
@@ -112,11 +112,19 @@ def test_a_weighted_margin_is_the_largest_over_all_modes(page, index):
 def test_a_solution_at_given_torques_is_told_as_what_it_is(objective):
     problem = problems()[0]
     free = optimize(problem, objective)
-    held = optimize(problem, at_torques(objective, free.torques))
+    held = optimize(problem, AtTorques(objective, free.torques))
     assert held.value == pytest.approx(free.value, abs=1e-6)
     told = f"value = {held.value:g}" in str(held)
     assert told is not ("largest margin at given torques" in str(held))
     assert told is (objective == Torque(0.1))
+
+
+def test_the_required_margin_at_given_torques_is_that_of_the_program():
+    problem = problems()[0]
+    torques = optimize(problem, Torque(0.1)).torques
+    asked_more = AtTorques(Torque(0.1), torques).with_figure("required_margin", 0.5)
+    assert asked_more.required_margin == 0.5
+    assert not optimize(problem, asked_more).found
 
 
 def test_multipliers_of_an_own_block_are_derivatives(page):

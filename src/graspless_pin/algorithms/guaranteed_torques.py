@@ -24,7 +24,7 @@ from graspless_pin.holding.stability import counterexamples, undecided_verdict
 from graspless_pin.holding.verdict import DynamicOutcome, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.analysis_objectives import InsideHalfSpaces, at_torques
+from graspless_pin.programs.analysis_objectives import AtTorques, InsideHalfSpaces
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.programs.program import MatrixInequality
 from graspless_pin.solution import Evidence, Guarantee, Status, TorqueSolution
@@ -220,7 +220,7 @@ class _Search:
 
     def _at(self, torques: FloatArray) -> TorqueSolution | None:
         objective = self.best.objective
-        held = self.optimum(self.best.problem, at_torques(objective, torques))
+        held = self.optimum(self.best.problem, AtTorques(objective, torques))
         return replace(held, objective=objective) if held.found else None
 
 

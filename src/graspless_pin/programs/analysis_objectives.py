@@ -301,22 +301,21 @@ _MARGIN_BESIDE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class AtTorques(Objective):
-    """Another objective with the motors' torques given; see `at_torques`.
+    """Another objective with the motors' torques given.
 
     Attributes:
         base: The objective.
         torques: (L,) N m.
-        maximizes: As of the objective.
-        required_margin: As of the objective, N.
-        regularization: As of the objective.
     """
 
     base: Objective
     torques: FloatArray
-    maximizes: bool
-    required_margin: float
-    regularization: float
     name = "at given torques"
+
+    def __post_init__(self) -> None:
+        """Take over what the objective says of its program."""
+        for name in ("maximizes", "required_margin", "regularization"):
+            object.__setattr__(self, name, getattr(self.base, name))
 
     def build(self, program: ProgramBuilder) -> None:
         """Add what the objective does, and hold the torques."""
@@ -332,21 +331,14 @@ class AtTorques(Objective):
         """Whether its value is the margin e, N."""
         return self.base.of_margin
 
+    def with_figure(self, name: str, value: float) -> AtTorques:
+        """Return it with another figure of the objective."""
+        return replace(self, base=self.base.with_figure(name, value))
+
     @property
     def cutoff(self) -> float:
         """A value of the program from which on there is no solution."""
         return self.base.cutoff
-
-
-def at_torques(objective: Objective, torques: FloatArray) -> AtTorques:
-    """Return an objective with the motors' torques (L,) given, N m."""
-    return AtTorques(
-        objective,
-        torques,
-        objective.maximizes,
-        objective.required_margin,
-        objective.regularization,
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from graspless_pin.algorithms.options import RequiredStability, SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertainty import Uncertainty
-from graspless_pin.programs.analysis_objectives import at_torques
+from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief, changed
 from graspless_pin.scene.scene import Scene
@@ -199,5 +199,5 @@ def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSo
 def _held(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
     """Return the scene under robust torques: the forces of the largest margin."""
     how = replace(how, stability=RequiredStability.WEAK)  # the torques are given
-    held = solve_problem(scene.problem(), at_torques(Margin(), robust.torques), how)
+    held = solve_problem(scene.problem(), AtTorques(Margin(), robust.torques), how)
     return held.of_source(scene)

@@ -30,7 +30,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.problem.members import Member, feedback_torques, joined
-from graspless_pin.programs.analysis_objectives import at_torques
+from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.entry_findings import box_around, meant_lengths
 from graspless_pin.scene.fields import SceneFields, label_of
@@ -197,7 +197,7 @@ def _held(
     if len(best.joined_members) < len(best.members):
         whole = solve_problem(joined(best.members, directions), objective, options)
     held = solve_problem(
-        whole.problem, at_torques(objective, commands), options, mode=whole.given_mode
+        whole.problem, AtTorques(objective, commands), options, mode=whole.given_mode
     )
     if not (whole.found and held.found):
         return None
