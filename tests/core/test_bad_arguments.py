@@ -182,7 +182,7 @@ BAD_FINGERS = {
     ),
     "names for another number of joints": (
         [FingerContacts(FORCE, [0], np.zeros((3, 2)), joint_names=["thumb"])],
-        "fingers[0].joint_names", ["1 names", "2"],
+        "fingers[0].joint_names", ["length 1", "is 2"],
     ),
 }  # fmt: skip
 
@@ -218,7 +218,7 @@ BAD_OPTIONS = {
     "an infinite regularization": ({"regularization": INF}, "regularization", ["inf", "finite"]),
     "a mode for another number of contacts": ({"mode": ONE_UP}, "mode", ["1 contacts", "3"]),
     "a mode with an open sign": (
-        {"mode": HALF_OPEN}, "mode", ["[1, 0]", "contact 1", "'strict'", "0 zero"]
+        {"mode": HALF_OPEN}, "mode", ["[1, 0]", "contact 1", "'strict'", "no zero component"]
     ),
 }  # fmt: skip
 

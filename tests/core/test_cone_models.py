@@ -272,7 +272,7 @@ def test_a_model_that_does_not_tell_kinetic_friction_refuses_sliding():
 def test_kinetic_friction_that_is_none_is_refused(monkeypatch, factor):
     known = Elliptic.kinetic_friction
     monkeypatch.setattr(Elliptic, "kinetic_friction", lambda self, ways: factor * known(self, ways))
-    with pytest.raises(ArgumentError, match="'elliptic' must be against the sliding and at most 1"):
+    with pytest.raises(ArgumentError, match="'elliptic', whose kinetic friction must be against"):
         maximize_margin(sliding_scene(3, "elliptic"))
 
 

@@ -1,8 +1,6 @@
-"""Why nothing is feasible, in the user's terms, and the smallest changes that would help.
+"""Why a problem is infeasible, and the smallest single changes that make it feasible.
 
-Problems that are tried in the place of one that is infeasible, within limits of all together.
-
-Limits made so much wider, in words and as a problem.
+Each suggestion is solved before it is made; all searches share one time limit.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ from graspless_pin.modes.rules import (
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit, units_text
 from graspless_pin.problem.matrices import load_words
-from graspless_pin.programs.analysis_objectives import Elastic
+from graspless_pin.programs.analysis_objectives import LimitRelief
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
@@ -167,8 +165,7 @@ class Explanation:
     Attributes:
         cause: One sentence.
         conflicting_contacts: Contacts whose virtual slidings exclude each other, if that is why.
-        suggestions: Changes that help, each enough by itself; the first is the smallest of its
-            kind to try.
+        suggestions: Changes that help, each enough by itself.
         complete: Whether every search came to its end; else others may do, or smaller ones.
     """
 
@@ -276,7 +273,7 @@ def _weaker_rules(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
     tried.append(("static_friction='coulomb'", replace(rules, static_friction=_COULOMB)))
     problem, margin = solution.problem, solution.required_margin
     return [
-        Suggestion(f"{text} is feasible", problem, margin, other)
+        Suggestion(f"solving with {text}", problem, margin, other)
         for text, other in tried
         if tries.feasible(problem, solution, other, margin)
     ]
@@ -319,13 +316,13 @@ def _reliefs(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
     """Yield the smallest widening of each kind of limit that helps alone."""
     if solution.rules.by_direction:
         return  # it is looked for mode by mode
-    problem, joints = solution.problem, range(solution.problem.joint_count)
-    alone = [(one, relief) for one in joints if (relief := _relief(solution, tries, joint=one))]
+    problem, joints = solution.problem, tuple(range(solution.problem.joint_count))
+    alone = [(one, relief) for one in joints if (relief := _relief(solution, tries, (one,)))]
     for joint, relief in sorted(alone, key=lambda item: item[1].amount)[:3]:
         torque = float(problem.jacobian[:, joint] @ relief.forces.ravel())
         text, changed = wider_joint(problem, joint, torque + problem.gravity_torques[joint])
         yield from _if_feasible(text, changed, solution, tries)
-    if not alone and joints and (relief := _relief(solution, tries, joint=-1)):
+    if not alone and joints and (relief := _relief(solution, tries, joints)):
         more = rounded_up(relief.amount * relief.coordinates.torque_scale * SUGGESTION_ROOM)
         text = f"every torque limit would have to be larger by {in_units(problem, more)}"
         yield from _if_feasible(text, wider(problem, more), solution, tries)
@@ -343,7 +340,8 @@ def _reliefs(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
 def _everything(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
     """All limits widened and an extra external wrench, at once."""
     problem = solution.problem
-    relief = _relief(solution, tries, joint=-1, normal=True, wrench=True)
+    joints = tuple(range(problem.joint_count))
+    relief = _relief(solution, tries, joints, normal=True, wrench=True)
     if relief is None:
         return
     text, changed = helped(problem, relief.forces)
@@ -401,8 +399,8 @@ class _Relief(NamedTuple):
 def _relief(
     solution: TorqueSolution,
     tries: Tries,
+    joints: tuple[int, ...] = (),
     *,
-    joint: int | None = None,
     normal: bool = False,
     wrench: bool = False,
 ) -> _Relief | None:
@@ -410,7 +408,7 @@ def _relief(
     options = tries.options(solution.rules)
     if options is None:
         return None
-    objective = Elastic(solution.required_margin, joint, normal, wrench)
+    objective = LimitRelief(solution.required_margin, joints, normal, wrench)
     formulation = formulate(solution.problem, objective)
     state = SearchState(formulation, options, tries.limits)
     # What was found before a motion could not be decided on helps all the same.

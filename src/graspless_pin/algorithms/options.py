@@ -125,7 +125,7 @@ class SolveOptions:
                 one, which the solution's `guarantee` proves.
             verdict_nodes: Sets of outcomes that each verdict on torques may look at, for
                 ``strong``.
-            unknown: None.
+            unknown: Any other keyword is refused.
 
         Raises:
             ArgumentError: If an option is not known or a figure out of range.

@@ -103,8 +103,11 @@ def bracket_limits(
     """
     if checked_problem(problem).is_sliding.any():
         raise ArgumentError("problem", "slides; what certainly holds is known of rest alone")
-    if why := problem.cone_model.no_verdict:
-        raise ArgumentError("problem", f"leaves all of this {why}")
+    if not problem.cone_model.is_coulomb:
+        raise ArgumentError(
+            "problem",
+            f"has the cone '{problem.cone}'; a verdict needs Coulomb's law ('edges' or 'round')",
+        )
     if real_number("precision", precision, 1e-3) > _WIDEST:
         raise ArgumentError("precision", f"is {precision}; it must be at most {_WIDEST}")
     nodes = whole_number("node_limit", node_limit, 0)

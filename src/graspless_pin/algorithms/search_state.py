@@ -39,7 +39,7 @@ class SearchState:
         relaxation: Answer to the program without modes, once it was solved; of a given mode without
             forces, to its own.
         best: Best answer that a feasible mode admits.
-        found: That mode; of a given mode without forces, it itself.
+        found: The mode of the best answer; where a given mode has no forces, that mode.
         near: A virtual motion that may be behind the next mode, too, scaled; None: none is known.
         bound: Proven lower bound on the objective over all modes.
         infeasibility: Proof of infeasibility of the relaxation.

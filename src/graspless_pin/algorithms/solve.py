@@ -151,7 +151,7 @@ def _checked_mode(
         raise ArgumentError(
             "mode",
             f"has signs {mode.signs[index].tolist()} at selected contact {index}; the rule "
-            f"'{rules.sign}' allows {allowed} zero",
+            f"'{rules.sign}' allows {'one' if allowed else 'no'} zero component",
         )
     stray = mode.selection > candidate_contacts(problem, rules)
     missing = mode.selection < required_contacts(problem, rules)

@@ -213,9 +213,9 @@ class ConeModel(ABC):
             power = np.einsum("mi,mi->m", ways, along)
             if power.max() > 0.0 or np.linalg.norm(along, axis=1).max() > 1.0 + _SECTION_ROUNDING:
                 raise ArgumentError(
-                    "kinetic_friction",
-                    f"of the cone '{self.name}' must be against the sliding and at most 1; it is "
-                    f"{along.tolist()!r:.100} for directions {ways.tolist()!r:.100}",
+                    "cone",
+                    f"is '{self.name}', whose kinetic friction must be against the sliding and at "
+                    f"most 1; it is {along.tolist()!r:.100} for directions {ways.tolist()!r:.100}",
                 )
             directions[sliding_contacts] += np.einsum(
                 "mij,mj->mi", tangents[sliding_contacts], friction[sliding_contacts, None] * along

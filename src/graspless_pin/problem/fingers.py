@@ -132,7 +132,10 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
         if names is None:
             names = [f"finger_{index + 1}_joint_{j + 1}" for j in range(count)]
         if len(names) != count:
-            raise ArgumentError(f"{label}.joint_names", f"has {len(names)} names for {count}")
+            raise ArgumentError(
+                f"{label}.joint_names",
+                f"has length {len(names)}; the finger's number of joints is {count}",
+            )
         spaces.append(JointSpace(block, limits, tuple(names), _units(label, finger, count)))
     lower, upper = (
         np.concatenate([*(space.torque_limits[side] for space in spaces), []]) for side in (0, 1)

@@ -214,25 +214,25 @@ class Disturbance(Objective):
 
 
 @dataclass(frozen=True)
-class Elastic(Objective):
+class LimitRelief(Objective):
     """The smallest change s >= 0 of some limits that makes a required margin feasible.
 
-    It is given to one joint's limits (in its joint scale) or to all joints' (in the torque scale),
-    to all normal-force limits (in F), and as an extra external wrench (in F, the largest
-    component of a wrench with moments over the length scale).
+    It is given to the limits of some joints (in the largest of their joint scales), to all
+    normal-force limits (in F), and as an extra external wrench (in F, the largest component of a
+    wrench with moments over the length scale).
 
     Attributes:
         required_margin: N.
-        joint: The joint whose limits give way; -1: those of all joints, by the same amount.
+        joints: The joints whose limits give way, by the same amount.
         normal: Whether the normal-force limits give way.
         wrench: Whether the balance is helped.
     """
 
     required_margin: float
-    joint: int | None = None
+    joints: tuple[int, ...] = ()
     normal: bool = False
     wrench: bool = False
-    name = "elastic"
+    name = "limit relief"
 
     def build(self, program: ProgramBuilder) -> None:
         """Add s, and rows that give way by it."""
@@ -258,12 +258,9 @@ class Elastic(Objective):
 
     def _given(self, forces: ForceRows) -> tuple[FloatArray, FloatArray]:
         """(L,) by how much the upper and the lower torque limits give way."""
-        coordinates = forces.coordinates
-        given = np.zeros(len(forces.torque_rows))
-        if self.joint == -1:
-            given[:] = coordinates.torque_scale / coordinates.joint_scale
-        elif self.joint is not None:
-            given[self.joint] = 1.0
+        joints, given = list(self.joints), np.zeros(len(forces.torque_rows))
+        scale = forces.coordinates.joint_scale[joints]
+        given[joints] = scale.max(initial=0.0) / scale
         # A limit of zero beside a nonzero one is a direction that cannot be pushed: it stays.
         problem = forces.problem
         zero_low, zero_high = problem.lower_torque == 0.0, problem.upper_torque == 0.0

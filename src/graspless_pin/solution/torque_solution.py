@@ -187,8 +187,8 @@ class TorqueSolution:
     def explanation(self) -> str:
         """Why nothing is feasible and the smallest changes that would help; empty if found.
 
-        Worked out when first asked for: it solves several changed problems, for 10 s and 1000
-        nodes of each at most; `explain` does so within other limits.
+        Worked out when first asked for: it solves several changed problems, within 1000
+        nodes for each and 10 s for all; `explain` does so within other limits.
         """
         if self.found or self._explanation is not None:
             return self._explanation or ""
