@@ -60,7 +60,14 @@ class Extreme(NamedTuple):
 
 
 class _Surface(NamedTuple):
-    """A plane: (n,) distance (N) of the coordinates from it; the friction that it stands for."""
+    """A face of a cone, or a tangent plane of a round cone.
+
+    Attributes:
+        distance: (n,) coefficients with distance . x the distance of forces x from it, N.
+        contact: Of the round cone; -1: it is a flat face.
+        sector: Of a round cone, the directions of friction for which the plane bounds the cone;
+            None: it is a flat face.
+    """
 
     distance: FloatArray
     contact: int = -1
@@ -149,8 +156,8 @@ class ForceExtremes:
     ) -> Extreme:
         """Smallest distance to any face or round cone: the margin is the least of linear functions.
 
-        Those that the bounds of the components keep farther away than the nearest so far need no
-        search. Round cones are looked at sector by sector, to 1e-6 of the load.
+        Branch and bound over surfaces: the bound of a surface is its least distance over the box of
+        the component ranges. Round cones are split into sectors, to 1e-6 of the load.
         """
         margin, complete = float((self.problem.max_normal_force - upper[:, 0]).min()), True
         low, high = np.zeros(self.rows.size), np.zeros(self.rows.size)

@@ -1,20 +1,10 @@
-"""How much torque each margin costs: the whole trade-off between Algorithms 1 and 2.
+"""The smallest largest torque as a function of the required margin: Algorithm 2 for every e0.
 
-Parametric linear programming over all modes. t*(e0), the optimum of Algorithm 2, is for e0 from
-zero to Algorithm 1's margin the smallest of the curves of single modes. A mode's curve is the
-boundary of a polyhedron's shadow: convex, piecewise linear, rising, and it ends where the mode can
-keep no larger margin. Their lower envelope is piecewise linear too, but it is neither convex nor
-continuous: modes take turns at kinks, and where a mode ends it may jump up. `curve_search` finds
-it.
-
-The lower envelope of all modes' curves of torque over margin, found piece by piece.
-
-The program with the margin as a variable gives both steps. Within a mode, minimising t - s e
-over a stretch with the slope s of its chord finds a point below the chord, or proves that the curve
-is straight there. Over all modes, the same search with branch and bound finds a mode that lies
-below a straight piece of the envelope anywhere, or proves that there is none.
-
-Piecewise linear curves of torque over margin, and their lower envelope; scaled.
+Parametric linear programming over all modes. A mode's curve t(e0) is convex, piecewise linear and
+rising, and ends at the mode's largest margin. The optimum over all modes is the lower envelope of
+these curves; it may have kinks, and jumps up where a mode ends. `CurveSearch` finds it: minimising
+t - s e over a piece of slope s finds a point of the same mode, or by branch and bound another mode,
+below the piece, or proves that there is none.
 """
 
 from __future__ import annotations

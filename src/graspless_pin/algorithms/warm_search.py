@@ -115,8 +115,8 @@ def reaches_margin(
         best = solve_problem(problem, Margin(), options, rest=rest)
         if best.found and best.margin >= required:
             return True, start
-        open_still = best.status in UNDECIDED or (best.found and best.certificate.bound >= required)
-        return (None if open_still else False), start
+        is_open = best.status in UNDECIDED or (best.found and best.certificate.bound >= required)
+        return (None if is_open else False), start
     full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
     state = _WarmState(replace(full, cutoff=-goal), options, Limits.of(options), start=start)
@@ -146,7 +146,7 @@ def _reaches(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | 
 
 @dataclass
 class _WarmState(SearchState):
-    """A search that begins with warm start.
+    """A search with a warm start.
 
     Attributes:
         start: What a similar problem left behind.
@@ -177,7 +177,7 @@ class _WarmState(SearchState):
         Args:
             lb: (n,) lower bounds.
             ub: (n,) upper bounds.
-            active: ActiveSet of a similar problem under bounds of the same kind.
+            active: Active set at the optimum of a similar program; None: none is known.
         """
         cutoff = min(self.best_value, self.formulation.cutoff)
         program = self.formulation.program.bounded(lb, ub, cutoff)
@@ -192,13 +192,13 @@ class _WarmState(SearchState):
         """Return what the search leaves behind; what it did not come to stays as it began."""
         start, problem = self.start, self.formulation.problem
         mode = start.mode if self.mode is None else self.mode
-        open_still = mode is None or self.in_mode is not None or not mode.own_signs.all()
+        loops_apply = mode is not None and self.in_mode is None and mode.own_signs.all()
         return WarmStart(
             mode,
             self.without_mode or start.relaxation,
             self.in_mode or (start.in_mode if mode is start.mode else None),
             self.near,
-            structure_of(problem) if problem.cone_model.regular and not open_still else None,
+            structure_of(problem) if problem.cone_model.regular and loops_apply else None,
             self.cover,
         )
 

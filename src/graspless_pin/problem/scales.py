@@ -10,7 +10,7 @@ import numpy as np
 from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, squared_lengths, turning
 
 LEAST_LEVER = 1e-12
-"""A joint's lever shorter than this share of the longest counts as so long."""
+"""Joint scales use at least this share of the longest lever, so that none is zero."""
 LEAST_DIFFERENCE = 1e-12
 """Of what it is the difference of: smaller distances and moments are rounding."""
 LEAST_MARGIN = 1e-20
@@ -21,9 +21,10 @@ Limits that stand for none may well be 1e14 times a margin.
 LIMIT_TOLERANCE = 1e-6
 """Of a limit, or of the load where that is smaller: how far beyond it still counts as within."""
 LEAST_LIMIT = 1e-3
-"""Of the largest limit: a smaller one counts as so large."""
+"""Tolerances take no limit for smaller than this share of the largest one."""
 MOST_STRICT = 1e6
-"""The load over a limit; beyond, what the balance may be off by is more than the limit."""
+"""Largest ratio of load to limit that is solved: beyond it the tolerance of the balance exceeds the
+limit."""
 
 
 class Scales(NamedTuple):
@@ -50,8 +51,8 @@ class Scales(NamedTuple):
     def without_load(self, margin: float) -> Scales:
         """Return the scales of a problem without a load at a required margin, N.
 
-        It takes the place of the load. Far below the limits it cannot: torques of a joint's own
-        weight would be beyond all figures in it.
+        It takes the place of the load. Below 1e-20 of the smallest normal-force limit it does not:
+        gravity torques over it would exceed every number that a program may hold.
         """
         if margin < LEAST_MARGIN * self.force:
             return self

@@ -5,9 +5,8 @@ slack times the limit is more than a proof may leave. The KKT conditions on the 
 E x = e and P x + c + E^T w = 0, are linear: their solution nearest to the answer leaves rounding
 only. OSQP calls this solution polishing (Stellato et al., Math. Prog. Comp. 12, 2020, Sec. 5.2).
 
-Multipliers are refined further where a proof needs it. Where limits are far, the last digit of a
-large multiplier times the limit may be more than a bound may lose. Smaller multipliers lose less,
-and slopes that lean a hair to the side of the nearer end of their box lose nothing.
+Multipliers are refined further where a proof needs it: where limits are far, the last digit of a
+large multiplier times the limit may be more than a bound may lose.
 """
 
 from __future__ import annotations
@@ -131,7 +130,11 @@ _EPSILON = float(np.finfo(float).eps)
 
 
 def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the multipliers near some that prove the highest bound in a longer format.
+    """Return multipliers near the given ones whose dual bound is highest.
+
+    It is worked out in extended precision, less its rounding error. Two changes are tried:
+    components that cancel between dependent rows are removed, and reduced costs that are zero up to
+    rounding are given the sign whose box bound is zero.
 
     Args:
         program: The program.
@@ -158,7 +161,7 @@ def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArra
     smaller[fixed] = without_cancelling(program.rows[fixed], weights[fixed], slope, held)
     tried = [np.concatenate((y, z))]
     for one in (weights, smaller):
-        tried += _leaning(program, one)
+        tried += _with_signed_reduced_costs(program, one)
     best = max(tried, key=lambda one: _bound(program, one))
     # An optimum at the end of its box, such as torques of zero, needs no multiplier at all. What
     # zeros gain beyond rounding is no gain: then the multipliers are of forces in another box.
@@ -181,19 +184,19 @@ def certain_bound(program: Program, y: FloatArray, z: FloatArray) -> float:
     return _bound(program, np.concatenate((y, z)))
 
 
-def _leaning(program: Program, weights: FloatArray) -> list[FloatArray]:
-    """Return multipliers whose slopes lean to the nearer ends of their boxes, better and better."""
+def _with_signed_reduced_costs(program: Program, weights: FloatArray) -> list[FloatArray]:
+    """Return multipliers whose reduced costs have no sign that rounding gave them, step by step."""
     (first, last), tried = program.reach, [weights]
     part = weights != 0.0
     low, high = program.sides
     part |= low == high
     rows = program.rows[part]
-    leaning = np.where(first == 0.0, 1.0, np.where(last == 0.0, -1.0, 0.0))
+    sign = np.where(first == 0.0, 1.0, np.where(last == 0.0, -1.0, 0.0))
     for _ in range(_SLOPE_REFINEMENTS):
         weights = weights.copy()
         slope, size = _slope(program, weights)
         noise = (np.abs(slope) < _SLOPE_NOISE * size) & (first < last)
-        wanted = (4.0 * _EPSILON * size * leaning - slope)[noise]
+        wanted = (4.0 * _EPSILON * size * sign - slope)[noise]
         weights[part] += np.linalg.lstsq(rows[:, noise].T, wanted, rcond=_RANK_TOLERANCE)[0]
         tried.append(weights)
     return tried

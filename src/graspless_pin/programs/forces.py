@@ -299,8 +299,9 @@ class ForceRows:
         lower: (L,) lower torque limits less gravity, over the joint scale.
         upper: (L,) upper torque limits less gravity, over the joint scale.
         gravity: (L,) g / joint scale.
-        boxes: Bounds (2, n) of forces inside cones, 0 <= n^T f <= limit and |t^T f| <= mu limit:
-            those that proofs look at, and where these are fewer, those of all forces.
+        boxes: Bounds (2, n) implied by cones and limits, 0 <= n^T f <= limit and
+            |t^T f| <= mu limit; with a limit above 1e8 F two boxes: that cut at 1e8 F, over which
+            bounds are proven, and the uncut one, over which infeasibility is.
     """
 
     problem: QuasistaticProblem

@@ -127,8 +127,9 @@ class Program:
         u: (k,) upper sides, inf where there is none; of cones the same as the lower ones.
         lb: (n,) lower bounds to be imposed, -inf where there is none.
         ub: (n,) upper bounds to be imposed, inf where there is none.
-        box: (2, n) finite bounds that are implied by the constraints: for proofs, not imposed.
-        whole_box: (2, n) wider, of all solutions, where `box` holds of the nearer ones only.
+        box: (2, n) finite bounds that are implied by the constraints, cut at `FARTHEST`: for
+            proofs, not imposed.
+        whole_box: (2, n) implied bounds without the cut at `FARTHEST`; None: the same as `box`.
         cone_count: How many second-order cones there are.
         blocks: What its rows mean, in their order; empty: not told.
         bounded_blocks: What its columns with bounds mean.
@@ -318,7 +319,7 @@ class Program:
 
     @cached_property
     def worst(self) -> float:
-        """A bound above it ends the search for a solution: `highest`, or a cutoff below it."""
+        """A proven bound above it means infeasible: `highest`, or a cutoff below it."""
         return self.highest
 
     @cached_property
