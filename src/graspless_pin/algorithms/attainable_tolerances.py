@@ -40,7 +40,7 @@ from graspless_pin.problem.members import (
     Member,
     feedback_torques,
     joined,
-    motions_without_force,
+    motions_keeping_contact,
 )
 from graspless_pin.programs.objectives import Objective, Torque
 from graspless_pin.records import Brief
@@ -436,7 +436,7 @@ class AttainableSearch:
             return None
         # Joints that bear no contact carry their links by torques of their own.
         passive, levers = problem.passive_count, problem.jacobian.any(axis=0)
-        found = motions_without_force(problem)
+        found = motions_keeping_contact(problem)
         motions = (found @ null_space(found[passive:][~levers], rcond=_VARIES)).T
         if not len(motions) or any(np.ptp(one.factors[levers]) > 0.0 for one in conflict):
             return None

@@ -325,7 +325,7 @@ class LoadSweep:
         objective: Objective,
         options: SolveOptions,
         *,
-        turning: bool = False,
+        only_load_changes: bool = False,
     ) -> None:
         """Begin with nothing learned.
 
@@ -333,18 +333,18 @@ class LoadSweep:
             problem: One of their problems; its cones are pyramids.
             objective: What is optimised; `are_for` tells whether loops do.
             options: How.
-            turning: Whether it is the load alone that changes: programs of known modes are gone
-                on with then, of which every pivot leaves a vertex.
+            only_load_changes: Whether states differ in their load alone. The optimal bases of
+                earlier states then stay dual feasible, and the simplex method goes on from them.
         """
         structure = structure_of(problem, problem.has_cone.astype(np.float64))
-        kind = "ModePrograms" if turning else "LoadedStates"
+        kind = "ModePrograms" if only_load_changes else "LoadedStates"
         self._loops = loops_of(kind, structure, objective, problem.joint_units)
         self._may_begin = (
             may_begin(problem, options) and self._loops.coordinate_count <= _MOST_COLD_COORDINATES
         )
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
-        self._turning, self._covers = turning, list[Any]()
+        self._only_load_changes, self._covers = only_load_changes, list[Any]()
 
     def learn(self, problem: QuasistaticProblem, start: WarmStart) -> None:
         """Take what led to the answer of a state that was solved by itself.
@@ -355,7 +355,7 @@ class LoadSweep:
         """
         if start is not self._last:
             self._last = start
-            if self._turning:
+            if self._only_load_changes:
                 # The mode's own program is at hand here, and the parts that bound all others.
                 signs = start.mode is not None and start.mode.own_signs.all()
                 own = [_start(self._loops, start)] if signs else []

@@ -400,7 +400,9 @@ class AttachedLoops(StateLoops):
         """Return the loops for an objective."""
         sweeps = self._sweeps
         if objective not in sweeps:
-            sweeps[objective] = LoadSweep(self._problem, objective, self._options, turning=True)
+            sweeps[objective] = LoadSweep(
+                self._problem, objective, self._options, only_load_changes=True
+            )
             self.learn()
         return sweeps[objective]
 

@@ -85,11 +85,14 @@ def feedback_torques(
     """
     if stiffness is None:
         return None
-    return stiffness[:, None] * motions_without_force(problem)[problem.passive_count :]
+    return stiffness[:, None] * motions_keeping_contact(problem)[problem.passive_count :]
 
 
-def motions_without_force(problem: QuasistaticProblem) -> FloatArray:
-    """Return (P + L, d) motions in which no contact parts, and none with friction slips.
+def motions_keeping_contact(problem: QuasistaticProblem) -> FloatArray:
+    """Return a (P + L, d) basis of the motions [V; -theta_dot] that keep all contacts.
+
+    Their relative velocity is zero at contacts with a friction cone, and its normal component at
+    the others.
 
     Args:
         problem: Contacts and joints.
