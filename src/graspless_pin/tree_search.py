@@ -72,7 +72,7 @@ class TreeSearch(Generic[Node]):
             self._born += 1
             heapq.heappush(self._open, (bound, -self._depth, -self._born, child))
 
-    def left(self) -> list[Node]:
+    def open_nodes(self) -> list[Node]:
         """Return the open nodes in the order in which they would be visited."""
         return [node for _, _, _, node in sorted(self._open, key=lambda one: one[:3])]
 
@@ -111,13 +111,13 @@ class Limits:
         return (self.node_limit is not None and nodes >= self.node_limit) or self.passed
 
     @property
-    def left(self) -> float | None:
+    def seconds_left(self) -> float | None:
         """Seconds that are left, at least zero; None: any."""
         return None if self.deadline == inf else max(self.deadline - time.monotonic(), 0.0)
 
     def within(self, options: _Options) -> _Options:
         """Return `SolveOptions` with the time that is left."""
-        left = self.left
+        left = self.seconds_left
         return options if left is None else replace(options, time_limit=left)
 
 

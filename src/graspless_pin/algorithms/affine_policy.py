@@ -224,7 +224,7 @@ class _AffineProgram:
             return None
         self.built = SparseConic()
         self._build()
-        found = self.built.solve(limits.left)
+        found = self.built.solve(limits.seconds_left)
         return None if found is None else self._policy(*found)
 
     def _sides(self, group: Group, errors: FloatArray) -> FloatArray:

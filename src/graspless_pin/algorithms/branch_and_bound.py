@@ -22,7 +22,7 @@ from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import Search
 from graspless_pin.algorithms.search_state import (
-    Left,
+    Fathomed,
     SearchState,
     Split,
     best_first,
@@ -47,14 +47,14 @@ def branch_and_bound(state: SearchState) -> Status:
         return unsolved(answer, Status.INFEASIBLE_FORCES)
     tree = ModeTree(state.formulation, state.rules)
 
-    def expand(part: ModePart, before: float) -> Left | Split[ModePart]:
+    def expand(part: ModePart, before: float) -> Fathomed | Split[ModePart]:
         state.oracle.kinematic_programs += int(part.selected.any())
         if tree.exclusion(part) is not None:
             return Split(before, [])  # no mode is in it
         answer = state.solve(*tree.bounds(part))
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
-            return Left(max(before, answer.bound))
+            return Fathomed(max(before, answer.bound))
         return _split(state, tree, part, answer, before)
 
     every = ModePart.every_mode(state.formulation.problem, state.rules)
@@ -84,29 +84,29 @@ def _guess(state: SearchState, answer: Answer) -> None:
 
 def _split(
     state: SearchState, tree: ModeTree, part: ModePart, answer: Answer, before: float
-) -> Left | Split[ModePart]:
+) -> Fathomed | Split[ModePart]:
     """Keep the optimum of a part if a mode admits it; otherwise split the part."""
-    left = Left(answer.bound)
+    fathomed = Fathomed(answer.bound)
     if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
-        return left
+        return fathomed
     x = tree.within(part, answer.x)
     found = state.oracle.mode_for(x, state.near)
     state.modes_examined += 1
     if isinstance(found, FoundMode):
         if state.accept(answer, found):
-            return left
+            return fathomed
         found = None
     elif state.modes_examined % _GUESS_EVERY == 1:
         _guess(state, answer)
         if state.closed(answer.bound):
-            return left
+            return fathomed
     # What else the part knows of its modes may exclude them, where the friction alone does not.
     conflict = state.oracle.conflict_for(x, part) if found is None else found
     split = tree.split(part, x, conflict)
     if split is None:
         # It is one mode, which has a motion behind it, and the answer is its own program's.
         state.accept(answer, FoundMode(part.mode), x)
-        return left
+        return fathomed
     children = split[1]
     if state.rules.sign is SignRule.EXACT:
         # Where a contact may slide along one tangent alone, contacts would be released in vain, one

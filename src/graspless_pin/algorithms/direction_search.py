@@ -17,7 +17,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import NO_FRICTION
 from graspless_pin.algorithms.mode_oracle import FoundMode
-from graspless_pin.algorithms.search_state import Left, SearchState, Split, best_first, unsolved
+from graspless_pin.algorithms.search_state import Fathomed, SearchState, Split, best_first, unsolved
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode, required_contacts
 from graspless_pin.modes.sectors import (
@@ -111,8 +111,8 @@ class _DirectionSearch:
         root = self._split(every, answer, answer.bound)
         return best_first(self.state, root, self._expand, self._closed)[0]
 
-    def _expand(self, node: _Node, before: float) -> Left | Split[_Node]:
-        """Leave or split a node, as `best_first` asks for."""
+    def _expand(self, node: _Node, before: float) -> Fathomed | Split[_Node]:
+        """Fathom or split a node, as `best_first` asks for."""
         if isinstance(self.motions.find(node.sectors), Exclusion):
             return Split(before, [])  # no motion slides so
         self.state.nodes += 1
@@ -143,13 +143,13 @@ class _DirectionSearch:
             state.unproven_bound = min(state.unproven_bound, answer.bound)
         return answer
 
-    def _split(self, node: _Node, answer: Answer, bound: float) -> Left | Split[_Node]:
+    def _split(self, node: _Node, answer: Answer, bound: float) -> Fathomed | Split[_Node]:
         """Keep what the node's optimum leads to; split the node where it is not an answer.
 
-        It is left where nothing in it is better than what was kept by more than the gap.
+        It is fathomed where nothing in it is better than what was kept by more than the gap.
         """
         if answer.outcome is not Outcome.SOLVED or self._closed(bound):
-            return Left(bound)
+            return Fathomed(bound)
         state = self.state
         state.modes_examined += 1
         rubbing = self._rubbing(answer.x)
@@ -164,10 +164,10 @@ class _DirectionSearch:
                 if motion is None or state.modes_examined % _GUESS_EVERY == 1:
                     self._guess(answer.x, rubbing)
                 if self._closed(answer.bound):
-                    return Left(bound)
+                    return Fathomed(bound)
                 if width < _NARROWEST_SECTOR:
                     state.unproven_bound = min(state.unproven_bound, answer.bound)
-                    return Left(bound)
+                    return Fathomed(bound)
                 return Split(bound, self._resolving(node, sectors, exclusion, answer.x))
         else:
             motion = found
@@ -175,7 +175,7 @@ class _DirectionSearch:
         if still:
             return Split(bound, self._moved(node, still[0]))
         self._keep(self._without_traces(answer, rubbing), motion, rubbing)
-        return Left(bound)
+        return Fathomed(bound)
 
     def _rubbing(self, x: FloatArray) -> dict[int, float]:
         """Angles of the sliding that the friction in x opposes, where there is friction."""

@@ -398,7 +398,10 @@ def guaranteed_disturbance(
     units, length = unit_disturbances(problem, directions, characteristic_length)
     most = 10.0 * problem.scales.force if largest is None else real_number("largest", largest, 0.0)
     verdict = stability(
-        problem, torques, acceleration_resolution=acceleration_resolution, time_limit=limits.left
+        problem,
+        torques,
+        acceleration_resolution=acceleration_resolution,
+        time_limit=limits.seconds_left,
     )
     brackets: tuple[LoadBracket, ...] = ()
     if verdict.status is Stability.STRONG:

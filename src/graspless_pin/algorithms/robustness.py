@@ -191,7 +191,7 @@ def _failure(
         # One limit for all loads: that of the undisturbed one.
         resolution *= undisturbed.problem.scales.force / problem.scales.force
         verdict = stability(
-            problem, torques, time_limit=limits.left,
+            problem, torques, time_limit=limits.seconds_left,
             acceleration_resolution=float(
                 np.clip(resolution, FINEST_RESOLUTION, COARSEST_RESOLUTION)
             ),
@@ -327,7 +327,7 @@ def robustness(
         (0, 1, 2)
     """
     limits = bracket_limits(problem, precision, node_limit, time_limit)
-    verdict = stability(problem, torques, time_limit=limits.left)
+    verdict = stability(problem, torques, time_limit=limits.seconds_left)
     if verdict.status is not Stability.STRONG:
         return Robustness(verdict, complete=not limits.passed)
     count = problem.joint_count
@@ -384,4 +384,4 @@ def _without(
         return undecided_verdict(
             changed, tau, "undecided: the time was over before it was looked at"
         )
-    return stability(changed, tau, node_limit=node_limit, time_limit=limits.left)
+    return stability(changed, tau, node_limit=node_limit, time_limit=limits.seconds_left)

@@ -178,8 +178,8 @@ def unsolved(answer: Answer, infeasible: Status) -> Status:
     return Status.UNVERIFIED if answer.outcome is Outcome.FAILED else infeasible
 
 
-class Left(NamedTuple):
-    """A node is left whole: nothing in it is better than what was kept, or it cannot be split.
+class Fathomed(NamedTuple):
+    """A node without children: its bound is no better than the best value, or it cannot be split.
 
     Attributes:
         bound: What is proven of it.
@@ -202,8 +202,8 @@ class Split(NamedTuple, Generic[Node]):
 
 def best_first(
     state: SearchState,
-    root: Left | Split[Node],
-    expand: Callable[[Node, float], Left | Split[Node]],
+    root: Fathomed | Split[Node],
+    expand: Callable[[Node, float], Fathomed | Split[Node]],
     closed: Callable[[float], bool],
 ) -> tuple[Status, tuple[Node, ...]]:
     """Search from the relaxation on, the node with the lowest bound first.
@@ -211,28 +211,28 @@ def best_first(
     Args:
         state: The search to run.
         root: What `expand` would return of the relaxation.
-        expand: Looks at a node with a proven bound, and leaves or splits it.
+        expand: Looks at a node with a proven bound, and fathoms or splits it.
         closed: Whether nothing at or above a bound is of interest.
 
     Returns:
         How it ended, and nodes that hold all there is and whose bounds were enough; none where a
         limit ended it.
     """
-    search = TreeSearch[Node](() if isinstance(root, Left) else root.children, root.bound)
-    # The lowest bound of the nodes that were left: no optimum lies below it.
-    left = root.bound if isinstance(root, Left) else np.inf
+    search = TreeSearch[Node](() if isinstance(root, Fathomed) else root.children, root.bound)
+    # The lowest bound of fathomed nodes: no optimum in them lies below it.
+    fathomed_bound = root.bound if isinstance(root, Fathomed) else np.inf
     cover: list[Node] = []
     for before, node in search:
-        state.raise_bound(min(before, left))
+        state.raise_bound(min(before, fathomed_bound))
         if closed(before):
-            return state.ended(), (*cover, node, *search.left())
+            return state.ended(), (*cover, node, *search.open_nodes())
         if state.limits.end(state.nodes):
             return state.ended(interrupted=True), ()
         outcome = expand(node, before)
-        if isinstance(outcome, Left):
-            left = min(left, outcome.bound)
+        if isinstance(outcome, Fathomed):
+            fathomed_bound = min(fathomed_bound, outcome.bound)
             cover.append(node)
         else:
             search.add(outcome.children, outcome.bound)
-    state.raise_bound(left)
+    state.raise_bound(fathomed_bound)
     return state.ended(), tuple(cover)

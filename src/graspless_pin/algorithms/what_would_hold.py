@@ -149,7 +149,7 @@ def _other_torques(problem: QuasistaticProblem, limits: Limits) -> Iterator[Hold
         return
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
     other = maximize_margin(
-        problem, stability="strong", verdict_nodes=nodes, time_limit=limits.left
+        problem, stability="strong", verdict_nodes=nodes, time_limit=limits.seconds_left
     )
     if other.found:
         words = "torques of maximize_margin with stability='strong'"
@@ -166,7 +166,7 @@ def _preload(
         external_wrench=np.zeros(problem.passive_count),
         gravity_torques=np.zeros(problem.joint_count),
     )
-    squeeze = maximize_margin(unloaded, static_friction="coulomb", time_limit=limits.left)
+    squeeze = maximize_margin(unloaded, static_friction="coulomb", time_limit=limits.seconds_left)
     if not squeeze.found or squeeze.margin <= 1e-6 * problem.scales.force:
         return
     largest = float(np.linalg.norm(squeeze.contact_forces, axis=1).max())
@@ -186,7 +186,7 @@ def _tried(changed: _Changed, words: str, limits: Limits) -> Iterator[HoldingCha
     if beyond.any():
         return
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
-    verdict = stability(problem, torques, node_limit=nodes, time_limit=limits.left)
+    verdict = stability(problem, torques, node_limit=nodes, time_limit=limits.seconds_left)
     if verdict.status is Stability.STRONG:
         yield HoldingChange(words, problem, torques, verdict)
 

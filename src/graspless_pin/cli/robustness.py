@@ -57,7 +57,7 @@ def robustness_scene(
         with waiting_for("trying errors of torques, and rest without each contact"):
             limits = Limits.from_now(nodes, time_limit)
             found = robustness(
-                solution.problem, solution.torques, node_limit=nodes, time_limit=limits.left
+                solution.problem, solution.torques, node_limit=nodes, time_limit=limits.seconds_left
             )
         found = replace(found, verdict=known_of_scene(loaded, found.verdict))
         strong = found.verdict.status is Stability.STRONG
@@ -86,8 +86,12 @@ def _changes(scene: Scene, solution: TorqueSolution, nodes: int, limits: Limits)
             problem.with_changes(cone="round"),
             solution.torques,
             static_friction=StaticFriction.COULOMB,
-            time_limit=_RANGES_TIME if limits.left is None else min(_RANGES_TIME, limits.left),
+            time_limit=_RANGES_TIME
+            if limits.seconds_left is None
+            else min(_RANGES_TIME, limits.seconds_left),
         )
-        found = what_would_hold(problem, solution.torques, node_limit=nodes, time_limit=limits.left)
+        found = what_would_hold(
+            problem, solution.torques, node_limit=nodes, time_limit=limits.seconds_left
+        )
     squeezed = bounds.squeeze_words(scene.contacts.bodies)
     return [*filter(None, [squeezed]), str(found)]

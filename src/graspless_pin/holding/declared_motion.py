@@ -244,7 +244,7 @@ def other_motion(
     search, left, nodes = TreeSearch([root]), list[UnprovenSet](), 0
     for _, node in search:
         if is_over(nodes):
-            left += [node, *search.left()]
+            left += [node, *search.open_nodes()]
             break
         nodes += 1
         point = _bounded(dynamics, programs, goals, node, force_limit)

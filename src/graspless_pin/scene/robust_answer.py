@@ -127,7 +127,9 @@ def _share_of(
     limits = Limits.from_now(None, seconds)
 
     def within(share: float) -> RobustSolution:
-        return solved(share, time_limit=min(one for one in (limits.left, each) if one is not None))
+        return solved(
+            share, time_limit=min(one for one in (limits.seconds_left, each) if one is not None)
+        )
 
     found = largest_share(within, robust, limits)
     return found.served, found.failing

@@ -343,7 +343,7 @@ def verdicts_under(
         changed, friction = scene_of_member(scene, member), member.problem.friction
         own = replace(member, problem=problem_of(changed).with_changes(friction=friction))
         torques = torques_at_rest(own, commanded, stiffness)
-        left = {} if limits.left is None else {"time_limit": limits.left}
+        left = {} if limits.seconds_left is None else {"time_limit": limits.seconds_left}
         verdicts.append(verdict_of(changed, torques, friction=friction, **left, **options))
         if until(verdicts[-1]):
             break
