@@ -58,8 +58,8 @@ class Elliptic(ConeModel):
         angles = 2.0 * np.pi * np.arange(edges) / edges
         return self.shares * np.column_stack([np.cos(angles), np.sin(angles)])
 
-    def kinetic_friction(self, ways):
-        scaled = self.shares * ways
+    def kinetic_friction(self, directions):
+        scaled = self.shares * directions
         return -self.shares * scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
 
 

@@ -50,7 +50,9 @@ def holds(part: ModePart, mode: SlidingMode) -> bool:
         not (part.selected & ~chosen).any()
         and not (part.released & chosen).any()
         and all(
-            part.ways[c, k, mode.signs[c, k] + 1] for c in np.flatnonzero(chosen) for k in range(2)
+            part.allowed_signs[c, k, mode.signs[c, k] + 1]
+            for c in np.flatnonzero(chosen)
+            for k in range(2)
         )
     )
 

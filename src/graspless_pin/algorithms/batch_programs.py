@@ -74,8 +74,8 @@ def structure_of(
         problem: The problem.
         friction: (M,) other coefficients, above zero where its are; None: its own.
     """
-    rubbing = problem.friction if friction is None else friction
-    return _structure(problem.has_cone.tobytes(), rubbing.tobytes(), problem.cone_section)
+    coefficients = problem.friction if friction is None else friction
+    return _structure(problem.has_cone.tobytes(), coefficients.tobytes(), problem.cone_section)
 
 
 @lru_cache(maxsize=256)

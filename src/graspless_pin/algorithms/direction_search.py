@@ -132,7 +132,11 @@ class _DirectionSearch:
     def _friction(self, node: _Node) -> Sectors:
         """Return what a node says of contacts with friction."""
         sectors = {one: node.sectors.get(one) for one in self._cones}
-        return {one: way for one, way in sectors.items() if way is not None or one in node.released}
+        return {
+            one: sector
+            for one, sector in sectors.items()
+            if sector is not None or one in node.released
+        }
 
     def _solve(self, friction: Sectors) -> Answer:
         """Solve the program with friction opposite to sectors; None: without friction."""
@@ -152,17 +156,19 @@ class _DirectionSearch:
             return Fathomed(bound)
         state = self.state
         state.modes_examined += 1
-        rubbing = self._rubbing(answer.x)
+        sliding_angles = self._sliding_angles(answer.x)
         held = {contact: node.sectors[contact] for contact in self.always}
-        exact = {contact: Sector(angle, _EXACT_HALF_WIDTH) for contact, angle in rubbing.items()}
+        exact = {
+            contact: Sector(angle, _EXACT_HALF_WIDTH) for contact, angle in sliding_angles.items()
+        }
         found = self.motions.find({**held, **exact})
         if isinstance(found, Exclusion):
-            motion, sectors, exclusion, width = self._widest(node, rubbing, exact, found)
-            if motion is None or not self.motions.opposes(motion, rubbing):
+            motion, sectors, exclusion, width = self._widest(node, sliding_angles, exact, found)
+            if motion is None or not self.motions.opposes(motion, sliding_angles):
                 if motion is not None:
-                    self._try(motion, rubbing)
+                    self._try(motion, sliding_angles)
                 if motion is None or state.modes_examined % _GUESS_EVERY == 1:
-                    self._guess(answer.x, rubbing)
+                    self._guess(answer.x, sliding_angles)
                 if self._closed(answer.bound):
                     return Fathomed(bound)
                 if width < _NARROWEST_SECTOR:
@@ -174,10 +180,10 @@ class _DirectionSearch:
         still = [one for one in self.always if one not in self.motions.directions(motion)]
         if still:
             return Split(bound, self._moved(node, still[0]))
-        self._keep(self._without_traces(answer, rubbing), motion, rubbing)
+        self._keep(self._without_traces(answer, sliding_angles), motion, sliding_angles)
         return Fathomed(bound)
 
-    def _rubbing(self, x: FloatArray) -> dict[int, float]:
+    def _sliding_angles(self, x: FloatArray) -> dict[int, float]:
         """Angles of the sliding that the friction in x opposes, where there is friction."""
         friction = x[self._formulation.cone_columns[0]]
         with_friction = np.hypot(friction[:, 0], friction[:, 1]) > NO_FRICTION
@@ -185,7 +191,7 @@ class _DirectionSearch:
         return {one: angles[i] for i, one in enumerate(self._cones) if with_friction[i]}
 
     def _widest(
-        self, node: _Node, rubbing: dict[int, float], exact: Sectors, exclusion: Exclusion
+        self, node: _Node, sliding_angles: dict[int, float], exact: Sectors, exclusion: Exclusion
     ) -> tuple[FloatArray | None, Sectors, Exclusion, float]:
         """Widen sectors about the friction as long as no motion slides in all of them.
 
@@ -197,7 +203,7 @@ class _DirectionSearch:
         half = high
         while high > _WIDTH_RATIO * low:
             wider = dict(node.sectors)
-            for contact, angle in rubbing.items():
+            for contact, angle in sliding_angles.items():
                 own = node.sectors.get(contact)
                 wider[contact] = Sector(angle, half) if own is None else own.around(angle, half)
             found = self.motions.find(wider)
@@ -246,46 +252,50 @@ class _DirectionSearch:
             parts = (ahead, *other_directions(ahead))
         return [node.with_sector(contact, part) for part in parts]
 
-    def _try(self, motion: FloatArray, rubbing: dict[int, float]) -> None:
+    def _try(self, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Keep the best answer whose friction opposes a motion, if it is better.
 
         Where the motion is as good as along the friction looked at, it is taken to be: rounding
         turns slow slidings most.
         """
         angles, opposes = self.motions.directions(motion), self.motions.opposes
-        angles |= {one: angle for one, angle in rubbing.items() if opposes(motion, {one: angle})}
+        angles |= {
+            one: angle for one, angle in sliding_angles.items() if opposes(motion, {one: angle})
+        }
         if not angles.keys() >= set(self.always):
             return
-        ways = {one: Sector(angles[one], 0.0) if one in angles else None for one in self._cones}
-        answer = self._solve(ways)
+        sectors = {one: Sector(angles[one], 0.0) if one in angles else None for one in self._cones}
+        answer = self._solve(sectors)
         if answer.outcome is Outcome.SOLVED:
-            self._keep(answer, motion, self._rubbing(answer.x))
+            self._keep(answer, motion, self._sliding_angles(answer.x))
 
-    def _guess(self, x: FloatArray, rubbing: dict[int, float]) -> None:
+    def _guess(self, x: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Try the motion whose sliding opposes the friction in x best by least squares."""
-        contacts = [*rubbing, *self.always]
+        contacts = [*sliding_angles, *self.always]
         wanted = np.zeros((len(contacts), 2))
-        wanted[: len(rubbing)] = -x[self._formulation.coordinates.tangent_columns[[*rubbing]]]
+        wanted[: len(sliding_angles)] = -x[
+            self._formulation.coordinates.tangent_columns[[*sliding_angles]]
+        ]
         sliding, motion = self.motions.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is not None:
-            self._try(motion, rubbing)
+            self._try(motion, sliding_angles)
 
-    def _without_traces(self, answer: Answer, rubbing: dict[int, float]) -> Answer:
+    def _without_traces(self, answer: Answer, sliding_angles: dict[int, float]) -> Answer:
         """Return an answer without friction too small to count, where that breaks no constraint."""
         x, program = answer.x.copy(), self._formulation.program
-        for contact in set(self._cones) - rubbing.keys():
+        for contact in set(self._cones) - sliding_angles.keys():
             x[self._formulation.coordinates.tangent_columns[contact]] = 0.0
         residual = program.residual(x)
         return answer.moved(x, answer.value, residual) if residual <= PRIMAL_TOLERANCE else answer
 
-    def _keep(self, answer: Answer, motion: FloatArray, rubbing: dict[int, float]) -> None:
+    def _keep(self, answer: Answer, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Keep an answer and the motion behind it, if it is the best so far."""
         state, kinematics = self.state, self.motions.kinematics
         if answer.value >= state.best_value:
             return
         velocities = kinematics.rows @ motion
         selection = np.zeros(len(velocities), dtype=bool)
-        selection[[*rubbing, *self.always]] = True
+        selection[[*sliding_angles, *self.always]] = True
         size, along = float(np.linalg.norm(velocities)), velocities[:, 1:]
         moves = selection[:, None] & (np.abs(along) > RANK_TOLERANCE * size)
         slowest = np.linalg.norm(along[selection], axis=1).min(initial=np.inf)

@@ -281,18 +281,20 @@ class ModeOracle:
             for component in range(2):
                 if signs[component]:
                     continue
-                conflicts = self._resting(known, index, component, part.left(contact, component))
+                conflicts = self._resting(
+                    known, index, component, part.signs_along(contact, component)
+                )
                 if conflicts:
                     return Blocked(contact, component, conflicts)
         return None
 
     def _resting(
-        self, known: list[Requirement], index: int, component: int, ways: list[int]
+        self, known: list[Requirement], index: int, component: int, allowed: list[int]
     ) -> tuple[Conflict, ...]:
-        """Conflicts that let a component of a known contact move none of the ways; none: it may."""
+        """Conflicts that let a component of a known contact have no allowed sign; none: it may."""
         contact, signs = known[index]
         conflicts: list[Conflict] = []
-        for sign in ways:
+        for sign in allowed:
             pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
             tried = [*known[:index], Requirement(contact, pair), *known[index + 1 :]]
             self.kinematic_programs += 1

@@ -38,12 +38,13 @@ class ModePart:
     Attributes:
         selected: (M,) contacts that each of the modes selects.
         released: (M,) contacts that none of them selects.
-        ways: (M, 2, 3) whether a contact, if selected, may have the sign -1, 0, 1 along t1, t2.
+        allowed_signs: (M, 2, 3) whether a contact, if selected, may have the sign -1, 0, 1 along
+            t1, t2.
     """
 
     selected: NDArray[np.bool_]
     released: NDArray[np.bool_]
-    ways: NDArray[np.bool_]
+    allowed_signs: NDArray[np.bool_]
 
     @classmethod
     def every_mode(cls, problem: QuasistaticProblem, rules: Rules) -> ModePart:
@@ -60,31 +61,31 @@ class ModePart:
 
     def knows(self, contact: int) -> bool:
         """Whether all its modes agree on a contact: released, or selected with the same signs."""
-        is_one = all(len(self.left(contact, component)) == 1 for component in range(2))
+        is_one = all(len(self.signs_along(contact, component)) == 1 for component in range(2))
         return bool(self.released[contact] or (self.selected[contact] and is_one))
 
     def signs(self, contact: int) -> tuple[int, int]:
         """Signs of a contact that all its modes have; 0 where there are several, or zero is."""
-        first, second = self.left(contact, 0), self.left(contact, 1)
+        first, second = self.signs_along(contact, 0), self.signs_along(contact, 1)
         return first[0] if len(first) == 1 else 0, second[0] if len(second) == 1 else 0
 
     @property
     def mode(self) -> SlidingMode:
         """The mode of a part that is one alone."""
-        signs = np.where(self.selected[:, None], self.ways @ SIGN_VALUES, 0)
+        signs = np.where(self.selected[:, None], self.allowed_signs @ SIGN_VALUES, 0)
         return SlidingMode.unchecked(self.selected, signs.astype(np.int8))
 
     def requirements(self) -> list[Requirement]:
         """Return what all its modes ask of the virtual motion."""
         return [Requirement(c, self.signs(c)) for c in np.flatnonzero(self.selected).tolist()]
 
-    def left(self, contact: int, component: int) -> list[int]:
+    def signs_along(self, contact: int, component: int) -> list[int]:
         """Return the signs along one tangent that are left to a contact."""
-        return [sign for sign in SIGN_VALUES if self.ways[contact, component, sign + 1]]
+        return [sign for sign in SIGN_VALUES if self.allowed_signs[contact, component, sign + 1]]
 
     def pairs(self, contact: int) -> list[tuple[int, int]]:
         """Return the pairs of signs that are left to a contact."""
-        first, second = self.left(contact, 0), self.left(contact, 1)
+        first, second = self.signs_along(contact, 0), self.signs_along(contact, 1)
         return [(a, b) for a in first for b in second if a or b]
 
     def holding(self, item: SignItem) -> ModePart | None:
@@ -100,7 +101,9 @@ class ModePart:
         contact, component, sign = item
         if not sign:
             return self._with("released", contact, to=True)._settled(contact)
-        return self._with("ways", (contact, component, sign + 1), to=False)._settled(contact)
+        return self._with("allowed_signs", (contact, component, sign + 1), to=False)._settled(
+            contact
+        )
 
     def with_pair(self, contact: int, pair: tuple[int, int]) -> ModePart | None:
         """Return the modes of it that select a contact with two signs."""
@@ -116,9 +119,9 @@ class ModePart:
         return replace(self, **{name: entries})
 
     def _only(self, contact: int, component: int, sign: int) -> ModePart:
-        ways = self.ways.copy()
-        ways[contact, component] &= np.equal(SIGN_VALUES, sign)
-        return replace(self, ways=ways)
+        allowed = self.allowed_signs.copy()
+        allowed[contact, component] &= np.equal(SIGN_VALUES, sign)
+        return replace(self, allowed_signs=allowed)
 
     def _settled(self, contact: int) -> ModePart | None:
         """Return the part, a contact without signs released; None: it holds no mode."""
@@ -132,7 +135,9 @@ def signs_left(part: ModePart) -> FloatArray:
 
     It tells loops what `ModeTree.bounds` tells programs.
     """
-    signs = np.where(part.ways[:, :, ::2].all(axis=2), np.nan, part.ways @ SIGN_VALUES)
+    signs = np.where(
+        part.allowed_signs[:, :, ::2].all(axis=2), np.nan, part.allowed_signs @ SIGN_VALUES
+    )
     return np.where(part.released[:, None], 0.0, signs)
 
 
@@ -161,8 +166,8 @@ class ModeTree:
         if part is None:
             return self.formulation.bounds_of(None)
         cones = self.formulation.coordinates.layout.cones
-        ways = part.ways[cones] & ~part.released[cones, None, None]
-        return self.formulation.opposing(ways[:, :, 0], ways[:, :, 2])
+        allowed = part.allowed_signs[cones] & ~part.released[cones, None, None]
+        return self.formulation.opposing(allowed[:, :, 0], allowed[:, :, 2])
 
     def within(self, part: ModePart, x: FloatArray) -> FloatArray:
         """Return x without the friction that a part forbids: a solver may leave traces of it."""

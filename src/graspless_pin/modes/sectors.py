@@ -120,8 +120,8 @@ class SectorMotions:
         directed = [place for place, one in enumerate(contacts) if sectors[one] is not None]
         if not directed:
             return np.zeros(len(kinematics.scale))
-        ways = np.array([_rows(sectors[contacts[place]]) for place in directed])
-        moving = (ways @ touching.tangential[directed]).reshape(-1, touching.basis.shape[1])
+        rows = np.array([_rows(sectors[contacts[place]]) for place in directed])
+        moving = (rows @ touching.tangential[directed]).reshape(-1, touching.basis.shape[1])
         strict = np.tile([0.0, 0.0, 1.0], len(directed))
         self.programs += 1
         found = fastest_sliding(moving, strict, None, kinematics.threshold)
@@ -131,7 +131,7 @@ class SectorMotions:
             kinematics.undecided_near = True
         weights = np.where(found.weights > TAKES_PART * found.weights.max(), found.weights, 0.0)
         weights = weights.reshape(len(directed), 3)
-        whole = ways @ kinematics.seen[[contacts[place] for place in directed], 1:]
+        whole = rows @ kinematics.seen[[contacts[place] for place in directed], 1:]
         rest = -np.einsum("ki,kir->r", weights, whole)
         carry = np.abs(reactions(touching.still, rest, kinematics.threshold))
         least = TAKES_PART * max(1.0, carry.max(initial=0.0))

@@ -160,14 +160,14 @@ class ConeModel(ABC):
         section = self.section(edges)
         return np.maximum.reduce(friction @ section.directions / section.distances, axis=1)
 
-    def kinetic_friction(self, ways: FloatArray) -> FloatArray:
+    def kinetic_friction(self, directions: FloatArray) -> FloatArray:
         """Return kinetic friction where mu f_n is 1; of Coulomb's law it is known.
 
         By the principle of maximum dissipation it is the friction of the cone that takes the most
         power from the sliding.
 
         Args:
-            ways: (c, 2) unit directions along t1, t2 in which the object slides.
+            directions: (c, 2) unit directions along t1, t2 in which the object slides.
 
         Returns:
             (c, 2) along t1 and t2.
@@ -207,15 +207,15 @@ class ConeModel(ABC):
         directions = np.where(without_cone[:, None], normals, 0.0)
         sliding_contacts = np.flatnonzero(without_cone & sliding.any(axis=1) & (friction > 0.0))
         if len(sliding_contacts):
-            ways = np.einsum("mji,mj->mi", tangents[sliding_contacts], sliding[sliding_contacts])
-            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-            along = self.kinetic_friction(ways)
-            power = np.einsum("mi,mi->m", ways, along)
+            v = np.einsum("mji,mj->mi", tangents[sliding_contacts], sliding[sliding_contacts])
+            v /= np.linalg.norm(v, axis=1, keepdims=True)
+            along = self.kinetic_friction(v)
+            power = np.einsum("mi,mi->m", v, along)
             if power.max() > 0.0 or np.linalg.norm(along, axis=1).max() > 1.0 + _SECTION_ROUNDING:
                 raise ArgumentError(
                     "cone",
                     f"is '{self.name}', whose kinetic friction must be against the sliding and at "
-                    f"most 1; it is {along.tolist()!r:.100} for directions {ways.tolist()!r:.100}",
+                    f"most 1; it is {along.tolist()!r:.100} for directions {v.tolist()!r:.100}",
                 )
             directions[sliding_contacts] += np.einsum(
                 "mij,mj->mi", tangents[sliding_contacts], friction[sliding_contacts, None] * along

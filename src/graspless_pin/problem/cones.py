@@ -107,8 +107,8 @@ class RoundCone(Pyramid):
 
     def room(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
         """Return (c,) (mu f_n - |f_t|) / sqrt(1 + mu^2), negative outside."""
-        rubbing = np.sqrt(np.einsum("ij,ij->i", forces[:, 1:], forces[:, 1:]))
-        return (friction * forces[:, 0] - rubbing) / np.sqrt(1.0 + friction**2)
+        friction_size = np.sqrt(np.einsum("ij,ij->i", forces[:, 1:], forces[:, 1:]))
+        return (friction * forces[:, 0] - friction_size) / np.sqrt(1.0 + friction**2)
 
 
 @cache

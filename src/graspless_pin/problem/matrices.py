@@ -43,7 +43,7 @@ def wrench_map(positions: FloatArray) -> FloatArray:
 
 
 def kinetic_directions(
-    normals: FloatArray, friction: FloatArray, sliding: FloatArray, bare: NDArray[np.bool_]
+    normals: FloatArray, friction: FloatArray, sliding: FloatArray, without_cone: NDArray[np.bool_]
 ) -> FloatArray:
     """Return (M, 3) n - mu v/|v|, the force per newton of normal force, where there is no cone.
 
@@ -51,11 +51,11 @@ def kinetic_directions(
         normals: (M, 3) unit normals.
         friction: (M,) coefficients.
         sliding: (M, 3) sliding velocities v; n alone where they are zero.
-        bare: (M,) contacts without a cone; the others get zeros.
+        without_cone: (M,) contacts without a cone; the others get zeros.
     """
     speed = np.sqrt(np.einsum("ij,ij->i", sliding, sliding))
     share = friction / np.where(speed > 0.0, speed, np.inf)
-    return read_only(np.where(bare[:, None], normals - share[:, None] * sliding, 0.0))
+    return read_only(np.where(without_cone[:, None], normals - share[:, None] * sliding, 0.0))
 
 
 def cone_blocks(
