@@ -96,7 +96,7 @@ def rounded_up(value: float) -> float:
     return float(f"{np.ceil(value / unit) * unit:.{SUGGESTION_DIGITS}g}")
 
 
-class Tries:
+class ChangeSearches:
     """The searches for changes that help, within the limits of all.
 
     Attributes:
@@ -211,7 +211,7 @@ def explain(
         ArgumentError: If it is no solution, or a limit out of range.
     """
     checked_solution(solution)
-    tries = Tries(SolveOptions.parse(node_limit=node_limit, time_limit=time_limit))
+    searches = ChangeSearches(SolveOptions.parse(node_limit=node_limit, time_limit=time_limit))
     if solution.found:
         return Explanation("The problem is feasible.", (), ())
     if solution.status is Status.LOAD_TOO_LARGE:
@@ -228,18 +228,18 @@ def explain(
             "sliding behind it"
         )
         cause += f": contacts {named} exclude each other." if conflicts else "."
-        suggestions += _weaker_rules(solution, tries)
+        suggestions += _weaker_rules(solution, searches)
     else:
         required = solution.required_margin
         cause = (
             "No contact forces inside the cones, normal-force and torque limits balance the "
             f"external wrench{f' with a margin of {required:g} N' if required > 0.0 else ''}."
         )
-    suggestions += [*_smaller_margin(solution, tries), *_reliefs(solution, tries)]
+    suggestions += [*_smaller_margin(solution, searches), *_reliefs(solution, searches)]
     if not suggestions and not solution.rules.by_direction:
-        cause += "" if tries.cut_short else " No single change is enough."
-        suggestions += _combined(solution, tries)
-    return Explanation(cause, conflicts, tuple(suggestions), not tries.cut_short)
+        cause += "" if searches.cut_short else " No single change is enough."
+        suggestions += _combined(solution, searches)
+    return Explanation(cause, conflicts, tuple(suggestions), not searches.cut_short)
 
 
 def explained_briefly(solution: TorqueSolution) -> Explanation:
@@ -261,7 +261,7 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     return ()
 
 
-def _weaker_rules(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
+def _weaker_rules(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
     """Return the first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
     rules, signs = solution.rules, [SignRule.DIRECTION, *list(SignRule)[:-1]]
     tried = [
@@ -275,28 +275,28 @@ def _weaker_rules(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
     return [
         Suggestion(f"solving with {text}", problem, margin, other)
         for text, other in tried
-        if tries.feasible(problem, solution, other, margin)
+        if searches.feasible(problem, solution, other, margin)
     ]
 
 
-def _smaller_margin(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
+def _smaller_margin(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
     """Return the largest margin that is feasible, where one is."""
-    options = tries.options(solution.rules)
+    options = searches.options(solution.rules)
     if solution.required_margin == 0.0 or options is None:
         return []
     best = solve_problem(solution.problem, Margin(), options)
-    tries.ended(best.status)
+    searches.ended(best.status)
     if not best.found:
         return []
     rounding = PRIMAL_TOLERANCE * solution.problem.scales.force
     margin = -rounded_up(-best.margin / SUGGESTION_ROOM) if best.margin > rounding else 0.0
-    if not tries.feasible(solution.problem, solution, solution.rules, margin):
+    if not searches.feasible(solution.problem, solution, solution.rules, margin):
         return []
     text = f"the required margin would have to be at most {margin:.{SUGGESTION_DIGITS}g} N"
     return [Suggestion(text, solution.problem, margin, solution.rules)]
 
 
-def _combined(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
+def _combined(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
     """Single changes beside another one, and all changes at once as the last resort."""
     coulomb = replace(solution.rules, static_friction=_COULOMB)
     beside = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
@@ -306,42 +306,42 @@ def _combined(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
         beside.insert(0, ("with no required margin", free))
         beside.append(("with no required margin and static_friction='coulomb'", both))
     for words, weaker in beside:
-        found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker, tries)]
+        found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker, searches)]
         if found:
             return found
-    return [*_everything(solution, tries)]
+    return [*_everything(solution, searches)]
 
 
-def _reliefs(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
+def _reliefs(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
     """Yield the smallest widening of each kind of limit that helps alone."""
     if solution.rules.by_direction:
         return  # it is looked for mode by mode
     problem, joints = solution.problem, tuple(range(solution.problem.joint_count))
-    alone = [(one, relief) for one in joints if (relief := _relief(solution, tries, (one,)))]
+    alone = [(one, relief) for one in joints if (relief := _relief(solution, searches, (one,)))]
     for joint, relief in sorted(alone, key=lambda item: item[1].amount)[:3]:
         torque = float(problem.jacobian[:, joint] @ relief.forces.ravel())
         text, changed = wider_joint(problem, joint, torque + problem.gravity_torques[joint])
-        yield from _if_feasible(text, changed, solution, tries)
-    if not alone and joints and (relief := _relief(solution, tries, joints)):
+        yield from _if_feasible(text, changed, solution, searches)
+    if not alone and joints and (relief := _relief(solution, searches, joints)):
         more = rounded_up(relief.amount * relief.coordinates.torque_scale * SUGGESTION_ROOM)
         text = f"every torque limit would have to be larger by {in_units(problem, more)}"
-        yield from _if_feasible(text, wider(problem, more), solution, tries)
-    if relief := _relief(solution, tries, normal=True):
+        yield from _if_feasible(text, wider(problem, more), solution, searches)
+    if relief := _relief(solution, searches, normal=True):
         more = rounded_up(relief.amount * relief.coordinates.force_scale * SUGGESTION_ROOM)
         changed = problem.with_changes(max_normal_force=problem.max_normal_force + more)
         text = f"every normal-force limit would have to be larger by {more:.{SUGGESTION_DIGITS}g} N"
-        yield from _if_feasible(text, changed, solution, tries)
-    if relief := _relief(solution, tries, wrench=True):
+        yield from _if_feasible(text, changed, solution, searches)
+    if relief := _relief(solution, searches, wrench=True):
         text, changed = helped(problem, relief.forces)
-        yield from _if_feasible(text, changed, solution, tries)
-    yield from _other_friction(solution, tries)
+        yield from _if_feasible(text, changed, solution, searches)
+    yield from _other_friction(solution, searches)
 
 
-def _everything(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
+def _everything(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
     """All limits widened and an extra external wrench, at once."""
     problem = solution.problem
     joints = tuple(range(problem.joint_count))
-    relief = _relief(solution, tries, joints, normal=True, wrench=True)
+    relief = _relief(solution, searches, joints, normal=True, wrench=True)
     if relief is None:
         return
     text, changed = helped(problem, relief.forces)
@@ -353,17 +353,17 @@ def _everything(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
         f"every torque limit larger by {in_units(problem, torque)}, every normal-force limit by "
         f"{normal:.{SUGGESTION_DIGITS}g} N, and {text}"
     )
-    yield from _if_feasible(text, changed, solution, tries)
+    yield from _if_feasible(text, changed, solution, searches)
 
 
-def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
+def _other_friction(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
     """Yield a common factor on friction; below 1 where there is too much to push."""
     problem = solution.problem
-    options = tries.options(solution.rules)
+    options = searches.options(solution.rules)
     if options is None:
         return
     found = smallest_factor(problem, solution.objective, options)
-    tries.cut_short |= not found.proven
+    searches.cut_short |= not found.proven
     if not found.found:
         return
 
@@ -375,7 +375,7 @@ def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggesti
         low, high = found.factor, 1.0
         while high - low > _FACTOR_STEP:
             middle = 0.5 * (low + high)
-            holds = tries.feasible(
+            holds = searches.feasible(
                 scaled(middle), solution, solution.rules, solution.required_margin
             )
             low, high = (middle, high) if holds else (low, middle)
@@ -385,7 +385,7 @@ def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggesti
     )
     if factor == 0.0:
         text = "the contacts would have to be without friction"
-    yield from _if_feasible(text, scaled(factor), solution, tries)
+    yield from _if_feasible(text, scaled(factor), solution, searches)
 
 
 class _Relief(NamedTuple):
@@ -398,24 +398,24 @@ class _Relief(NamedTuple):
 
 def _relief(
     solution: TorqueSolution,
-    tries: Tries,
+    searches: ChangeSearches,
     joints: tuple[int, ...] = (),
     *,
     normal: bool = False,
     wrench: bool = False,
 ) -> _Relief | None:
     """Return the smallest relief of one kind; None if it does not help."""
-    options = tries.options(solution.rules)
+    options = searches.options(solution.rules)
     if options is None:
         return None
     objective = LimitRelief(solution.required_margin, joints, normal, wrench)
     formulation = formulate(solution.problem, objective)
-    state = SearchState(formulation, options, tries.limits)
+    state = SearchState(formulation, options, searches.limits)
     # What was found before a motion could not be decided on helps all the same.
     try:
-        tries.ended(branch_and_bound(state))
+        searches.ended(branch_and_bound(state))
     except UndecidedMotionError:
-        tries.cut_short = True
+        searches.cut_short = True
     best, coordinates = state.best, formulation.coordinates
     if best is None or best.value <= 0.0:
         return None
@@ -423,8 +423,8 @@ def _relief(
 
 
 def _if_feasible(
-    text: str, changed: QuasistaticProblem, solution: TorqueSolution, tries: Tries
+    text: str, changed: QuasistaticProblem, solution: TorqueSolution, searches: ChangeSearches
 ) -> Iterator[Suggestion]:
     """Yield the suggestion if the changed problem is really feasible."""
-    if tries.feasible(changed, solution, solution.rules, solution.required_margin):
+    if searches.feasible(changed, solution, solution.rules, solution.required_margin):
         yield Suggestion(text, changed, solution.required_margin, solution.rules)

@@ -74,14 +74,14 @@ class ModeOracle:
         """
         if self.rules.static_friction is StaticFriction.COULOMB:
             return FoundMode(self.describe(x))
-        found = self._at_once(x, near)
+        found = self._mode_without_search(x, near)
         if found is not None:
             return found
         every = ModePart.every_mode(self.formulation.problem, self.rules)
         known = self._required(x, every)
         if known is None:
             return None
-        verdict = self._asked(x, known)
+        verdict = self._solve_requirements(x, known)
         return verdict if isinstance(verdict, Conflict) else self._complete(known, verdict, every)
 
     def conflict_for(self, x: FloatArray, part: ModePart) -> Conflict | Blocked | None:
@@ -98,7 +98,7 @@ class ModeOracle:
         known = self._required(x, part)
         if known is None:
             return None
-        verdict = self._asked(x, known)
+        verdict = self._solve_requirements(x, known)
         return verdict if isinstance(verdict, Conflict) else self._blocked(known, part)
 
     def _required(self, x: FloatArray, part: ModePart) -> list[Requirement] | None:
@@ -118,7 +118,7 @@ class ModeOracle:
                 required.append(Requirement(contact, (a, b)))
         return required
 
-    def _asked(self, x: FloatArray, known: list[Requirement]) -> Witness | Conflict:
+    def _solve_requirements(self, x: FloatArray, known: list[Requirement]) -> Witness | Conflict:
         """Ask for a motion that does not depend on the signs of vanishing components."""
         rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
         # Conflicts among large friction forces cost the most to resolve, so splitting on them
@@ -160,12 +160,14 @@ class ModeOracle:
             signs -= friction
         return SlidingMode.unchecked(np.logical_or.reduce(signs, axis=1), signs)
 
-    def _at_once(self, x: FloatArray, near: FloatArray | None) -> FoundMode | None:
+    def _mode_without_search(self, x: FloatArray, near: FloatArray | None) -> FoundMode | None:
         """Return the mode of the friction in x, if a motion behind it is found without a search."""
         if self._always_selected or len(self.formulation.layers) > 1:
             return None
         mode = self.describe(x)
-        seen = self._glimpse(mode.contacts, mode.own_signs.ravel().astype(np.float64), near)
+        seen = self._witness_without_search(
+            mode.contacts, mode.own_signs.ravel().astype(np.float64), near
+        )
         if seen is None:
             return None
         known, motion = seen
@@ -173,7 +175,7 @@ class ModeOracle:
         signs[mode.selection] = known.reshape(-1, 2)
         return FoundMode(SlidingMode.unchecked(mode.selection, signs), motion, is_clear=True)
 
-    def admitted_again(
+    def mode_still_admitting(
         self, x: FloatArray, mode: SlidingMode, near: FloatArray
     ) -> tuple[FoundMode, FloatArray] | None:
         """Return what a mode admits of x, if that is all but rounding and a known motion does it.
@@ -198,17 +200,17 @@ class ModeOracle:
         self.kinematic_programs += 1
         return FoundMode(mode, motion, is_clear=True), admitted
 
-    def moving(self, mode: SlidingMode, near: FloatArray | None = None) -> FoundMode | None:
+    def if_feasible(self, mode: SlidingMode, near: FloatArray | None = None) -> FoundMode | None:
         """Return a mode if there is a virtual motion behind it; `near` as in `mode_for`."""
         signs = mode.own_signs.ravel().astype(float)
-        seen = self._glimpse(mode.contacts, signs, near) if signs.all() else None
+        seen = self._witness_without_search(mode.contacts, signs, near) if signs.all() else None
         if seen is not None:
             return FoundMode(mode, seen[1], is_clear=True)
         self.kinematic_programs += 1
         feasible = self.formulation.kinematics.feasible(requirements_of(mode), self.rules.sign)
         return FoundMode(mode) if feasible else None
 
-    def _glimpse(
+    def _witness_without_search(
         self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None
     ) -> tuple[FloatArray, FloatArray] | None:
         """Return the signs completed by a motion that needs no search, and it; None: none is."""

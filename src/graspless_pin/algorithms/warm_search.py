@@ -132,7 +132,7 @@ def _reaches(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | 
     if relaxation.outcome is Outcome.INFEASIBLE:
         return False, state.left_behind()
     if relaxation.outcome is Outcome.SOLVED:
-        for attempt in (_read_mode, _try_mode):
+        for attempt in (_keep_relaxation_if_admitted, _keep_optimum_of_start_mode):
             attempt(state)
             if state.best_value <= closeness(goal) - goal:
                 return True, state.left_behind()
@@ -206,7 +206,7 @@ class _WarmState(SearchState):
 def _search(state: _WarmState) -> Status:
     relaxation = state.begin()
     if state.start.mode is not None and relaxation.outcome is Outcome.SOLVED:
-        for attempt in (_read_mode, _try_mode):
+        for attempt in (_keep_relaxation_if_admitted, _keep_optimum_of_start_mode):
             attempt(state)
             if state.closed(relaxation.bound):
                 state.modes_examined = 1
@@ -214,13 +214,13 @@ def _search(state: _WarmState) -> Status:
     return search_modes(state)
 
 
-def _read_mode(state: _WarmState) -> None:
+def _keep_relaxation_if_admitted(state: _WarmState) -> None:
     """Keep the relaxation's own optimum, if a feasible mode admits its friction."""
     relaxation, before, near = state.relaxation, state.start.mode, state.start.motion
     if relaxation is None:
         return
     if before is not None and near is not None and _fits(state, before):
-        again = state.oracle.admitted_again(relaxation.x, before, near)
+        again = state.oracle.mode_still_admitting(relaxation.x, before, near)
         if again is not None:
             state.accept(relaxation, *again)
             return
@@ -229,12 +229,12 @@ def _read_mode(state: _WarmState) -> None:
         state.accept(relaxation, found)
 
 
-def _try_mode(state: _WarmState) -> None:
+def _keep_optimum_of_start_mode(state: _WarmState) -> None:
     """Keep the optimum of the earlier mode, if the problem has it and a motion stands behind it."""
     mode = state.start.mode
     if mode is None or not _fits(state, mode):
         return
-    found = state.oracle.moving(mode, state.near)
+    found = state.oracle.if_feasible(mode, state.near)
     if found is None:
         return
     bounds = state.formulation.bounds_of(found.mode)
