@@ -59,7 +59,7 @@ class SimplexAnswer:
 
     @cached_property
     def is_optimal(self) -> bool:
-        """Whether it says that it is an optimum, and is one in numbers."""
+        """Whether the method says that it is optimal, with finite numbers; the caller checks it."""
         return (
             self.outcome is SimplexOutcome.OPTIMAL
             and bool(np.isfinite(self.x).all())
