@@ -346,16 +346,18 @@ def test_the_schema_of_studies_states_their_bounds():
         assert most("ComputeEntry", key) == bounds.LONGEST_TIME
 
 
-@pytest.mark.parametrize("command", ["robustness", "tolerances"])
-def test_commands_that_need_torques_take_the_figures_of_algorithms(command):
-    def told(*options):
+def test_commands_that_need_torques_take_the_figures_of_algorithms():
+    def told(command, *options):
         return run(command, PAPER / "cuboid_at_rest.yaml", *options)
 
-    by_default, asked = (told("--algorithm", "torque", *more) for more in ((), ("--margin", "0.4")))
-    assert asked.exit_code == by_default.exit_code
-    assert asked.stdout != by_default.stdout  # more margin, other torques
-    useless = told("--algorithm", "margin", "--margin", "0.4")
-    assert useless.exit_code == 2 and "--margin: is no option of the algorithm" in useless.stderr
+    asked = ("--algorithm", "torque")
+    by_default, other = (told("tolerances", *asked, *more) for more in ((), ("--margin", "0.4")))
+    assert other.exit_code == by_default.exit_code == 0
+    assert other.stdout != by_default.stdout  # more margin, other torques
+    for command in ("tolerances", "robustness", "simulate"):
+        useless = told(command, "--algorithm", "margin", "--margin", "0.4")
+        assert useless.exit_code == 2
+        assert "--margin: is no option of the algorithm" in useless.stderr
 
 
 def test_a_report_is_of_the_algorithm_that_is_asked_for(tmp_path: Path):
