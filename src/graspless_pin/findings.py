@@ -85,6 +85,7 @@ class FindingCode(StrEnum):
     IDLE_MOUNT = "mount-touches-nothing", Severity.NOTE
     AMBIGUOUS_NORMAL = "ambiguous-normal", Severity.NOTE
     NEUTRAL_OUTSIDE = "neutral-outside-limits", Severity.NOTE
+    WEIGHTLESS_LINK = "weightless-link", Severity.NOTE
     LOCKED_JOINT = "joint-without-travel", Severity.NOTE
     MISSING_VISUAL = "missing-visual-mesh", Severity.NOTE
     MESH_AXES = "mesh-axes", Severity.NOTE

@@ -72,6 +72,14 @@ def test_a_finger_is_not_as_strong_as_an_arm(tmp_path):
     ]
 
 
+def test_links_without_a_mass_beside_others(tmp_path):
+    """A robot without any masses is one for kinematics: nobody forgot one."""
+    heavy = '<link name="a"><inertial><mass value="0.2"/></inertial></link>'
+    body = link("b", BALL) + joint("i", "a", "b")
+    assert found(audit(tmp_path, link("a") + body)) == []
+    assert found(audit(tmp_path, heavy + body)) == [(FindingCode.WEIGHTLESS_LINK, "links b")]
+
+
 def test_meshes(tmp_path):
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     box.export(tmp_path / "good.stl")

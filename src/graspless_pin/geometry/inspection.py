@@ -388,7 +388,7 @@ def _way_round(robot: RobotDescription, joined: JoinedMounts | None) -> str:
 
 
 def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
-    """Find links that are seen but never touched."""
+    """Find links that are seen but never touched, or that have a shape but no weight."""
     solid = [link for link in model.links if link.collisions]
     without_collision = [link.name for link in model.links if link.visuals and not link.collisions]
     if not solid:
@@ -407,6 +407,14 @@ def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
             "are drawn but have no collision geometry: nothing touches them",
             "add <collision> shapes to those that may touch the object, or give visuals_collide: "
             "true in the scene's hand or a robot file",
+        )
+    weightless = [link.name for link in solid if link.mass == 0.0]
+    if weightless and any(link.mass > 0.0 for link in model.links):
+        yield Finding(
+            FindingCode.WEIGHTLESS_LINK,
+            f"links {', '.join(weightless)}",
+            "have shapes but no mass: motors do not carry their weight",
+            "add <inertial> with their mass, unless other links have it",
         )
 
 
