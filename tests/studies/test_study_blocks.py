@@ -116,7 +116,7 @@ def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, o
     made = blocked(count=16, block=16)
     samples = [*enumerate(made.samples)]
     whole = [*evaluate_each(made, samples)]
-    bad = stated_sample(made.scene_at(samples[5][1]), {}, ALL_CHECKS, None).loads
+    bad = stated_sample(made.scene_at(samples[5][1]), ALL_CHECKS, None).loads
     advance = LoadSweep.advance
 
     def broken(self, problem, loads, begin, figures, torques):
@@ -142,10 +142,10 @@ def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, o
 def test_an_internal_error_in_a_search_costs_one_sample_and_is_told(monkeypatch):
     made, solve = blocked(count=8, block=1), sample_evaluation._solution
 
-    def broken(study, scene, starts):
+    def broken(scene, starts):
         if scene.object.mass > 2.5:
             raise IndexError("ours")
-        return solve(study, scene, starts)
+        return solve(scene, starts)
 
     monkeypatch.setattr(sample_evaluation, "_solution", broken)
     rows = [*evaluate_each(made, [*enumerate(made.samples)])]
@@ -189,8 +189,8 @@ def test_what_a_sample_takes_from_the_one_before_is_what_it_would_make(method):
         samples = sorted(samples, key=lambda one: [repr(value) for value in one[::-1]])
     parts, before, taken = SampleParts(), None, 0
     for sample in samples:
-        stated = stated_sample(made.scene_at(sample, parts), {}, ALL_CHECKS, before)
-        fresh = stated_sample(made.scene_at(sample), {}, ALL_CHECKS, None)
+        stated = stated_sample(made.scene_at(sample, parts), ALL_CHECKS, before)
+        fresh = stated_sample(made.scene_at(sample), ALL_CHECKS, None)
         np.testing.assert_array_equal(stated.loads, fresh.loads, strict=True)
         assert stated.kind[1:] == fresh.kind[1:]
         for name in ("positions", "tangents"):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from study_tools import CUBOID, HEIGHT, ROOT, Here, data, study, study_file
 
 from graspless_pin import (
@@ -244,6 +245,19 @@ def test_a_changed_scene_is_another_study(tmp_path):
     run(load_study(file), tmp_path / "out.csv")
 
 
+@pytest.mark.parametrize("suffix", ["xml", "urdf.xacro", "glb", "STL"])
+def test_a_changed_file_of_the_scene_is_another_study(tmp_path, suffix):
+    content = yaml.safe_load(CUBOID.read_text(encoding="utf-8"))
+    content["description"] = f"part.{suffix}"
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    found = set()
+    for text in ("one", "another"):
+        (tmp_path / f"part.{suffix}").write_text(text, encoding="utf-8")
+        made = Study.from_data(data({"height": HEIGHT}) | {"scene": "scene.yaml"}, tmp_path)
+        found.add(made.fingerprint)
+    assert len(found) == 2
+
+
 def test_other_versions_are_not_mixed(tmp_path, monkeypatch):
     file = tmp_path / "out.csv"
     with pytest.raises(StudyError, match="pulled the plug"):
@@ -330,3 +344,24 @@ def test_the_time_of_a_search_can_be_limited(tmp_path):
         columns = ("minimum_friction_factor", "smallest_margin_N", "disturbance_N")
         for name in columns:
             assert bool(pd.isna(row.get(name))) == ended, name
+
+
+@pytest.mark.parametrize("limit", [{"time_limit": 0.0}, {"node_limit": 1}])
+def test_limits_of_a_search_are_those_of_the_scene_unless_the_study_says_others(tmp_path, limit):
+    scene = yaml.safe_load(CUBOID.read_text(encoding="utf-8")) | {"uncertainty": {"mass": 0.1}}
+    scene["solve"] = {"algorithm": "torque", "margin": 0.1, **limit}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene), encoding="utf-8")
+    entry = {"scene": "scene.yaml", "vary": {"friction": {"values": [0.3]}}}
+    unlimited = dict.fromkeys(limit, 10**6)
+    for compute, ended in (({}, True), (unlimited, False)):
+        made = Study.from_data(entry | {"compute": compute}, tmp_path)
+        row = run(made, tmp_path / "out.csv", overwrite=True).iloc[0]
+        for status in (row["status"], row["robust_status"]):
+            assert (status in ("limit_reached", "not_found_in_limit")) == ended, status
+
+
+def test_a_limit_can_vary(tmp_path):
+    vary = {"solve.node_limit": {"values": [1, 10**6]}}
+    compute = {"algorithm": "torque", "margin": 0.1}
+    table = run(study(vary, compute=compute), tmp_path / "out.csv")
+    assert table["status"].tolist() == ["not_found_in_limit", "optimal"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -90,16 +90,13 @@ class StatedSample(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def stated_sample(
-    scene: Scene, limits: Mapping[str, Any], checks: StateChecks, before: StatedSample | None
-) -> StatedSample:
+def stated_sample(scene: Scene, checks: StateChecks, before: StatedSample | None) -> StatedSample:
     """Return the problem of a sample.
 
     Args:
         scene: Its scene.
-        limits: What ends its search, see `SolveOptions`.
         checks: Which findings are looked for.
-        before: Another sample with these limits; what it has and this one shares is not made again.
+        before: Another sample; what it has and this one shares is not made again.
 
     Raises:
         SceneError: If the scene has no problem.
@@ -114,8 +111,7 @@ def stated_sample(
     state = jointed_contacts(scene)
     loads = loads_of(scene, state)
     rubbing = (loads.friction > 0.0).tobytes()
-    asked = scene.asked(**limits)
-    kind = _Kind(state, rubbing, scene.cone, scene.cone_edges, *asked)
+    kind = _Kind(state, rubbing, scene.cone, scene.cone_edges, *scene.asked())
     return StatedSample(scene, kind, loads.row(), state_findings(scene, checks))
 
 
@@ -256,7 +252,7 @@ def _evaluated(
     parts, compute = _parts_of(study.fingerprint), study.entry.compute
     asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
     alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
-    at, block, starts, limits = None, SampleBlock(study), None, _limits(study)
+    at, block, starts = None, SampleBlock(study), None
     checks = StateChecks(compute.collisions, compute.need_hand)
     stated: StatedSample | None = None
     for number, sample in samples:
@@ -268,7 +264,7 @@ def _evaluated(
             apart = alone or (scene is not None and scene.uncertainty is not None)
             found = state_findings(scene, checks) if apart and scene is not None else ()
             if scene is not None:
-                stated = None if apart else stated_sample(scene, limits, checks, stated)
+                stated = None if apart else stated_sample(scene, checks, stated)
         except Exception as error:
             yield from block.rest()
             yield _failed(study, number, error)
@@ -341,7 +337,7 @@ def failure_row(number: int, why: Failure, error: str) -> Row:
 
 def _results(study: Study, number: int, scene: Scene, starts: StartsByContacts | None) -> Row:
     compute = study.entry.compute
-    solution = _solution(study, scene, starts)
+    solution = _solution(scene, starts)
     if study.record is not None:
         try:
             study.record(number, scene, solution)
@@ -360,8 +356,10 @@ def _results(study: Study, number: int, scene: Scene, starts: StartsByContacts |
     row["nodes"] = solution.certificate.nodes
     if compute.verdict and solution.found:
         # Its own where the torques are guaranteed.
-        nodes = scene.solve_options["verdict_nodes"]
-        verdict = solution_verdict(scene, solution, node_limit=nodes, time_limit=compute.time_limit)
+        options = scene.solve_options
+        verdict = solution_verdict(
+            scene, solution, node_limit=options["verdict_nodes"], time_limit=options["time_limit"]
+        )
         row |= {
             "verdict": str(verdict.status),
             "holding": str(verdict.holding),
@@ -370,34 +368,28 @@ def _results(study: Study, number: int, scene: Scene, starts: StartsByContacts |
         }
     if compute.mode and solution.found:
         row["mode"] = str(solution.mode)
-    row |= _analyses(study, solution)
+    row |= _analyses(study, scene, solution)
     if scene.uncertainty is not None:
-        row |= robust_values(scene.solve(uncertainty=True, **_limits(study)))
+        row |= robust_values(scene.solve(uncertainty=True))
     if not solution.found:
         why = solution.explanation if compute.explain else ""
         row["reason"] = why or solution.status.message
     return row
 
 
-def _solution(study: Study, scene: Scene, starts: StartsByContacts | None) -> TorqueSolution:
-    limits = _limits(study)
+def _solution(scene: Scene, starts: StartsByContacts | None) -> TorqueSolution:
     if starts is None:
-        return scene.solve(None, **limits)
-    objective, how = scene.asked(**limits)
+        return scene.solve()
+    objective, how = scene.asked()
     problem, rest = scene.problem(), rest_model_of(scene) if how.strong else None
     known = starts.for_contacts((how.rules, *scene.contacts.bodies), problem, objective)
     return known.solved(problem, objective, how, rest).of_source(scene)
 
 
-def _limits(study: Study) -> dict[str, Any]:
-    compute = study.entry.compute
-    return {"node_limit": compute.node_limit, "time_limit": compute.time_limit}
-
-
-def _analyses(study: Study, solution: TorqueSolution) -> Row:
+def _analyses(study: Study, scene: Scene, solution: TorqueSolution) -> Row:
     """Return what is computed beside the torques; a column has no room for what is not proven."""
     compute, problem, rules = study.entry.compute, solution.problem, solution.rules.options()
-    limits = _limits(study)
+    limits = {name: scene.solve_options[name] for name in ("node_limit", "time_limit")}
     row: Row = {}
     if compute.force_bounds and solution.found:
         bounds = contact_force_bounds(problem, solution.torques, **limits, **rules)

@@ -350,8 +350,7 @@ def _block(entry: StudyEntry, tree: Tree, variables: tuple[Variable, ...], count
     It has to depend on the study alone. None do where time decides what a sample comes to: then
     those after it would depend on it, too.
     """
-    compute = entry.compute
-    limits = compute.time_limit, compute.sample_time_limit, tree["solve"].get("time_limit")
+    limits = entry.compute.sample_time_limit, tree["solve"].get("time_limit")
     varied = any(place == ("solve", "time_limit") for one in variables for place, *_ in one.targets)
     if varied or any(limit is not None for limit in limits):
         return 1
@@ -438,12 +437,15 @@ def _check_algorithm(
 
 
 def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
-    """Hash what is varied and computed, the scene, and the files that the scene names."""
+    """Hash what is varied and computed, the scene, and the files that the scene names.
+
+    Files that those name in turn (meshes of a URDF, its SRDF) are not included.
+    """
     stated = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
     files = {
         text: hashlib.sha256(read_bytes(folder / text, _NAMED)).hexdigest()
         for text in sorted(set(texts_of(tree)))
-        if text.lower().endswith(_FILES) and is_file(folder / text)
+        if is_file(folder / text)
     }
     content = json.dumps([stated, tree, files], sort_keys=True, default=str)
     return hashlib.sha256(content.encode()).hexdigest()
@@ -451,4 +453,3 @@ def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
 
 _STUDY = FileKind("study", 4, StudyError)
 _NAMED = FileKind("file of a scene", 64, StudyError)
-_FILES = (".urdf", ".yaml", ".yml", ".stl", ".obj", ".dae", ".ply", ".off")

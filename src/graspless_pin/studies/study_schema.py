@@ -294,8 +294,7 @@ class ComputeEntry(Entry):
 
     def solve_options(self) -> dict[str, Any]:
         """Return the options that go into the scene's ``solve`` section."""
-        beside = {"node_limit", "time_limit"}
-        return self.model_dump(exclude_none=True, include=SolveEntry.model_fields.keys() - beside)
+        return self.model_dump(exclude_none=True, include=set(SolveEntry.model_fields))
 
 
 class StudyEntry(PosingEntry):
