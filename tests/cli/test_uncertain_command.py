@@ -23,7 +23,7 @@ from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.fields import FIELDS
 from graspless_pin.scene import robust_answer as robust_answers
 from graspless_pin.scene.robust_answer import robust_answer
-from graspless_pin.scene.serialization import plain
+from graspless_pin.scene.yaml_source import plain
 
 CUBOID = PAPER / "cuboid_at_rest.yaml"
 SPHERE = PAPER / "sphere_on_slope.yaml"

@@ -23,7 +23,7 @@ from graspless_pin.geometry.contact.contact_points import (
 )
 from graspless_pin.geometry.contact.finding import ContactLimits, contact_arrays
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Brief, changed
 from graspless_pin.scene.fields import SceneFields, label_of, place_of
 from graspless_pin.scene.stated import GivenContact, Motion
@@ -159,7 +159,7 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
         motion = Motion(np.zeros(6))
     center = scene.object.center_of_mass_world
     try:
-        twist = finite_array("object_twist", motion.object_twist, (6,))
+        twist = motion.object_twist
         others = body_velocities(
             touching, scene.object, scene.hand, supports if moving else (), motion, twist
         )

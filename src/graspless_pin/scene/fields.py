@@ -21,7 +21,7 @@ from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials, Support
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.controller import Controller
-from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import PickledByFields, changed
 from graspless_pin.scene.body_schema import HandEntry, ObjectEntry
 from graspless_pin.scene.scene_schema import SceneEntry, SolveEntry
@@ -56,13 +56,24 @@ def _checked_changes(changes: Mapping[str, Any]) -> dict[str, Any]:
     return checked
 
 
+_IN_A_FILE = {
+    **{name: f"{name!r}: {{...}}" for name in ("object", "hand", "materials", "motion",
+                                              "acceleration", "uncertainty")},
+    "supports": "'supports': [{...}]",
+    "loads": "'loads': [{...}]",
+    "given_contacts": "'contacts': [{...}]",
+    "hand_material": "'hand.material': 'rubber'",
+}  # fmt: skip
+"""What a scene file says in the place of a field, for `Scene.with_changes`."""
+
+
 def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
     def check(name: str, value: Any) -> Any:
         if isinstance(value, kind) or (optional and value is None):
             return value
         hint = f", e.g. {example}" if example else ""
-        if isinstance(value, Mapping):
-            hint += f", or, as in a file, with_changes({{{name!r}: {{...}}}})"
+        if isinstance(value, Mapping) and name in _IN_A_FILE:
+            hint += f", or, as in a file, with_changes({{{_IN_A_FILE[name]}}})"
         none, article = " or None" if optional else "", "an" if kind.__name__[0] in "AEIOU" else "a"
         raise ArgumentError(
             name, f"found {reprlib.repr(value)}; needs {article} {kind.__name__}{none}{hint}"
@@ -90,25 +101,24 @@ def _as_in_a_file(name: str, value: Any) -> Any:
 
 
 def _friction(name: str, value: Any) -> Mapping[str, float]:
-    found = _as_in_a_file(name, dict(value) if isinstance(value, Mapping) else value)
+    found = _as_in_a_file(name, value)
     return found if isinstance(found, Mapping) else {"default": found}
 
 
 def _array(name: str, value: Any) -> Any:
-    return np.array(_as_in_a_file(name, np.asarray(value).tolist()), dtype=np.float64)
+    return np.array(_as_in_a_file(name, value), dtype=np.float64)
 
 
 def _axes(name: str, value: Any) -> Any:
-    axes = [np.asarray(axis).tolist() for axis in value]
-    return tuple(np.array(axis) for axis in _as_in_a_file(name, axes))
+    return tuple(np.array(axis) for axis in _as_in_a_file(name, value))
 
 
 def _options(_: str, value: Any) -> Any:
-    return _as_in_a_file("solve", dict(value)).model_dump()
+    return _as_in_a_file("solve", value).model_dump()
 
 
-def _force(name: str, value: Any) -> float | None:
-    return None if value is None else real_number(name, value, 0.0)
+def _hybrid_force_limit(name: str, value: Any) -> float | None:
+    return checked_key(HandEntry, {"robot": "allegro"}, name, value)
 
 
 def _loads(name: str, value: Any) -> tuple[Load, ...]:
@@ -142,7 +152,7 @@ _CHECKS: dict[str, _Check] = {
     "points_per_patch": _as_in_a_file,
     "tangent_axes": _axes,
     "count_own_weight": _one(bool),
-    "hybrid_force_limit": _force,
+    "hybrid_force_limit": _hybrid_force_limit,
     "max_penetration": _as_in_a_file,
     "controller": Controller.of,
     "uncertainty": _one(Uncertainty, "Uncertainty(mass=0.2)", optional=True),
@@ -217,7 +227,16 @@ class SceneFields(PickledByFields):
         Raises:
             ArgumentError: If a name is none of the fields, or a value not one of its field.
         """
-        return self._changed(_checked_changes(changes))
+        scene = self._changed(_checked_changes(changes))
+        if "friction" in changes or "given_contacts" in changes:
+            links = () if scene.hand is None else scene.hand.link_names
+            bodies = (*[support.name for support in scene.supports], *links)
+            if "friction" in changes:
+                friction_by_name(scene.friction, bodies)
+            given = scene.given_contacts if "given_contacts" in changes else None
+            for index, one in enumerate(given or ()):
+                check_touched(f"given_contacts[{index}].body", one.body, bodies)
+        return scene
 
     def _changed(self, fields: Mapping[str, Any]) -> Self:
         """Return the same scene with fields that need no check."""
@@ -264,6 +283,22 @@ def friction_by_name(
             words = names_in_words(name, known)
             raise ArgumentError(f"friction['{name}']", f"names no body; {words}")
     return stated
+
+
+def check_touched(argument: str, body: str, bodies: Sequence[str]) -> None:
+    """Refuse a stated contact with what is no body.
+
+    Args:
+        argument: What messages call it.
+        body: What the contact names.
+        bodies: Names of the hand's links and of the supports.
+
+    Raises:
+        ArgumentError: If it is none of them.
+    """
+    if body not in bodies:
+        words = names_in_words(body, bodies)
+        raise ArgumentError(argument, f"{body!r} is no hand link or support; {words}")
 
 
 def checked_scene(scene: object) -> SceneFields:

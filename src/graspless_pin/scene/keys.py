@@ -16,9 +16,8 @@ from graspless_pin.scene.fields import FIELDS_OF_KEYS, SceneFields
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.saving import scene_data
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.serialization import plain
 from graspless_pin.scene.units import IN_DEGREES, in_radians
-from graspless_pin.scene.yaml_source import Location, YamlSource, validated
+from graspless_pin.scene.yaml_source import Location, YamlSource, plain, validated
 from graspless_pin.suggestions import names_in_words
 
 Tree = dict[str, Any]

@@ -38,7 +38,7 @@ from graspless_pin.scene.body_building import (
 )
 from graspless_pin.scene.body_schema import HandEntry, MountEntry
 from graspless_pin.scene.entry_findings import entry_findings
-from graspless_pin.scene.fields import SceneFields, StatedFields, friction_by_name
+from graspless_pin.scene.fields import SceneFields, StatedFields, check_touched, friction_by_name
 from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import (
     PLAIN_FIGURES,
@@ -54,7 +54,6 @@ from graspless_pin.scene.stated import Acceleration, GivenContact, HandMotion, L
 from graspless_pin.scene.uncertain_figures import check_names
 from graspless_pin.scene.units import merged_angles
 from graspless_pin.scene.yaml_source import Location, YamlSource
-from graspless_pin.suggestions import names_in_words
 
 _Scene = TypeVar("_Scene", bound=SceneFields)
 _ANYWHERE = {"base_pose"}
@@ -420,11 +419,8 @@ def _contacts(
 ) -> tuple[GivenContact, ...]:
     made: list[GivenContact] = []
     for index, item in enumerate(entries):
-        if item.body not in bodies:
-            raise file.error(
-                ("contacts", index, "body"),
-                f"{item.body!r} is no hand link or support; {names_in_words(item.body, bodies)}",
-            )
+        with file.at(("contacts", index)):
+            check_touched("body", item.body, bodies)
         normal = np.array(item.normal) / np.linalg.norm(item.normal)
         made.append(GivenContact(item.body, np.array(item.position), normal))
     return tuple(made)

@@ -31,7 +31,8 @@ from graspless_pin.intake.yaml_edit import flow_of, yaml_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.entry_findings import unit_findings
 from graspless_pin.scene.saving import paths_beside
-from graspless_pin.scene.serialization import plain, stated_robot, stated_rotation
+from graspless_pin.scene.serialization import stated_robot, stated_rotation
+from graspless_pin.scene.yaml_source import plain
 
 SCHEMA_FILE = "scene.schema.json"
 """Beside a new scene: the JSON schema, which editors read."""

@@ -301,7 +301,8 @@ def _limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, Flo
     lower, upper = scene.hand.effort_limits
     if not hybrid:
         return lower, upper
-    most = np.full(hybrid, scene.hybrid_force_limit or scene.max_normal_force)
+    limit = scene.hybrid_force_limit
+    most = np.full(hybrid, scene.max_normal_force if limit is None else limit)
     return np.concatenate([lower, np.zeros(hybrid)]), np.concatenate([upper, most])
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.scene.units import degrees_of
+from graspless_pin.scene.yaml_source import plain
 
 _SAME_ROTATION = 1e-12
 ROBOT = (
@@ -157,19 +157,6 @@ def described(mount: Mount) -> RobotDescription:
         file=None if robot.file is None else _one_form(robot.file),
         srdf=None if robot.srdf is None else _one_form(robot.srdf),
     )
-
-
-def plain(value: Any) -> Any:
-    """Return plain data: arrays and tuples as lists, numpy's numbers as Python's, enums as text."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, Enum):
-        return value.value
-    return value + 0.0 if isinstance(value, float) else value  # no -0
 
 
 def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[str, Any]:

@@ -204,7 +204,7 @@ class Acceleration(Brief, PickledByFields):
 
 
 @dataclass(frozen=True, eq=False)
-class HandMotion:
+class HandMotion(PickledByFields):
     """The hand's own motion. See the example of `load_scene`.
 
     Attributes:
@@ -215,9 +215,16 @@ class HandMotion:
     base_twist: FloatArray
     joint_velocities: Mapping[str, float]
 
+    def __post_init__(self) -> None:
+        """Check the numbers and copy them."""
+        vars(self).update(
+            base_twist=finite_array("base_twist", self.base_twist, (6,)),
+            joint_velocities=_by_joint("joint_velocities", self.joint_velocities),
+        )
+
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(PickledByFields):
     """The declared motion. See the example of `load_scene`.
 
     Attributes:
@@ -228,9 +235,13 @@ class Motion:
     object_twist: FloatArray
     hand: HandMotion | None = None
 
+    def __post_init__(self) -> None:
+        """Check the numbers and copy them."""
+        vars(self).update(object_twist=finite_array("object_twist", self.object_twist, (6,)))
+
 
 @dataclass(frozen=True, eq=False)
-class GivenContact:
+class GivenContact(PickledByFields):
     """A contact that the scene states instead of having it found.
 
     See the example of `load_scene`.
@@ -244,6 +255,13 @@ class GivenContact:
     body: str
     position: FloatArray
     normal: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the numbers and copy them."""
+        vars(self).update(
+            position=finite_array("position", self.position, (3,)),
+            normal=finite_array("normal", self.normal, (3,)),
+        )
 
 
 def _by_joint(argument: str, told: Mapping[str, float]) -> Mapping[str, float]:

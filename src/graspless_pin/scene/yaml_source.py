@@ -10,10 +10,12 @@ import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from graspless_pin.caching import is_alike
@@ -203,12 +205,25 @@ def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> A
     Raises:
         ArgumentError: If the schema does not take it.
     """
-    data = {**least, name: value}
+    data = {**least, name: plain(value)}
     try:
         return getattr(model.model_validate(data), name)
     except ValidationError as error:
         location, mistake = next(_mistakes(data, error, model))
         raise ArgumentError(key_text(location), mistake) from None
+
+
+def plain(value: Any) -> Any:
+    """Return plain data: arrays and tuples as lists, numpy's numbers as Python's, enums as text."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Enum):
+        return value.value
+    return value + 0.0 if isinstance(value, float) else value  # no -0
 
 
 @cache

@@ -25,7 +25,8 @@ from graspless_pin.geometry.poses import invert
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
-from graspless_pin.scene.serialization import plain, stated_hand, stated_scene
+from graspless_pin.scene.serialization import stated_hand, stated_scene
+from graspless_pin.scene.yaml_source import plain
 from graspless_pin.simulation.mjcf import (
     FrictionOf,
     Mjcf,
