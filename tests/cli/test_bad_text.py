@@ -38,6 +38,12 @@ def test_a_text_that_is_no_scene(tmp_path, text, message):
     assert_refused(solve_text(tmp_path, text), f"{tmp_path / 'scene.yaml'}{message}")
 
 
+def test_a_table_of_results_is_told_how_to_read(tmp_path):
+    file = tmp_path / "results.parquet"
+    file.write_bytes(b"PAR1")
+    assert f"; read it with graspless_pin.read_results('{file}')" in run("solve", file).stderr
+
+
 def test_tabs_and_tags_come_with_advice(tmp_path):
     assert "; indent with spaces" in solve_text(tmp_path, TEXTS["tab"][0]).stderr
     assert "; tags stay inert here" in solve_text(tmp_path, TEXTS["own tag"][0]).stderr

@@ -171,7 +171,9 @@ def test_a_start_in_the_object_is_refused():
         ({"fingers": "finger"}, "a list of names"),
         ({"rates": {"wrist": 1.0}}, "unknown joint of the closing fingers 'wrist'; known: hinge"),
         ({"rates": {"hinge": np.nan}}, "rates.*finite number"),
+        ({"rates": {"hinge": "fast"}}, r"rates\['hinge'\]: is 'fast'; it must be a finite number"),
         ({"gap": 0.0}, "gap: needs a positive length"),
+        ({"gap": "x"}, "gap: is 'x'; it must be a finite number"),
     ],
 )
 def test_bad_arguments_are_named(options, message):

@@ -265,7 +265,7 @@ def test_too_deep_an_overlap_with_pieces_is_found_too() -> None:
 
 
 def test_an_object_needs_a_piece_and_no_piece_may_be_a_half_space() -> None:
-    with pytest.raises(ArgumentError, match="object_body: needs at least one piece"):
+    with pytest.raises(ArgumentError, match="object_bodies: needs at least one piece"):
         find_contacts([], [], [])
     floor = CollisionBody("thing", FLOOR, np.eye(4))
     with pytest.raises(SceneError, match="object 'thing' is a half-space"):

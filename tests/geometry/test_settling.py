@@ -120,7 +120,7 @@ def test_an_overlap_across_the_way_is_an_error():
         settle_object(ball(0.05, (0.46, 0, 1.0)), [FLOOR, WALL])
 
 
-@pytest.mark.parametrize("direction", [(0, 0, 0), (0, 0, np.inf), (0, 1)])
+@pytest.mark.parametrize("direction", [(0, 0, 0), (0, 0, np.inf), (0, 1), "down"])
 def test_a_bad_direction_is_named(direction):
-    with pytest.raises(ArgumentError, match="direction: needs three finite numbers"):
+    with pytest.raises(ArgumentError, match=r"direction: (is|has)"):
         settle_object(ball(0.05, (0, 0, 1.0)), [FLOOR], direction)

@@ -64,6 +64,7 @@ def test_columns_may_be_few_and_in_any_order(tmp_path):
         ("object_x_m,time_s\n1,2\n", "has no column object_y_m, object_z_m, object_qx"),
         ("position_a_deg\n1\n", "column 'position_a_deg' has no unit; end it in _rad or _m"),
         ("time_s,position_a_rad\n1,2\n2,x\n", r"row 3, column position_a_rad: found 'x'; needs"),
+        ("time_s,time_s\n0,5\n", "has two columns 'time_s'; keep one"),
         ("time_s\nnan\n", r"row 2, column time_s: found 'nan'; needs a finite number"),
         ("time_s\n1,2\n", "row 2 has 2 cells, and the header 1; if commas are decimal"),
         ("time_s,a,b\n1,2\n", "row 2 has 2 cells, and the header 3$"),

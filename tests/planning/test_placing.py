@@ -433,6 +433,13 @@ def test_time_that_is_up_ends_the_search(scene: Scene, workers: int, monkeypatch
     assert "the time limit ended it" in str(found)
 
 
+def test_without_gravity_the_object_stays_where_it_is(scene: Scene) -> None:
+    T = np.array(scene.object.T_world_object)
+    T[2, 3] += 0.5
+    floating = scene.with_changes(gravity=np.zeros(3), object=scene.object.with_pose(T))
+    assert quickly(floating, candidates=4).tried == 4
+
+
 def test_what_cannot_be_placed_is_refused(scene: Scene, gripper: Hand) -> None:
     with pytest.raises(SceneError, match="no hand to be placed"):
         place_hand(scene.with_changes(hand=None))
@@ -445,6 +452,9 @@ def test_what_cannot_be_placed_is_refused(scene: Scene, gripper: Hand) -> None:
         place_hand(scene, fingers=["thumb"])
     with pytest.raises(ArgumentError, match="approach: needs a direction"):
         place_hand(scene, approach=(0, 0, 0))
+    for options in ({"verdicts": -1}, {"verdict_nodes": -1}):
+        with pytest.raises(ArgumentError, match=f"{next(iter(options))}: is -1"):
+            place_hand(scene, progress=lambda *_: pytest.fail("it has begun"), **options)
     bare = replace(gripper.tree, geometries=gripper.tree.geometries[:1])
     with pytest.raises(ArgumentError, match="both a joint and a collision shape"):
         place_hand(scene.with_changes(hand=replace(gripper, tree=bare)))

@@ -187,7 +187,7 @@ def test_other_joints_follow_or_stay(pressed_ball) -> None:
     ("arguments", "message"),
     [
         (([0.2], [0.0]), "direction: is zero"),
-        (([0.2], {"thumb": 1.0}), "direction: 'thumb' is no joint"),
+        (([0.2], {"thumb": 1.0}), "direction: unknown joint 'thumb'; known: "),
         (([0.0],), "torques: leave no rest to squeeze"),
         (([0.2, 0.1],), "torques: has shape"),
     ],
@@ -195,3 +195,11 @@ def test_other_joints_follow_or_stay(pressed_ball) -> None:
 def test_bad_arguments_are_refused(arguments, message) -> None:
     with pytest.raises(ArgumentError, match=message):
         squeeze_window(pressed_block(), *arguments)
+
+
+@pytest.mark.parametrize("samples", [np.int64(1), [-0.1, 0.1]])
+def test_samples_are_a_number_of_them_or_amounts(samples) -> None:
+    window = squeeze_window(pressed_block(), [0.2], [1.0], samples=samples, precision=0.5)
+    assert len(window.amounts) == 3
+    with pytest.raises(ArgumentError, match=r"samples: is 2\.0; it must be a whole number"):
+        squeeze_window(pressed_block(), [0.2], [1.0], samples=2.0)

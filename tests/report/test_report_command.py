@@ -126,6 +126,15 @@ def test_bad_input(tmp_path, name, text, message):
     assert not target.exists()
 
 
+@pytest.mark.parametrize("option", [["--no-verdict"], ["--verdict-nodes", "5"]])
+def test_a_document_has_its_own_verdict(tmp_path, option):
+    scene, solution = solved(SLIDING)
+    file = tmp_path / "solution.json"
+    file.write_text(json.dumps(through_json(solution, scene)), encoding="utf-8")
+    result = run(file, "-o", tmp_path / "report.html", *option)
+    assert result.exit_code == 2 and f"{option[0]}: goes with a scene alone" in result.stderr
+
+
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     result = run(SPHERE, "-o", tmp_path / "file" / "report.html")

@@ -65,9 +65,10 @@ def test_what_does_not_do_is_refused(tmp_path: Path, old: str, new: str, message
     assert message in str(caught.value)
 
 
-def test_a_linear_joint_has_no_degrees(tmp_path: Path) -> None:
+@pytest.mark.parametrize("degrees", [1, 30])
+def test_a_linear_joint_has_no_degrees(tmp_path: Path, degrees: int) -> None:
     text = (
-        "friction: 0.3\nhand: {robot: panda_hand, q_deg: {panda_finger_joint1: 1}}\n"
+        f"friction: 0.3\nhand: {{robot: panda_hand, q_deg: {{panda_finger_joint1: {degrees}}}}}\n"
         "object: {shape: {type: sphere, radius: 0.1}, mass: 1, pose: {position: [0, 0, 1]}}\n"
     )
     with pytest.raises(SceneError, match="panda_finger_joint1: is a linear joint; give metres"):

@@ -87,12 +87,13 @@ def test_a_moved_object_changes_its_own_line(rest: Scene, tmp_path: Path) -> Non
     assert [*found.values()] == [next(iter(found)).replace("[0, 0,", "[0, 0.0001,")] or line
 
 
-@pytest.mark.parametrize("form", ["rpy", "quaternion", "matrix"])
+@pytest.mark.parametrize("form", ["rpy", "quaternion", "matrix", "rpy: null, rpy_deg"])
 def test_a_rotation_keeps_its_form(form: str, tmp_path: Path) -> None:
     R = {
         "rpy": [0.1, 0.2, 0.3],
         "quaternion": [0.0, 0.0, 0.6, 0.8],
         "matrix": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        "rpy: null, rpy_deg": [0, 0, 10],
     }[form]
     file = tmp_path / "first.yaml"
     file.write_text(
@@ -106,7 +107,7 @@ def test_a_rotation_keeps_its_form(form: str, tmp_path: Path) -> None:
     saved = tmp_path / "second.yaml"
     again(scene.with_changes(object=scene.object.with_pose(turned)), saved)
     text = saved.read_text(encoding="utf-8")
-    assert f"{form}: [" in text and text.count("pose: {") == 2
+    assert f"{form.split()[-1]}: [" in text and text.count("pose: {") == 2
     upright = scene.object.with_pose(pose_matrix([0, 0, 0], [0.3, -np.pi / 2, 0.2]))
     again(scene.with_changes(object=upright), tmp_path / "upright.yaml")
 

@@ -345,6 +345,9 @@ def test_keys_are_changed_beside_fields_and_after_earlier_changes() -> None:
         ("objct.mass", 1.0, r"objct\.mass: is no key of a scene; did you mean 'object'"),
         ("object.mass", -1.0, r"object\.mass: found -1\.0; needs a finite number > 0"),
         ("supports.slop.friction", 0.1, "has no item called 'slop'; did you mean 'slope'"),
+        ("supports.².friction", 0.1, "has no item called '²'"),
+        ("supports.--1.friction", 0.1, "has no item called '--1'"),
+        ("supports.-1.friction", 0.1, "has no item -1; it has 1"),
         ("warnings", "error", "warnings: is no key of a scene"),
         ("gravity.0.1", 1.0, r"gravity\.0\.1: gravity\.0 is 0 and has no keys below it"),
         ("object.pose.rpy_deg.1", 1.0, "name rpy instead: in rad"),
@@ -353,6 +356,27 @@ def test_keys_are_changed_beside_fields_and_after_earlier_changes() -> None:
 def test_a_key_that_leads_nowhere_is_named(key: str, value: object, message: str) -> None:
     with pytest.raises((ArgumentError, SceneError), match=message):
         load_scene(EXAMPLES / FILES[0]).with_changes({key: value})
+
+
+@pytest.mark.parametrize(
+    ("key", "above"),
+    [
+        ("hand.armature", {}),
+        ("controller.stiffness", {"controller": {"stiffness": {"joint_0.0": 1.0}}}),
+        ("controller.damping", {"controller": {"stiffness": 1.0, "damping": {"joint_0.0": 1.0}}}),
+        ("uncertainty.contact_position", {"uncertainty": {"mass": 0.1}}),
+    ],
+)
+def test_names_may_hold_dots(key: str, above: dict) -> None:
+    scene = load_scene(EXAMPLES / FILES[0])
+    name = "link_3.0_tip" if key.startswith("uncertainty") else "joint_1.0"
+    changed = (scene.with_changes(above) if above else scene).with_changes({f"{key}.{name}": 1e-3})
+    part, figure = key.split(".")
+    if part == "hand":
+        tree = hand_of(changed).tree
+        assert tree.pinocchio_model.armature[tree.joint_index[name]] == 1e-3
+    else:
+        assert getattr(getattr(changed, part), figure)[name] == 1e-3
 
 
 def test_a_part_of_a_body_is_no_field_but_a_key(scene: Scene) -> None:

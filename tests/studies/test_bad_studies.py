@@ -4,7 +4,7 @@ import pytest
 import yaml
 from study_tools import CUBOID, HEIGHT, SLOPE, Here, study, study_file
 
-from graspless_pin.errors import SceneError, StudyError
+from graspless_pin.errors import ArgumentError, SceneError, StudyError
 from graspless_pin.studies import load_study, run_study
 
 LINES = """\
@@ -202,6 +202,20 @@ def test_what_no_scene_can_be_is_refused_before_anything_runs(tmp_path, old, new
         run_study(loaded, tmp_path / "out.csv", executor=here, progress=False)
     assert message.replace("{scene}", str(CUBOID)) in str(error.value)
     assert here.samples == [] and [file.name for file in tmp_path.iterdir()] == ["study.yaml"]
+
+
+def test_a_solver_that_the_scene_names_is_named_in_the_scene(tmp_path):
+    scene = yaml.safe_load(CUBOID.read_text(encoding="utf-8")) | {"solve": {"solver": "simplex"}}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene), encoding="utf-8")
+    content = {"scene": "scene.yaml", "vary": {"friction": {"values": [0.3]}}}
+    loaded = load_study(study_file(tmp_path, content))
+    with pytest.raises(StudyError, match=r"scene\.yaml: solve\.solver: 'simplex' is unknown"):
+        run_study(loaded, tmp_path / "out.csv", executor=Here(), progress=False)
+
+
+def test_what_is_no_path_is_no_study():
+    with pytest.raises(ArgumentError, match="path: is a dict; it must be a path of a study file"):
+        load_study({"scene": "scene.yaml"})
 
 
 def test_a_scene_that_never_touches_is_refused(tmp_path):

@@ -76,6 +76,12 @@ def test_columns_can_be_chosen(results, tmp_path):
     [
         (["--x", "mass"], "error: --x: is 'mass'; the table has the columns"),
         (["--kind", "boundary", "--value", "mode"], "error: outcome: is 'mode'"),
+        (
+            ["--controller", "1"],
+            "error: --controller: goes with --kind squeeze and tolerances alone",
+        ),
+        (["--y", "object.mass_kg"], "error: --y: goes with --kind map and boundary alone"),
+        (["--kind", "squeeze", "--x", "mass"], "error: --x: goes with a study's table alone"),
         (["-o", "picture.txt"], "error: picture.txt: cannot be written (Format 'txt'"),
     ],
 )

@@ -22,6 +22,7 @@ from graspless_pin.studies import (
     load_study,
     read_results,
     results,
+    results_parts,
     results_summary,
     run_study,
 )
@@ -294,6 +295,15 @@ def test_a_damaged_result_is_no_result(tmp_path):
             read_results(tmp_path / name)
         with pytest.raises(StudyError, match="there is no such file"):
             read_results(tmp_path / f"b{name}")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_column_that_there_is_not_is_named(tmp_path, suffix):
+    file = tmp_path / f"out.{suffix}"
+    run(study({"friction": {"values": [0.3]}}), file)
+    assert [len(part) for part in results_parts(file, ["sample"])] == [1]
+    with pytest.raises(StudyError, match="has no column 'margin_n'; did you mean 'margin_N'"):
+        [*results_parts(file, ["sample", "margin_n"])]
 
 
 def test_the_largest_torque_stands_under_its_unit(tmp_path):

@@ -98,6 +98,14 @@ def plot(
         graspless-pin plot scene.yaml --kind tolerances -o tolerances.png
     """
     with plain_errors():
+        of_scene = kind in (PlotKind.SQUEEZE, PlotKind.TOLERANCES)
+        if controller is not None and not of_scene:
+            raise ArgumentError("--controller", "goes with --kind squeeze and tolerances alone")
+        for option, column in {"--x": x, "--y": y, "--value": value}.items():
+            if column is not None and of_scene:
+                raise ArgumentError(option, "goes with a study's table alone")
+        if y is not None and kind is PlotKind.LINE:
+            raise ArgumentError("--y", "goes with --kind map and boundary alone")
         figure = _figure()
         if kind is PlotKind.SQUEEZE:
             _draw_squeeze(*solved_scene(results, controller=controller), figure)

@@ -20,19 +20,14 @@ from graspless_pin.cli.outcome import (
     exit_code,
     opened_scene,
     plain_errors,
-    show_findings,
 )
 from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import (
     asking_by_name,
-    judged_at_corners,
-    proven_and_verdict,
-    proven_answer,
-    solved,
+    judged_solution,
 )
 from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.planning.squeeze_window import squeeze_window
@@ -89,8 +84,11 @@ def report(
         ),
     ] = 60.0,
     verdict_nodes: Annotated[
-        int, typer.Option(help="Most nodes (sets of outcomes) of the verdict.")
-    ] = BRIEF_NODE_LIMIT,
+        int | None,
+        typer.Option(
+            help=f"Most nodes (sets of outcomes) of the verdict; default: {BRIEF_NODE_LIMIT}."
+        ),
+    ] = None,
     no_verdict: Annotated[
         bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")
     ] = False,
@@ -130,14 +128,14 @@ def report(
     """
     with plain_errors():
         check_output("--output", output, ".html", ".htm")
-        nodes = None if no_verdict else verdict_nodes
+        asked = {"algorithm": algorithm, "verdict_nodes": verdict_nodes, **figures}
         if source.suffix.lower() == ".json":
-            of_scenes = {"controller": controller, "algorithm": algorithm, **figures}
+            of_scenes = {"controller": controller, "no_verdict": no_verdict or None, **asked}
             case = _documented_case(source, scene, of_scenes)
         elif scene is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         else:
-            case = _solved_case(source, nodes, controller, algorithm, figures)
+            case = _solved_case(source, controller, no_verdict=no_verdict, **asked)
         try:
             make_folder_of(output)
         except OSError as error:
@@ -152,8 +150,8 @@ def report(
             with waiting_for("trying how hard the hand may squeeze"):
                 window = squeeze_window(of, case.solution.torques)
         is_unknown = case.scene is not None and case.scene.uncertainty is not None
-        asked = tolerances or (is_unknown and case.solution.found)
-        if asked and (of := _scene_for(case, "--tolerances")):
+        told = tolerances or (is_unknown and case.solution.found)
+        if told and (of := _scene_for(case, "--tolerances")):
             found = tolerances_under(of, case.solution, attainable=tolerances)
             case = case_with_tolerances(case, found)
         with waiting_for("drawing"):
@@ -199,7 +197,8 @@ def _documented_case(source: Path, scene_file: Path | None, of_scenes: Mapping[s
     """
     for name, value in of_scenes.items():
         if value is not None:
-            raise ArgumentError(f"--{name}", "goes with a scene alone: a document has its own")
+            option = f"--{name.replace('_', '-')}"
+            raise ArgumentError(option, "goes with a scene alone: a document has its own")
     document = read_document(source)
     try:
         return case_of_document(document, scene_file)
@@ -207,25 +206,10 @@ def _documented_case(source: Path, scene_file: Path | None, of_scenes: Mapping[s
         raise SceneError(f"{source}: {error}") from error
 
 
-def _solved_case(
-    source: Path,
-    verdict_nodes: int | None,
-    controller: str | None,
-    algorithm: str | None,
-    figures: Mapping[str, Any],
-) -> Case:
+def _solved_case(source: Path, controller: str | None, **asked: Any) -> Case:
     """Return the case of a scene, solved and with its verdict, if it is asked for."""
     scene = opened_scene(source, controller)
-    (solution, answer), verdict, note = solved(scene, algorithm, **figures), None, ""
-    if answer is not None:
-        answer = proven_answer(answer)
-        solution = answer.solution.of_source(scene)
-        if verdict_nodes is not None:
-            answer = judged_at_corners(scene, answer)
-    if verdict_nodes is not None and (answer is None or answer.found):
-        solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
-    emit(*solution.findings)
-    show_findings()
+    solution, answer, verdict, note = judged_solution(scene, **asked)
     if note and verdict is None:
         echo_note(note)
     return case_of_scene(scene, solution, source, verdict, answer)

@@ -164,19 +164,12 @@ def solve_scene(
             "time_limit": time_limit,
             "direction_gap": direction_gap,
             "stability": stability,
-            "verdict_nodes": verdict_nodes,
             **figures,
         }
-        solution, answer = solved(loaded, algorithm, **given)
-        verdict, note, bounds = None, "", None
-        if answer is not None and not no_verdict:
-            answer = proven_answer(answer)
-            solution = answer.solution.of_source(loaded)
-            answer = judged_at_corners(loaded, answer, verdict_nodes)
-        if not no_verdict and (answer is None or answer.found):
-            solution, verdict, note = proven_and_verdict(loaded, solution, verdict_nodes)
-        emit(*solution.findings)
-        show_findings()
+        solution, answer, verdict, note = judged_solution(
+            loaded, algorithm, verdict_nodes, no_verdict=no_verdict, **given
+        )
+        bounds = None
         if solution.found and not no_verdict:
             bounds = _forces(loaded, solution)
         if json_file != "-":
@@ -248,6 +241,39 @@ def solved_scene(
     return scene, solution
 
 
+def judged_solution(
+    scene: Scene,
+    algorithm: str | None,
+    verdict_nodes: int | None,
+    *,
+    no_verdict: bool,
+    **options: Any,
+) -> tuple[TorqueSolution, RobustAnswer | None, StabilityVerdict | None, str]:
+    """Solve a scene, judge the answer as far as it is proven, and show all findings.
+
+    Args:
+        scene: The scene.
+        algorithm: See `Scene.solve`.
+        verdict_nodes: Sets of outcomes that each verdict may look at; None: the default.
+        no_verdict: Whether to leave out verdicts, and the check of the proof.
+        options: See `solved`.
+
+    Returns:
+        What `solved` returns, the verdict, if there is one, and what is said of it.
+    """
+    solution, answer = solved(scene, algorithm, verdict_nodes=verdict_nodes, **options)
+    verdict, note = None, ""
+    if answer is not None and not no_verdict:
+        answer = proven_answer(answer)
+        solution = answer.solution.of_source(scene)
+        answer = _judged_at_corners(scene, answer, verdict_nodes)
+    if not no_verdict and (answer is None or answer.found):
+        solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
+    emit(*solution.findings)
+    show_findings()
+    return solution, answer, verdict, note
+
+
 def proven_answer(answer: RobustAnswer) -> RobustAnswer:
     """Return an answer as far as the document of its joined problem proves it."""
     from graspless_pin.report.document import accepted
@@ -258,7 +284,7 @@ def proven_answer(answer: RobustAnswer) -> RobustAnswer:
     return replace(answer, robust=replace(answer.robust, solution=solution))
 
 
-def judged_at_corners(scene: Scene, answer: RobustAnswer, nodes: int | None = None) -> RobustAnswer:
+def _judged_at_corners(scene: Scene, answer: RobustAnswer, nodes: int | None) -> RobustAnswer:
     """Return an answer with verdicts on the corners of its set, where there are any to be had."""
     from graspless_pin.scene.robust_answer import with_corner_verdicts
 

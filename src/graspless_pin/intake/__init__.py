@@ -1,4 +1,4 @@
 """Read files that may be hostile: bounded bytes, then YAML, JSON or XML with bounds of its own.
 
-Imports errors alone; every part that opens a file of a user's opens it here.
+Every part that opens a file of a user's opens it here.
 """

@@ -31,7 +31,7 @@ _WHAT_TO_DO = {
     "MuJoCo model": "look at it with 'graspless-pin inspect {path}', name it in a scene as "
     "'hand: {{urdf: {path}}}', or make a scene of the whole file with scene_from_mjcf of "
     "graspless_pin.interfaces.mujoco",
-    "table of results": "read it with graspless_pin.read_results({path!r})",
+    "table of results": "read it with graspless_pin.read_results('{path}')",
     "Jupyter notebook": "open it with Jupyter",
     "Python program": "run it with 'python {path}'",
 }

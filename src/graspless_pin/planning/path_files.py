@@ -109,7 +109,9 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
 def _check_names(path: str | Path, names: Sequence[str]) -> None:
     """Refuse columns with units in brackets, and those that are nearly one that is read."""
     missing = [name for name in (_TIME, *_POSE) if name not in names]
-    for name in names:
+    for index, name in enumerate(names):
+        if name and name in names[:index]:
+            raise ArgumentError("path", f"'{path}' has two columns {name!r}; keep one")
         stated = _STATED_UNIT.search(name)
         plain = "_".join(name[: stated.start()].split()) if stated else name
         near = nearest_name(f"{plain}_{stated[1]}" if stated else plain, missing, _LIKE_COLUMN)

@@ -38,7 +38,7 @@ from graspless_pin.problem.checks import choice, finite_array, real_number, whol
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene, settle
-from graspless_pin.scene.fields import checked_scene
+from graspless_pin.scene.fields import checked_scene, label_of
 from graspless_pin.scene.saving import scene_as_written
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, Table
@@ -294,6 +294,8 @@ def place_hand(
     count = whole_number("candidates", candidates, 1)
     limit = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
     crew = whole_number("workers", usable_cores() if workers is None else workers, 1)
+    nodes = whole_number("verdict_nodes", verdict_nodes, 0)
+    most = count if verdicts is None else whole_number("verdicts", verdicts, 0)
     first = -(-2 * count // 3)
     tried: list[TriedCandidate] = []
     children = ChildProcesses()
@@ -307,12 +309,10 @@ def place_hand(
     finally:
         children.stop()
     good = _best(plan, [one for one in tried if one.fault is None])
-    nodes = whole_number("verdict_nodes", verdict_nodes, 0)
     errors = Counter(one.error for one in tried if one.error)
-    asked = len(good) if verdicts is None else whole_number("verdicts", verdicts, 0)
     counts = Counter(one.fault for one in tried if one.fault is not None)
     return HandPlacement(
-        places=_ranked(plan, good, nodes, asked if nodes else 0, begin + limit, errors),
+        places=_ranked(plan, good, nodes, most if nodes else 0, begin + limit, errors),
         tried=len(tried),
         faults={fault: counts[fault] for fault in PlacingFault if counts[fault]},
         errors=dict(errors.most_common()),
@@ -337,10 +337,11 @@ def _plan(
     """Check what was given and return what all candidates share."""
     checked_scene(scene)
     if scene.hand is None:
-        raise SceneError(f"{scene.name}: the scene has no hand to be placed; add one")
+        raise SceneError(f"{label_of(scene)}: the scene has no hand to be placed; add one")
     if scene.given_contacts is not None:
         raise SceneError(
-            f"{scene.name}: contacts are given, and would stay where they are; leave the key out"
+            f"{label_of(scene)}: contacts are given, and would stay where they are; leave the key "
+            "out"
         )
     way = None if approach is None else finite_array("approach", approach, (3,))
     if way is not None and not way.any():

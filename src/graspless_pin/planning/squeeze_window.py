@@ -29,6 +29,7 @@ from graspless_pin.problem.checks import (
     finite_array,
     read_only,
     real_number,
+    unknown_name,
     whole_number,
 )
 from graspless_pin.problem.quasistatic import checked_problem
@@ -289,7 +290,7 @@ def squeeze_window(
 
 def _amounts(samples: int | Sequence[float], low: float, high: float) -> FloatArray:
     """Return the amounts that are looked at, ascending, that of the given torques among them."""
-    if isinstance(samples, int):
+    if not isinstance(samples, Sequence | np.ndarray):
         count = whole_number("samples", samples, 1) + 1
         return np.unique([np.linspace(low, 0.0, count), np.linspace(0.0, high, count)])
     given = finite_array("samples", samples, (len(samples),))
@@ -430,7 +431,7 @@ def _direction(
     if isinstance(given, Mapping):
         unknown = [name for name in given if name not in problem.joint_names]
         if unknown:
-            raise ArgumentError("direction", f"{unknown[0]!r} is no joint of the problem")
+            raise unknown_name("direction", "joint", unknown[0], problem.joint_names)
         given = [given.get(name, 0.0) for name in problem.joint_names]
     if given is not None:
         way = finite_array("direction", given, (problem.joint_count,))

@@ -32,7 +32,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
-from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load_wrenches import hand_motion, load_rates
 
 
@@ -160,8 +160,8 @@ def refuse_flat_on_flat(
     if reach.max(initial=0.0) > np.sqrt(FLAT) * motion_length(problem):
         body = contacts_of(scene).bodies[int(np.argmax(reach))]
         raise SceneError(
-            f"{scene.name}: one contact stands for a line or a face on {body!r}, about which the "
-            "object tips; use shapes that touch at its ends, or round ones"
+            f"{label_of(scene)}: one contact stands for a line or a face on {body!r}, about which "
+            "the object tips; use shapes that touch at its ends, or round ones"
         )
 
 

@@ -5,6 +5,7 @@ How a scene changes where some keys of its file say something else.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,7 +26,8 @@ Tree = dict[str, Any]
 _Scene = TypeVar("_Scene", bound=SceneFields)
 _BY_NAME = (
     "q", "effort_limits", "joint_velocities", "joint_accelerations", "friction", "control",
-    "rates", "torque", "torque_offset", "effort",
+    "rates", "torque", "torque_offset", "effort", "armature", "stiffness", "damping",
+    "contact_position", "convex",
 )  # fmt: skip
 """Mappings whose keys are names, which may hold dots."""
 _ZERO = (
@@ -75,7 +77,7 @@ def _next(node: Any, location: Location, parts: list[str], key: str) -> tuple[st
 
 
 def _item(items: list[Any], name: str, key: str) -> int:
-    if name.lstrip("-").isdigit():
+    if re.fullmatch("-?[0-9]+", name):
         if 0 <= int(name) < len(items):
             return int(name)
         raise ArgumentError(key, f"has no item {name}; it has {len(items)}, counted from 0")

@@ -193,13 +193,13 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         with file.at(("hand",)):
             named = named_positions(tree.group_states, entry.group_states, tree.lacking)
             q = named | merged_angles(entry.q, entry.q_deg)
+            for name, kind in zip(tree.joint_names, tree.joint_kinds, strict=True):
+                if kind == "prismatic" and name in entry.q_deg:
+                    where = ("hand", "q_deg", name)
+                    raise file.error(where, "is a linear joint; give metres under q")
             positions = parts.latest.made(
                 "hand positions", (tree, repr(q)), lambda: joint_positions(tree, q)
             )
-            for name in entry.q_deg:
-                if tree.joint_kinds[tree.joint_index[name]] == "prismatic":
-                    where = ("hand", "q_deg", name)
-                    raise file.error(where, "is a linear joint; give metres under q")
             stage.made = hand_of(mounts, entry.effort_limits, positions)
     return stage.made
 

@@ -44,7 +44,7 @@ from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, re
 from graspless_pin.problem.inertias import hybrid_contacts, moving_joints
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
-from graspless_pin.scene.fields import SceneFields, checked_scene
+from graspless_pin.scene.fields import SceneFields, checked_scene, label_of
 from graspless_pin.scene.geometric_stiffness import (
     assumed_contacts,
     geometric_stiffness,
@@ -174,7 +174,7 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
         with capture():
             problem, models = _by_surface(scene, torques, ARMATURE)
     except GrasplessPinError as error:
-        why = str(error).removeprefix(f"{scene.name}: ").partition("; ")[0]
+        why = str(error).removeprefix(f"{label_of(scene)}: ").partition("; ")[0]
         return SmallMotions.not_known(why)
     worst = _worst(models)
     growing = worst.growth > 0.0

@@ -13,7 +13,7 @@ from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.fingertips import FingertipPlacement, place_fingertips
 from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
 from graspless_pin.geometry.posing.settling import settle_object
-from graspless_pin.scene.fields import checked_scene
+from graspless_pin.scene.fields import checked_scene, label_of, place_of
 from graspless_pin.scene.scene import Scene
 
 
@@ -115,7 +115,7 @@ def settle(scene: Scene) -> Scene:
     """Move the object along gravity until it rests on the scene's supports without overlap.
 
     Raises:
-        SceneError: If the object meets no support on its way.
+        SceneError: If nothing falls, or the object meets no support on its way.
 
     Examples:
         >>> from graspless_pin import load_scene, settle
@@ -124,6 +124,9 @@ def settle(scene: Scene) -> Scene:
         0.05
     """
     checked_scene(scene)
+    if not scene.gravity.any():
+        where = place_of(scene, "gravity")
+        raise SceneError(f"{where}: is zero, so that nothing falls; give it, or the object's pose")
     moved = settle_object(scene.object, scene.supports, scene.gravity)
     return scene.with_changes(object=moved)
 
@@ -131,5 +134,5 @@ def settle(scene: Scene) -> Scene:
 def _hand(scene: Scene) -> Hand:
     checked_scene(scene)
     if scene.hand is None:
-        raise SceneError(f"{scene.name}: the scene has no hand whose fingers could move")
+        raise SceneError(f"{label_of(scene)}: the scene has no hand whose fingers could move")
     return scene.hand

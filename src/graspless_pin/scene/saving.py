@@ -6,14 +6,13 @@ That file is loaded as it is now, and changed only where it says something else 
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from graspless_pin.atomic_write import draft_of, make_folder_of
-from graspless_pin.errors import GrasplessPinWarning, SceneError
+from graspless_pin.errors import SceneError
 from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES
@@ -229,9 +228,7 @@ def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _stated_alone(hand: Hand) -> dict[str, Any]:
     """Return what its robots alone would make of a hand."""
-    with warnings.catch_warnings():
-        # Of limits that the scene replaces.
-        warnings.simplefilter("ignore", GrasplessPinWarning)
+    with capture():  # of limits that the scene replaces
         alone = stated_hand(Hand.assemble(hand.mounts), str)
     return alone | {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
 
@@ -288,10 +285,9 @@ def _updated_pose(updated: dict[str, Any], meant: dict[str, Any], wanted: dict[s
     if not same_data(meant["position"], wanted["position"]):
         updated["position"] = wanted["position"]
     if not same_data(meant["matrix"], wanted["matrix"]):
-        forms = [name for name in updated if name != "position"]
-        for name in forms:
-            del updated[name]
-        updated |= stated_rotation(wanted["matrix"], *forms)
+        forms = [name for name, value in updated.items() if name != "position" and value]
+        kept = {name: value for name, value in updated.items() if name == "position"}
+        updated = kept | stated_rotation(wanted["matrix"], *forms)
     return updated
 
 

@@ -68,6 +68,7 @@ _KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths
     "position": ("length",),
     "center_of_mass": ("length",),
     "contact_tolerance": ("length",),
+    "max_penetration": ("length",),
     "rpy": ("angle",),
     "mass": ("mass",),
     "density": ("density",),
@@ -131,6 +132,7 @@ _FIGURE = re.compile(
     r"\s*(?:±|\+/?-)?\s*"
     r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°%][^\s]*(?: [^\s]+)?)?\s*"
 )
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _SPELLINGS = {"°": "deg", "degrees": "deg", "degree": "deg", "meters": "m", "metres": "m"}
 _FURTHER = {
     unit.name: unit
@@ -168,6 +170,9 @@ def si_advice(found: str, location: Location) -> str:
     if figure is None:
         return ""
     value, written = float(figure[1].replace(",", ".")), figure[2]
+    if _THOUSANDS.fullmatch(figure[1]):
+        unit = f" {written}" if written else ""
+        return f"; write {value * 1000.0:.12g}{unit} or {value:.12g}{unit}, without the comma"
     if written is None:
         return f"; write {value:.12g}"
     name = re.sub(r"[\s*·]", "", written).replace("µ", "u").replace("²", "2").replace("³", "3")

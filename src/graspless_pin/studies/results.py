@@ -22,6 +22,7 @@ from graspless_pin.studies.sample_evaluation import (
     Failure,
 )
 from graspless_pin.studies.study import NOT_PLACED, Study
+from graspless_pin.suggestions import names_in_words
 from graspless_pin.versions import versions
 
 if TYPE_CHECKING:
@@ -272,12 +273,25 @@ def results_parts(path: str | Path, columns: Sequence[str] | None = None) -> Ite
     file = Path(path)
     names = None if columns is None else [*columns]
     try:
+        _check_columns(file, names or ())
         if format_of(file) == "csv":
             yield from _csv_parts(file, names)
         else:
             yield from _parquet_parts(file, names)
+    except StudyError:
+        raise
     except (OSError, ValueError, KeyError) as error:
         raise _no_results(file, error) from None
+
+
+def _check_columns(file: Path, names: Sequence[str]) -> None:
+    import pyarrow.parquet as pq
+
+    kind = format_of(file)
+    known = [*_csv_about(file)["columns"]] if kind == "csv" else pq.read_schema(file).names
+    for name in names:
+        if name not in known:
+            raise StudyError(f"{file}: has no column {name!r}; {names_in_words(name, known)}")
 
 
 def results_about(path: str | Path) -> dict[str, Any]:

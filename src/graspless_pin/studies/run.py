@@ -114,7 +114,9 @@ def check_study(study: Study) -> None:
     try:
         check_solver(study.tree_at(first)["solve"].get("solver", "auto"))
     except GrasplessPinError as error:
-        raise StudyError(f"{study.source.path}: compute.{error}") from None
+        own = study.entry.compute.solver is not None
+        where = f"{study.source.path}: compute" if own else f"{study.scene.path}: solve"
+        raise StudyError(f"{where}.{error}") from None
     _check_any_touches(study)
 
 

@@ -102,8 +102,8 @@ What = Annotated[
     BeforeValidator(listed),
     Field(
         min_length=1,
-        description="object, hand, a support, a mount's prefix, gravity, tangent_axes, motion, or "
-        "all: everything but gravity",
+        description="object, hand, a support or a mount's prefix; for a turn also gravity, "
+        "tangent_axes, motion, loads, acceleration; all: all bodies, tangent_axes and motion",
     ),
 ]
 

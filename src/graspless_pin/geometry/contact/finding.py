@@ -195,7 +195,7 @@ def contact_arrays(
     """
     pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
     if not pieces.shapes.names:
-        raise ArgumentError("object_body", "needs at least one piece")
+        raise ArgumentError("object_bodies", "needs at least one piece")
     if any(isinstance(one, Plane) for one in solids_of(pieces.shapes).sets):
         raise SceneError(
             f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "

@@ -18,7 +18,7 @@ from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import as_numbers, finite_numbers
-from graspless_pin.problem.checks import FloatArray, all_true, unknown_name
+from graspless_pin.problem.checks import FloatArray, all_true, real_number, unknown_name
 
 
 def joint_positions(
@@ -107,9 +107,7 @@ def independent_rates(
     for name, rate in rates.items():
         if name not in leaders:
             raise unknown_name(argument, "independent joint", name, leaders)
-        values[leaders.index(name)] = rate
-    if not np.isfinite(values).all():
-        raise ArgumentError(argument, f"needs finite numbers, got {dict(rates)}")
+        values[leaders.index(name)] = real_number(f"{argument}[{name!r}]", rate, -np.inf)
     return values
 
 

@@ -32,7 +32,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     hand_at,
     searched_ranges,
 )
-from graspless_pin.problem.checks import FloatArray, unknown_name
+from graspless_pin.problem.checks import FloatArray, real_number, unknown_name
 from graspless_pin.records import Brief
 
 DEEPEST_START = 1e-3
@@ -312,7 +312,7 @@ def close_hand(
         index: touches with link_3.0_tip
     """
     names = chosen_fingers(hand, fingers)
-    if not (math.isfinite(gap) and gap > 0.0):
+    if not real_number("gap", gap, 0.0):
         raise ArgumentError("gap", f"needs a positive length in metres, got {gap!r}")
     given = _given_rates(hand, names, rates or {})
     at_limit: set[int] = set()
@@ -339,9 +339,7 @@ def _given_rates(
     for name, rate in rates.items():
         if name not in known:
             raise unknown_name("rates", "joint of the closing fingers", name, known)
-        if not np.isfinite(rate):
-            raise ArgumentError(f"rates[{name!r}]", f"needs a finite number, got {rate!r}")
-        given[leaders.index(name)] = float(rate)
+        given[leaders.index(name)] = real_number(f"rates[{name!r}]", rate, -np.inf)
     return given
 
 

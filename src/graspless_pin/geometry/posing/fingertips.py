@@ -30,7 +30,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     searched_ranges,
     tip_shapes,
 )
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, read_only, real_number, whole_number
 
 
 class Tip:
@@ -351,10 +351,9 @@ def place_fingertips(
     if not goals:
         raise ArgumentError("goals", "needs at least one finger: {finger: (point, normal)}")
     names = chosen_fingers(hand, tuple(goals))
-    if not (np.isfinite(tolerance) and tolerance > 0.0):
+    if not real_number("tolerance", tolerance, 0.0):
         raise ArgumentError("tolerance", f"needs a positive length in metres, got {tolerance!r}")
-    if starts < 1:
-        raise ArgumentError("starts", f"needs at least 1, got {starts!r}")
+    starts = whole_number("starts", starts, 1)
     tips = {
         name: Tip(hand, target, name, *_checked_goal(target, name, goals[name])) for name in names
     }

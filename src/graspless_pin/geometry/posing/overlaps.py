@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.caching import Derived
-from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import BodyKind
@@ -18,7 +17,7 @@ from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, sep
 from graspless_pin.geometry.hand.configuration import posed_links
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import KinematicTree
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, read_only, real_number
 
 
 @dataclass(frozen=True)
@@ -73,8 +72,7 @@ def unwanted_overlaps(
         >>> unwanted_overlaps(scene.hand, scene.supports)
         ()
     """
-    if not (np.isfinite(tolerance) and tolerance >= 0.0):
-        raise ArgumentError("tolerance", f"needs zero or more metres, got {tolerance!r}")
+    tolerance = real_number("tolerance", tolerance, 0.0)
     links = hand.placed_bodies
     compared = [(BodyKind.HAND, links, pairs_of(hand.tree))]
     for pieces in (support.placed_bodies for support in supports):

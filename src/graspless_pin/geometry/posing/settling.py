@@ -22,7 +22,7 @@ from graspless_pin.geometry.contact.distances import (
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import rigid, shifted
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, finite_array
 
 SETTLING_TOLERANCE = 1e-4
 """Overlap with a support across the direction of settling that is left as it is, m."""
@@ -68,12 +68,10 @@ def settle_object(
         >>> settle_object(scene.object, scene.supports).T_world_object[2, 3].round(3).item()  # m
         0.05
     """
-    way = np.array(direction, dtype=np.float64)
-    if way.shape != (3,) or not np.isfinite(way).all() or not np.any(way):
-        raise ArgumentError(
-            "direction", f"needs three finite numbers, not all zero, got {direction!r}"
-        )
-    way /= np.linalg.norm(way)
+    way = finite_array("direction", direction, (3,))
+    if not way.any():
+        raise ArgumentError("direction", "is zero; give the way to move")
+    way = way / np.linalg.norm(way)
     pieces, others = target.placed_bodies, [support.placed_bodies for support in supports]
     paths = [_path_to(piece, body, way) for other in others for body in other for piece in pieces]
     ahead = [path for path in paths if path is not None]
