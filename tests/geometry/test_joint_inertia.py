@@ -179,9 +179,9 @@ def test_armatures_are_given_by_finger_or_joint(tmp_path):
 @pytest.mark.parametrize(
     ("armature", "message"),
     [
-        (-1.0, r"^armature: needs a finite number >= 0 of kg m\^2 \(kg\), got -1.0"),
-        ({"elbow": np.inf}, r"^armature\['elbow'\]: needs a finite number"),
-        ({"elbow": True}, r"^armature\['elbow'\]: needs a finite number"),
+        (-1.0, r"^armature: is -1\.0; it must be a finite number >= 0"),
+        ({"elbow": np.inf}, r"^armature\['elbow'\]: is inf; it must be a finite number"),
+        ({"elbow": True}, r"^armature\['elbow'\]: is True; it must be a finite number"),
         ({"knee": 1.0}, r"^armature: unknown finger or joint 'knee'; known: .*elbow"),
     ],
 )

@@ -21,7 +21,7 @@ from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene, SceneContacts
-from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution
@@ -51,6 +51,11 @@ class StateStatus(Enum):
     def of_finding(cls, finding: Finding) -> StateStatus:
         """Return the status of a state with a serious finding, see `state_findings`."""
         return cls[finding.code.name]
+
+    @classmethod
+    def of_unsolved(cls, status: Status) -> StateStatus:
+        """Return the status of a state without torques: undecided or infeasible."""
+        return cls.UNDECIDED if status in UNDECIDED else cls.INFEASIBLE
 
     @property
     def message(self) -> str:

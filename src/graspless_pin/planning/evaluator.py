@@ -150,8 +150,9 @@ class Evaluator:
                 "pins", "are given beside attached_to, whose contacts move with the link; give one"
             )
         at = at if position_limits else at.without_limits
-        self._solver = StateSolver(at, *how, checks)
-        if uncertainty is not None and uncertainty is not False:
+        if uncertainty is None or uncertainty is False:
+            self._solver = StateSolver(at, *how, checks)
+        else:
             # Loaded here: what is known exactly goes without.
             from graspless_pin.planning.uncertain_states import UncertainStateSolver
             from graspless_pin.scene.uncertain import stated_by

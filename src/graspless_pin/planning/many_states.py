@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.search_state import CLOSED
 from graspless_pin.child_process import kept_processes, shared_work, usable_cores
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
-from graspless_pin.planning.state_loops import COVERAGES, StateFigures
+from graspless_pin.planning.state_loops import COVERAGES, StateFigures, is_reached
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import (
     FloatArray,
@@ -368,6 +367,6 @@ def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Ar
     solver.loops.optima_of_states(q, Margin(), found, alone, margin)
     looped = found.contact_counts > 0
     _, value, _, _, _, unit = found.figures[looped].T
-    goal = margin / np.abs(unit)
-    feasible[looped] = value <= CLOSED * np.maximum(1.0, goal) - goal
+    reached = [is_reached(*one, margin) for one in zip(value.tolist(), unit.tolist(), strict=True)]
+    feasible[looped] = reached
     return (feasible,)

@@ -144,9 +144,8 @@ class StateSolver:
             return Evaluation(StateStatus.FOUND, "", scene, answer)
         if found.found:
             return Evaluation(StateStatus.FOUND, "", scene, found)
-        undecided = found.status in UNDECIDED
-        status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
-        return Evaluation(status, found.status.message, scene, found)
+        status = found.status
+        return Evaluation(StateStatus.of_unsolved(status), status.message, scene, found)
 
     def margin_of(
         self, scene: Scene, problem: QuasistaticProblem, required: float

@@ -33,10 +33,9 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
-from graspless_pin.scene.scene_findings import ALL_CHECKS, StateChecks
+from graspless_pin.scene.scene_findings import StateChecks
 from graspless_pin.scene.uncertain import check_center, corners_in, solve_uncertain
 from graspless_pin.scene.uncertain_figures import check_names_in
-from graspless_pin.solution import UNDECIDED
 from graspless_pin.tree_search import Limits
 
 _CANCELS = 1e-9
@@ -145,8 +144,8 @@ class UncertainStateSolver(StateSolver):
         configurations: Configurations,
         objective: Objective,
         options: SolveOptions,
-        checks: StateChecks = ALL_CHECKS,
-        uncertainty: Uncertainty | None = None,
+        checks: StateChecks,
+        uncertainty: Uncertainty,
     ) -> None:
         """Take what `StateSolver` does, and the set.
 
@@ -195,9 +194,7 @@ class UncertainStateSolver(StateSolver):
         robust = self._robust(scene, self.objective)
         if robust.found:
             return Evaluation(StateStatus.FOUND, "", scene, robust)
-        undecided = robust.status in UNDECIDED
-        status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
-        return Evaluation(status, str(robust), scene, robust)
+        return Evaluation(StateStatus.of_unsolved(robust.status), str(robust), scene, robust)
 
     def margin_of(
         self,

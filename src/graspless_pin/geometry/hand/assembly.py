@@ -6,7 +6,6 @@ tree, their fingers, tendons and limits, and rotor inertias that are given inste
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,7 +46,7 @@ from graspless_pin.geometry.robots.description import (
 )
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray, read_only, unknown_name
+from graspless_pin.problem.checks import FloatArray, read_only, real_number, unknown_name
 from graspless_pin.records import Brief, changed
 
 
@@ -318,19 +317,12 @@ def joint_armatures(
         ArgumentError: If a name is unknown or a mimic joint's, or a value negative or not finite.
     """
     if not isinstance(armature, Mapping):
-        return dict.fromkeys(tree.coupling.leaders, _checked("armature", armature))
-    values = {name: _checked(f"armature[{name!r}]", one) for name, one in armature.items()}
+        return dict.fromkeys(tree.coupling.leaders, real_number("armature", armature, 0.0))
+    values = {name: real_number(f"armature[{name!r}]", one, 0.0) for name, one in armature.items()}
     spread = spread_names(
         tree, fingers, values, argument="armature", instead="give the rotor of the joint it follows"
     )
     return {tree.joint_index[joint]: values[name] for joint, name in spread.items()}
-
-
-def _checked(argument: str, value: float) -> float:
-    ok = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (ok and math.isfinite(value) and value >= 0.0):
-        raise ArgumentError(argument, f"needs a finite number >= 0 of kg m^2 (kg), got {value!r}")
-    return float(value)
 
 
 ControlModes = ControlMode | str | Mapping[str, ControlMode | str]
