@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -80,6 +81,15 @@ def support_bodies(scene: SceneFields) -> PlacedBodies:
     """Return the convex pieces of all supports."""
     each = [support.placed_bodies for support in scene.supports]
     return scene._kept.made("support bodies", (*each,), lambda: PlacedBodies.joined(each))
+
+
+def pieces_by_body(scene: SceneFields) -> Mapping[str, list[CollisionBody]]:
+    """Return the convex pieces of each support and link by its name; of others there are none."""
+    own = () if scene.hand is None else scene.hand.placed_bodies
+    pieces: defaultdict[str, list[CollisionBody]] = defaultdict(list)
+    for body in (*support_bodies(scene), *own):
+        pieces[body.name].append(body)
+    return pieces
 
 
 def _found(scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:

@@ -6,9 +6,7 @@ Shapes may be simpler than what they stand for, so the contacts are used all the
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator
-from itertools import chain
 
 import numpy as np
 
@@ -25,6 +23,7 @@ from graspless_pin.geometry.contact.distances import (
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.contact_arrays import pieces_by_body
 from graspless_pin.scene.fields import SceneFields
 
 _NEAR_MISS = 5.0  # contact tolerances
@@ -41,10 +40,7 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
 
     Both are measured by ``contact_tolerance``. Bodies without shapes are left out.
     """
-    pieces: defaultdict[str, list[CollisionBody]] = defaultdict(list)
-    placed = [support.placed_bodies for support in scene.supports]
-    for body in chain(*placed, () if scene.hand is None else scene.hand.placed_bodies):
-        pieces[body.name].append(body)
+    pieces = pieces_by_body(scene)
     made, tolerance = scene.object, scene.contact_tolerance
     off: list[tuple[float, int, str]] = []
     outward: list[int] = []

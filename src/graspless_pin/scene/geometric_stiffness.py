@@ -8,9 +8,7 @@ points and levers move as bodies and surfaces do.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +29,7 @@ from graspless_pin.holding.dynamics import motion_length
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.problem.quasistatic import QuasistaticProblem
-from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.contact_arrays import contacts_of, pieces_by_body
 from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load_wrenches import hand_motion, load_rates
 
@@ -84,12 +82,7 @@ def assumed_contacts(scene: SceneFields) -> tuple[int, ...]:
 
 def _pieces(scene: SceneFields) -> tuple[PlacedBodies, list[list[CollisionBody]]]:
     """Return the convex pieces of the object, and of the body at each contact."""
-    placed = [support.placed_bodies for support in scene.supports]
-    if scene.hand is not None:
-        placed.append(scene.hand.placed_bodies)
-    pieces: defaultdict[str, list[CollisionBody]] = defaultdict(list)
-    for body in chain(*placed):
-        pieces[body.name].append(body)
+    pieces = pieces_by_body(scene)
     return scene.object.placed_bodies, [pieces[name] for name in contacts_of(scene).bodies]
 
 

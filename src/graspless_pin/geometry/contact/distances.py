@@ -27,6 +27,9 @@ from graspless_pin.geometry.hand.tree import LinkGeometry
 from graspless_pin.geometry.poses import rigid, transformed
 from graspless_pin.problem.checks import FloatArray
 
+POINT_RADIUS = 1e-6
+"""m, of the sphere that stands for a point in coal."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solids:
@@ -222,10 +225,15 @@ def separation(first: CollisionBody, second: CollisionBody) -> Separation:
     return Separation(float(distance), np.array(result.normal))
 
 
+def point_body(point: FloatArray) -> CollisionBody:
+    """Return a body about a point (3,), world, m, as coal takes it: `POINT_RADIUS` wide."""
+    return CollisionBody("point", coal.Sphere(POINT_RADIUS), rigid(point))
+
+
 def distances_to_point(bodies: Sequence[CollisionBody], point: FloatArray) -> FloatArray:
     """Return the (K,) signed distances of K bodies to a point (3,), world, m: negative inside."""
-    there = CollisionBody("point", coal.Sphere(0.0), rigid(point))
-    return np.array([separation(there, body).distance for body in bodies])
+    there = point_body(point)
+    return np.array([separation(there, body).distance + POINT_RADIUS for body in bodies])
 
 
 def nearest_separation(

@@ -8,17 +8,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
-from graspless_pin.geometry.contact.distances import LinkDistances, bounded_set, nearest_separation
+from graspless_pin.geometry.contact.distances import (
+    POINT_RADIUS,
+    LinkDistances,
+    bounded_set,
+    nearest_separation,
+    point_body,
+)
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
-from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.finger_joints import (
     AT_LIMIT,
     chosen_fingers,
@@ -241,7 +244,6 @@ SURFACE_TOLERANCE = 1e-3
 """How far off the object's surface a given point may lie, m."""
 
 _OUTSIDE = 2.0 * SURFACE_TOLERANCE  # how far a point is moved to see whether it gets out
-_POINT_RADIUS = 1e-6  # m, a point as coal knows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -450,6 +452,5 @@ def _off_surface(target: ManipulatedObject, point: FloatArray) -> tuple[float, F
     Inside an object of several convex pieces it is the distance from the surface of the piece in
     which the point lies deepest.
     """
-    tiny = CollisionBody("point", coal.Sphere(_POINT_RADIUS), pose_matrix(point))
-    apart = nearest_separation(target.collision_bodies(), [tiny])
-    return apart.distance + _POINT_RADIUS, apart.normal
+    apart = nearest_separation(target.collision_bodies(), [point_body(point)])
+    return apart.distance + POINT_RADIUS, apart.normal

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 from scipy.optimize import least_squares
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shapes import shape_of
-from graspless_pin.geometry.contact.distances import Separation, bounded_set, nearest_separation
+from graspless_pin.geometry.contact.distances import (
+    Separation,
+    bounded_set,
+    nearest_separation,
+    point_body,
+)
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.poses import pose_matrix, unit_vector
+from graspless_pin.geometry.poses import unit_vector
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     driving_columns,
@@ -35,7 +38,6 @@ _MOST_EVALUATIONS = 40
 _INSIDE = 1e-6  # of a joint's range
 _SLOWEST = 0.05  # of the quickest joint's rate
 _SAME_PLACE = 1e-9  # m
-_POINT_RADIUS = 1e-6  # m, radius of a point as coal knows it
 _AJAR = 0.4  # of the way to the open ends, where fingers should not be in each other
 _OVERLAP = 1e-3  # m that collision shapes may be too wide
 _BESIDE_COSINE = 0.5  # cosine between ways of closing, above which fingers stand beside each other
@@ -263,8 +265,9 @@ def _on_fixed_jaw(
         ]
         corners = np.vstack([one.vertices for one in surfaces])
         tip = corners[np.argmax(np.linalg.norm(corners - palm_of(there), axis=1))]
-        dot = CollisionBody("tip", coal.Sphere(_POINT_RADIUS), pose_matrix(tip))
-        return tip, nearest_separation([dot], [one for one in bodies if one.name in fixed])
+        return tip, nearest_separation(
+            [point_body(tip)], [one for one in bodies if one.name in fixed]
+        )
 
     closed, opened = sorted(ends_of_joints, key=lambda there: far_end(there)[1].distance)
     half = closed + _AJAR * (opened - closed)
