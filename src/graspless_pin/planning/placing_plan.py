@@ -166,11 +166,8 @@ def parts_of(
     Raises:
         ArgumentError: If the arms of these fingers differ, or a mount has a single finger.
     """
-    bases = [names for names, _ in hand.tree.bases]
-    of_finger = {
-        name: next(k for k, own in enumerate(bases) if hand.fingers[name].joints[0] in own)
-        for name in fingers
-    }
+    tree = hand.tree
+    of_finger = {name: tree.mount_of[hand.fingers[name].joints[0]] for name in fingers}
     groups = {k: [name for name in fingers if of_finger[name] == k] for k in of_finger.values()}
     arms = {k: None if move_base else _arm_of(hand, own) for k, own in groups.items()}
     if together and any(arms.values()):
@@ -178,15 +175,15 @@ def parts_of(
             "together", "moves the bases of arms: ask for that, too, with move_base (--move-base)"
         )
     lone = [own[0] for own in groups.values() if len(own) == 1 and not is_fixed_jaw(hand, own[0])]
-    if len(bases) > 1 and lone and not together:
+    if len(tree.bases) > 1 and lone and not together:
         raise ArgumentError(
             "together",
             f"{', '.join(lone)} are the only fingers of their mounts, and grip with the others as "
             "one body; ask for that (--together)",
         )
-    if together or len(bases) == 1:
+    if together or len(tree.bases) == 1:
         arm = arms[next(iter(arms))]
-        mounts = () if arm else tuple(range(len(bases)))
+        mounts = () if arm else tuple(range(len(tree.bases)))
         return (_part(hand, tuple(fingers), mounts, arm, rng),)
     return tuple(
         _part(hand, tuple(own), () if arms[k] else (k,), arms[k], rng) for k, own in groups.items()
@@ -214,8 +211,7 @@ def _part(
     rng: np.random.Generator,
 ) -> HandPart:
     tree = hand.tree
-    bases = [names for names, _ in tree.bases]
-    links = frozenset(link for k in mounts for link in bases[k] if link in tree.link_frames)
+    links = frozenset(link for link in tree.link_frames if tree.mount_of.get(link) in mounts)
     moved = links
     if arm is not None:
         links, moved = arm.links(tree), arm.moved_links(tree)

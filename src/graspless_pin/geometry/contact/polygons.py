@@ -22,6 +22,7 @@ SAME = 1e-7
 
 _PARALLEL = 5e-3  # rad: segments closer in direction than this touch along a line
 _TIE = 1e-9
+_SAME_COORDINATE = 1e-6  # m
 
 
 def planar_hull(points: Iterable[Point], straight: float = SAME) -> Polygon:
@@ -157,16 +158,11 @@ def _segment_intersection(first: Polygon, second: Polygon) -> Polygon:
     return [(a[0] + s * ux, a[1] + s * uy) for s in ends]
 
 
-def first_corner(keys: list[list[float]], resolution: float = 1e-6) -> int:
-    """Index of the corner whose key comes first.
-
-    Args:
-        keys: One list of coordinates per corner, in a frame that moves with a body.
-        resolution: Coordinates that differ by less are the same, m.
-    """
+def first_corner(keys: list[list[float]]) -> int:
+    """Index of the corner whose key comes first: coordinates in a frame that moves with a body."""
     candidates = list(range(len(keys)))
     for axis in range(len(keys[0])):
-        least = min([keys[k][axis] for k in candidates]) + resolution
+        least = min([keys[k][axis] for k in candidates]) + _SAME_COORDINATE
         candidates = [k for k in candidates if keys[k][axis] <= least]
         if len(candidates) == 1:
             break

@@ -420,6 +420,7 @@ def assembled_mounts(
 
 _ANYWHERE = (
     "joint_index",
+    "mount_of",
     "leader_names",
     "joint_kinds",
     "tolerated",
@@ -443,15 +444,15 @@ def displaced_tree(tree: KinematicTree, ways: Sequence[FloatArray]) -> Kinematic
         ways: (4, 4) by mounted robot, world axes.
     """
     model, steps = tree.pinocchio_model.copy(), [pin.SE3(np.array(T)) for T in ways]
-    way_of = {name: k for k, (names, _) in enumerate(tree.bases) for name in names}
+    mount_of = tree.mount_of
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
-            way = steps[way_of[model.names[joint]]]
+            way = steps[mount_of[model.names[joint]]]
             model.jointPlacements[joint] = way * model.jointPlacements[joint]
     for index in range(1, model.nframes):
         frame = model.frames[index]
         if frame.parentJoint == 0:
-            frame.placement = steps[way_of[frame.name]] * frame.placement
+            frame.placement = steps[mount_of[frame.name]] * frame.placement
     bases = tuple(
         (names, way.act(inertia)) for way, (names, inertia) in zip(steps, tree.bases, strict=True)
     )
@@ -459,7 +460,7 @@ def displaced_tree(tree: KinematicTree, ways: Sequence[FloatArray]) -> Kinematic
     geometries = tuple(
         item
         if item.joint
-        else replace(item, T_joint_geometry=ways[way_of[item.link]] @ item.T_joint_geometry)
+        else replace(item, T_joint_geometry=ways[mount_of[item.link]] @ item.T_joint_geometry)
         for item in tree.geometries
     )
     moved = replace(tree, pinocchio_model=model, geometries=geometries, bases=bases)

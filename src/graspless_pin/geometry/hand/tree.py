@@ -118,6 +118,11 @@ class KinematicTree(Brief, Record):
         return {name: index for index, name in enumerate(self.joint_names)}
 
     @cached_property
+    def mount_of(self) -> Mapping[str, int]:
+        """Which of the mounted robots a joint or frame is of, by its name."""
+        return {name: k for k, (names, _) in enumerate(self.bases) for name in names}
+
+    @cached_property
     def leader_names(self) -> tuple[str, ...]:
         """(a) names of the independent joints."""
         return tuple(self.joint_names[index] for index in self.coupling.leaders)

@@ -164,8 +164,9 @@ def carrier_of(hand: Hand, finger: str) -> int:
 def carrier_links(hand: Hand, finger: str) -> tuple[str, ...]:
     """Return the links with shapes of the body that a finger hangs on, such as a fixed jaw."""
     tree, carrier = hand.tree, carrier_of(hand, finger)
-    robot = next(names for names, _ in tree.bases if hand.fingers[finger].joints[0] in names)
-    own = [item.link for item in tree.geometries if item.joint == carrier and item.link in robot]
+    mount = tree.mount_of[hand.fingers[finger].joints[0]]
+    carried = [item.link for item in tree.geometries if item.joint == carrier]
+    own = [link for link in carried if tree.mount_of[link] == mount]
     return tuple(dict.fromkeys(own))
 
 

@@ -109,8 +109,7 @@ def _deepest(
 def pairs_of(tree: KinematicTree) -> NDArray[np.intp]:
     """Return the (P, 2) pairs of a hand's shapes that `unwanted_overlaps` compares, i below j."""
     parents = [int(parent) for parent in tree.pinocchio_model.parents]
-    robot_of = {name: k for k, (names, _) in enumerate(tree.bases) for name in names}
-    robots = [robot_of[link] for link in tree.shapes.names]
+    robots = [tree.mount_of[link] for link in tree.shapes.names]
     joints = [item.joint for item in tree.geometries]
     apart, of_one_robot = [], []
     for j in range(len(joints)):
