@@ -13,7 +13,7 @@ import psutil
 from tabulate import tabulate
 
 from graspless_pin import Evaluator, Scene, load_scene
-from graspless_pin.scene.batch_states import PlainProblems
+from graspless_pin.scene.batch_states import BatchContactFinder
 
 _SCENE = Path(__file__).parents[1] / "examples" / "allegro_box_on_slope.yaml"
 _STATES = 100_000
@@ -85,7 +85,7 @@ def _row(name: str, evaluator: Evaluator, states: np.ndarray) -> list[str]:
         for q in few:
             _ = one.evaluate(q).margin
 
-    hand = PlainProblems(evaluator.scene, collisions=False)
+    hand = BatchContactFinder(evaluator.scene, collisions=False)
     ways: list[tuple[Callable[[], object], int]] = [
         (loop, len(few)),
         (lambda: hand.at(some), len(some)),
@@ -158,7 +158,7 @@ def cold(evaluator: Evaluator, count: int) -> np.ndarray:
     """
     rng, (lower, upper) = np.random.default_rng(2), evaluator.joint_limits
     hand: Any = evaluator.scene.hand
-    loops: Any = PlainProblems(evaluator.scene)
+    loops: Any = BatchContactFinder(evaluator.scene)
     home = evaluator.configuration()
     shapes = hand.tree.shapes.names
     states = rng.uniform(lower, upper, (count, len(home)))

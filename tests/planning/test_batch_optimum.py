@@ -27,7 +27,7 @@ from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import batch_states
-from graspless_pin.scene.batch_states import PlainProblems, solids_of
+from graspless_pin.scene.batch_states import BatchContactFinder, solids_of
 
 SCENE = "allegro_box_on_slope"
 pytestmark = pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
@@ -166,7 +166,7 @@ def test_loops_find_what_pinocchio_and_the_search_for_contacts_do(path):
     if evaluator.scene.hand is None:
         pytest.skip("no hand")
     tree, rng = evaluator.scene.hand.tree, np.random.default_rng(9)
-    loops = PlainProblems(evaluator.scene)
+    loops = BatchContactFinder(evaluator.scene)
     q = np.array([nearby(evaluator, rng, 2e-4) for _ in range(4)] + [evaluator.joint_limits[0]])
     q[4, 0] -= 1.0
     states = loops.at(q)
@@ -200,10 +200,10 @@ def test_loops_leave_a_link_with_several_shapes_near_the_object_to_the_search(mo
 
     evaluator = Evaluator(example(SCENE))
     q = evaluator.configuration()[None]
-    apart = PlainProblems(evaluator.scene).at(q)
+    apart = BatchContactFinder(evaluator.scene).at(q)
     assert apart is not None and apart.counts.tolist() == [3]
     monkeypatch.setattr(batch_states, "solids_of", of_one_link)
-    together = PlainProblems(evaluator.scene).at(q)
+    together = BatchContactFinder(evaluator.scene).at(q)
     assert together is not None and together.counts.tolist() == [-1]
 
 

@@ -242,7 +242,7 @@ def test_documents_state_loads_and_are_verified(tmp_path: Path) -> None:
         ({"acceleration": {"joint_velocities": {"elbow": 1.0}}}, "unknown independent joint"),
         ({"acceleration": {"of": "object", "joint_velocities": {"joint_1.0": 1.0}}}, "object"),
         ({"acceleration": {"of": "arm"}}, r"acceleration.of"),
-        ({"acceleration": {"of": "object"}}, "says of what, and not how"),
+        ({"acceleration": {"of": "object"}}, "found only 'of' and 'at'; needs at least one of"),
     ],
 )
 def test_files_that_are_wrong_name_the_key(

@@ -328,7 +328,7 @@ def evaluated_states(
 def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
     """Solve states: by loops where they can, else one after the other."""
     names = tuple(possible_columns(solver.configurations.scene.hand))
-    found = StateFigures.room(states.total, len(names))
+    found = StateFigures.empty(states.total, len(names))
 
     def alone(number: int, clear: bool) -> None:
         found.put(number, solver.solved(*states.one(number), clear=clear), names)
@@ -362,7 +362,9 @@ def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Ar
     def alone(number: int, clear: bool) -> None:
         feasible[number] = solver.reaches(*states.one(number), margin, clear=clear)
 
-    found = StateFigures.room(states.total, len(possible_columns(solver.configurations.scene.hand)))
+    found = StateFigures.empty(
+        states.total, len(possible_columns(solver.configurations.scene.hand))
+    )
     q = _looped(solver, states) if margin >= 0.0 else None  # below zero none is asked for
     solver.loops.optima_of_states(q, Margin(), found, alone, margin)
     looped = found.contact_counts > 0

@@ -252,8 +252,8 @@ def squeeze_window(
 
     if isinstance(subject, Scene) and subject.controller.holds_joints:
         raise ArgumentError(
-            "subject", "holds its joints in their positions, so that torques do not count; ask "
-            "with constant torques or a stiffness as its controller"
+            "subject", "has the controller 'position': joint torques have no effect; set it to "
+            "'torque' or a stiffness (N m/rad)"
         )  # fmt: skip
     first = verdict_on(given)
     way = _direction(problem, direction, first)

@@ -34,7 +34,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
-from graspless_pin.scene.batch_states import PlainProblems, PlainStates, loops_of
+from graspless_pin.scene.batch_states import BatchContactFinder, BatchContacts, loops_of
 from graspless_pin.scene.load_wrenches import carried_loads
 from graspless_pin.scene.problem_data import jointed_contacts, loads_of, possible_columns
 from graspless_pin.scene.scene_findings import StateChecks, state_findings
@@ -65,8 +65,8 @@ class StateFigures(NamedTuple):
     coverages: NDArray[np.uint8]
 
     @classmethod
-    def room(cls, count: int, torque_count: int) -> StateFigures:
-        """Return room for states, each without a problem."""
+    def empty(cls, count: int, torque_count: int) -> StateFigures:
+        """Return arrays for `count` states, filled with NaN; none has a problem."""
         figures, torques = np.full((count, 6), np.nan), np.full((count, torque_count), np.nan)
         figures[:, 0] = -np.inf
         codes, counts = np.full(count, _FOUND, np.uint8), np.zeros(count, np.int32)
@@ -143,13 +143,13 @@ class StateLoops:
         self._starts = starts
 
     @cached_property
-    def _plain(self) -> PlainProblems:
+    def _finder(self) -> BatchContactFinder:
         """What finds contacts in loops, and keeps what states with the same contacts share."""
-        return PlainProblems(self._at.scene, collisions=self._checks.collisions)
+        return BatchContactFinder(self._at.scene, collisions=self._checks.collisions)
 
     def learn(self, scene: Scene, problem: QuasistaticProblem) -> None:
         """Keep what a problem that was solved by itself shares with those of the same contacts."""
-        self._plain.learn(scene, problem)
+        self._finder.store(scene, problem)
 
     def optima_of_states(
         self,
@@ -189,14 +189,14 @@ class StateLoops:
         for number in left:
             alone(number, clear[number])
 
-    def posed(self, q: FloatArray, objective: Objective) -> PlainStates | None:  # noqa: ARG002
+    def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:  # noqa: ARG002
         """Return configurations (K, a) posed by loops; None: they cannot be."""
-        return None if self._at.scene.hand is None else self._plain.at(q)
+        return None if self._at.scene.hand is None else self._finder.at(q)
 
     def _groups(
         self,
         q: FloatArray,
-        states: PlainStates,
+        states: BatchContacts,
         objective: Objective,
         enough: float | None,  # noqa: ARG002 - here optima are as cheap
         found: StateFigures,
@@ -214,7 +214,7 @@ class StateLoops:
             order = self._sound(shapes, touching, q, states, found)
             yield order, partial(self._advance, shapes, objective, order, states, found)
 
-    def answer(self, states: PlainStates, objective: Objective) -> WarmAnswer | None:
+    def answer(self, states: BatchContacts, objective: Objective) -> WarmAnswer | None:
         """Solve one state as many are; None: it has to be solved by itself.
 
         Args:
@@ -224,17 +224,17 @@ class StateLoops:
         if states.counts[0] < 0 or states.doubtful[0]:
             return None
         shapes = tuple(states.shapes[0, : states.counts[0]].tolist())
-        alike = self._plain.alike(shapes)
-        if alike is None or (self._checks.need_hand and not shapes):
+        shared = self._finder.shared_data(shapes)
+        if shared is None or (self._checks.need_hand and not shapes):
             return None
-        bodies, carriers, problem = alike
+        bodies, carriers, problem = shared
         starts = self._starts.for_contacts(bodies, problem, objective)
         if not starts.is_due():
             return None
         figures, torques = np.empty((1, 6)), np.empty(states.weights.shape)
         optimum = state_optimum(
             problem, objective, self._options, starts.new_for_loops(), starts.for_loops, states,
-            self._plain.moves, carriers, *self._plain.frame, figures, torques,
+            self._finder.moves, carriers, *self._finder.frame, figures, torques,
         )  # fmt: skip
         starts.count(optimum is not None)
         if optimum is None:
@@ -243,7 +243,7 @@ class StateLoops:
         names, units = problem.joint_names, problem.joint_units
         return WarmAnswer(objective, rules, optimum, margin, torques[0], names, units)
 
-    def reaches(self, states: PlainStates, margin: float) -> bool | None:
+    def reaches(self, states: BatchContacts, margin: float) -> bool | None:
         """Tell whether one state is proven to reach a margin, N; None: see `answer`."""
         answer = self.answer(states, Margin())
         if answer is None:
@@ -255,7 +255,7 @@ class StateLoops:
         shapes: tuple[int, ...],
         order: NDArray[np.intp],
         q: FloatArray,
-        states: PlainStates,
+        states: BatchContacts,
         found: StateFigures,
     ) -> NDArray[np.intp]:
         """Return those of some states that have no serious finding, and enter it for the others.
@@ -285,22 +285,22 @@ class StateLoops:
         shapes: tuple[int, ...],
         objective: Objective,
         order: NDArray[np.intp],
-        states: PlainStates,
+        states: BatchContacts,
         found: StateFigures,
         begin: int,
     ) -> int:
         """Solve states with the same contacts from one on; how many before one needs more."""
-        alike = self._plain.alike(shapes)
-        if alike is None:
+        shared = self._finder.shared_data(shapes)
+        if shared is None:
             return 0
-        bodies, carriers, problem = alike
+        bodies, carriers, problem = shared
         starts = self._starts.for_contacts(bodies, problem, objective)
         if not starts.is_due():
             return 0
         order = order[begin:]
         count = optima_of_states(
             problem, objective, self._options, starts.new_for_loops(), starts.for_loops, order,
-            states, self._plain.moves, carriers, *self._plain.frame, found.figures, found.torques,
+            states, self._finder.moves, carriers, *self._finder.frame, found.figures, found.torques,
         )  # fmt: skip
         starts.count(count)
         found.contact_counts[order[:count]] = problem.contact_count
@@ -330,10 +330,10 @@ class AttachedLoops(StateLoops):
             starts = self._starts.for_contacts(self._at.touching.bodies, self._problem, objective)
             sweep.learn(self._problem, starts.best)
 
-    def answer(self, states: PlainStates, objective: Objective) -> None:
+    def answer(self, states: BatchContacts, objective: Objective) -> None:
         """Return None: a whole answer is solved by itself."""
 
-    def reaches(self, states: PlainStates, margin: float) -> bool | None:
+    def reaches(self, states: BatchContacts, margin: float) -> bool | None:
         """Do what `StateLoops.reaches` does, with no more than one state needs."""
         if states.counts[0] < 0 or states.doubtful[0]:
             return None
@@ -344,17 +344,17 @@ class AttachedLoops(StateLoops):
         _, value, _, _, _, unit = figures[0].tolist()
         return is_reached(value, unit, margin)
 
-    def posed(self, q: FloatArray, objective: Objective) -> PlainStates | None:
+    def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:
         """Do what `StateLoops.posed` does; None: loops are not for this objective, too."""
         cone = CONE_MODELS[self._at.scene.cone]
         if self._loops is None or not are_for(cone, objective, self._options):
             return None
-        return PlainStates(*self._loops.at(q))
+        return BatchContacts(*self._loops.at(q))
 
     def _groups(
         self,
         q: FloatArray,
-        states: PlainStates,
+        states: BatchContacts,
         objective: Objective,
         enough: float | None,
         found: StateFigures,
@@ -379,7 +379,7 @@ class AttachedLoops(StateLoops):
 
         yield order, advance
 
-    def _loads(self, states: PlainStates, order: Any) -> FloatArray:
+    def _loads(self, states: BatchContacts, order: Any) -> FloatArray:
         """Return (K, 2M + 6 + 3L) what bears on the contacts of some states as loops take it."""
         at, problem = self._at, self._problem
         kinematics = Kinematics(states.poses[order], states.columns[order])

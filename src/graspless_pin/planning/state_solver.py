@@ -25,7 +25,7 @@ from graspless_pin.planning.state_loops import AttachedLoops, StateLoops, is_rea
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
-from graspless_pin.scene.batch_states import PlainStates
+from graspless_pin.scene.batch_states import BatchContacts
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.scene_findings import ALL_CHECKS, StateChecks
 from graspless_pin.scene.scene_stability import rest_model_of
@@ -262,7 +262,7 @@ class StateSolver:
 
     def _in_loops(
         self, q: Any, T_world_object: Any, twist: Any, objective: Objective
-    ) -> PlainStates | None:
+    ) -> BatchContacts | None:
         """Return a state posed by loops; None: they do not take it."""
         if T_world_object is not None or twist is not None:
             return None
@@ -304,7 +304,7 @@ class StateSolver:
         return rest_model_of(scene) if self.options.strong else None
 
 
-def _is_clear(known: PlainStates | None) -> bool:
+def _is_clear(known: BatchContacts | None) -> bool:
     """Return whether loops have proven that the hand is deep in nothing."""
     return known is not None and not known.doubtful[0]
 

@@ -34,7 +34,7 @@ from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_findings import StateChecks
-from graspless_pin.scene.uncertain import check_center, corners_in, solve_uncertain
+from graspless_pin.scene.uncertain import check_offsets, corners_in, solve_uncertain
 from graspless_pin.scene.uncertain_figures import check_names_in
 from graspless_pin.tree_search import Limits
 
@@ -295,7 +295,7 @@ def _check_figures(scene: Scene, uncertainty: Uncertainty) -> None:
     Raises:
         ArgumentError: Naming them.
     """
-    check_center(scene, uncertainty)
+    check_offsets(scene, uncertainty)
     check_names_in(scene, uncertainty)
     if any(figures_in(uncertainty.contact_position)):
         raise ArgumentError(

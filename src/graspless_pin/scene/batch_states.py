@@ -32,8 +32,8 @@ from graspless_pin.scene.scene import Scene
 _MOST_KEPT = 256
 
 
-class PlainStates(NamedTuple):
-    """What loops find of S configurations, see `compiled.core`.
+class BatchContacts(NamedTuple):
+    """Contacts of S configurations, found by the compiled loops: see `compiled.core`.
 
     Attributes:
         counts: (S,) contacts with the hand; -1 where `Scene.problem` has to be asked.
@@ -62,7 +62,7 @@ class PlainStates(NamedTuple):
             yield tuple(kind[kind >= 0].tolist()), some[kind_of.ravel() == number]
 
 
-class Alike(NamedTuple):
+class SharedContactData(NamedTuple):
     """What problems with the same contacts share.
 
     Attributes:
@@ -76,7 +76,7 @@ class Alike(NamedTuple):
     problem: QuasistaticProblem
 
 
-class PlainProblems:
+class BatchContactFinder:
     """Contacts of one scene's hand in other configurations."""
 
     def __init__(self, scene: Scene, *, collisions: bool = True) -> None:
@@ -89,20 +89,20 @@ class PlainProblems:
         """
         self._scene = scene
         self._collisions = collisions
-        self._known: dict[tuple[str, ...], Alike] = Bounded(_MOST_KEPT)
+        self._known: dict[tuple[str, ...], SharedContactData] = Bounded(_MOST_KEPT)
 
-    def at(self, q: FloatArray) -> PlainStates | None:
-        """Return what loops find of configurations.
+    def at(self, q: FloatArray) -> BatchContacts | None:
+        """Return the contacts in configurations.
 
         Args:
             q: (S, a) positions of the hand's independent joints, rad or m.
 
         Returns:
-            None where they find nothing in this scene.
+            None: the compiled loops do not handle this scene.
         """
-        return None if self._loops is None else PlainStates(*self._loops.at(q))
+        return None if self._loops is None else BatchContacts(*self._loops.at(q))
 
-    def alike(self, shapes: tuple[int, ...]) -> Alike | None:
+    def shared_data(self, shapes: tuple[int, ...]) -> SharedContactData | None:
         """Return what problems share in which some shapes touch, if it is known."""
         names = self._scene.hand.tree.shapes.names if self._scene.hand is not None else ()
         return self._known.get(tuple([names[shape] for shape in shapes]))
@@ -117,7 +117,7 @@ class PlainProblems:
         """(3,) what positions are about, and (A, 3) the directions that tangents lie along."""
         return self._scene.object.center_of_mass_world, self._axes
 
-    def learn(self, scene: Scene, problem: QuasistaticProblem) -> None:
+    def store(self, scene: Scene, problem: QuasistaticProblem) -> None:
         """Keep what a problem shares with those of the same contacts.
 
         Args:
@@ -134,7 +134,9 @@ class PlainProblems:
             return
         arrays = scene.contacts.arrays
         touching = arrays.bodies[: arrays.hand_count]
-        self._known[touching] = Alike(arrays.bodies, joints_of(own.hand.tree, touching), problem)
+        self._known[touching] = SharedContactData(
+            arrays.bodies, joints_of(own.hand.tree, touching), problem
+        )
 
     @cached_property
     def _axes(self) -> FloatArray:

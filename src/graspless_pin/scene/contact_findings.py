@@ -41,14 +41,14 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
     Both are measured by ``contact_tolerance``. Bodies without shapes are left out.
     """
     pieces = pieces_by_body(scene)
-    made, tolerance = scene.object, scene.contact_tolerance
+    target, tolerance = scene.object, scene.contact_tolerance
     off: list[tuple[float, int, str]] = []
     outward: list[int] = []
     for index, contact in enumerate(scene.given_contacts or ()):
         gaps = {
             name: abs(float(distances_to_point(bodies, contact.position).min()))
             for name, bodies in (
-                (f"object '{made.name}'", made.placed_bodies),
+                (f"object '{target.name}'", target.placed_bodies),
                 (f"'{contact.body}'", pieces[contact.body]),
             )
             if len(bodies)
@@ -57,16 +57,16 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
         if far:
             words = " and ".join(f"{in_mm(gap)} from the surface of {on}" for gap, on in far)
             off.append((max(far)[0], index, words))
-        elif _points_out(made.placed_bodies, contact.position, contact.normal, tolerance):
+        elif _points_out(target.placed_bodies, contact.position, contact.normal, tolerance):
             outward.append(index)
     if outward:
         several = len(outward) > 1
         yield Finding(
             FindingCode.NORMAL_POINTS_OUT,
-            made.name,
+            target.name,
             f"the normal{'s' * several} of stated contact{'s' * several} "
             f"{', '.join(map(str, outward))} point{'s' * (not several)} out of object "
-            f"'{made.name}'",
+            f"'{target.name}'",
             "turn it round: normals point from the other body into the object",
             ("contacts", outward[0], "normal"),
         )
@@ -75,7 +75,7 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
         others = f" ({len(off) - 1} more are off)" if len(off) > 1 else ""
         yield Finding(
             FindingCode.CONTACT_OFF_SURFACE,
-            made.name,
+            target.name,
             f"stated contact {index} is {words}{others}",
             "give the point where they touch, in metres and world axes; if the shapes are simpler "
             f"than the bodies, raise contact_tolerance ({in_mm(tolerance)})",
@@ -248,7 +248,7 @@ def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
         if most[far] <= _UNEVEN_GAPS * tolerance:
             continue
         near = int(np.argmax(left[far]))
-        gap, made = in_mm(gaps[far]), scene.object.name
+        gap, object_name = in_mm(gaps[far]), scene.object.name
         beside = f"'{names[near]}', rigid with it,"
         if names[near] == name:
             beside = "another of its contacts"
@@ -256,7 +256,7 @@ def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
         yield Finding(
             FindingCode.UNEVEN_GAPS,
             name,
-            f"'{name}' is {gap} from object '{made}' at one contact, where {beside} is "
+            f"'{name}' is {gap} from object '{object_name}' at one contact, where {beside} is "
             f"{in_mm(gaps[near])} from it: both count as contacts that bear, and they only touch "
             f"at once if the bodies turn by {angle:.2g} degrees",
             "correct their poses (q, base_pose, settle), or leave this contact out: "

@@ -131,21 +131,21 @@ _LARGEST_OBJECT = 5.0  # m, of what hands move
 _USUAL_OBJECT = 0.1  # m, of most
 
 
-def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Finding]:
+def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[Finding]:
     """Find a density that no material has, and a size that no hand holds.
 
     Args:
-        made: The object.
+        target: The object.
         beside_hand: Whether there is a hand.
     """
-    low, high = box_around(made)
+    low, high = box_around(target)
     size = high - low
-    density = made.mass / made.shape.filling().volume
+    density = target.mass / target.shape.filling().volume
     if beside_hand and size.max() > _LARGEST_OBJECT:
         yield Finding(
             FindingCode.UNLIKELY_SIZE,
-            made.name,
-            f"object '{made.name}' is {_lengths(size)} m large, beside a hand",
+            target.name,
+            f"object '{target.name}' is {_lengths(size)} m large, beside a hand",
             f"give lengths in metres: it looks like {_in_metres(size)}?",
             ("object", "shape"),
         )
@@ -153,24 +153,24 @@ def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Fin
         heavy = density > _POSSIBLE_DENSITIES[1]
         yield Finding(
             FindingCode.UNLIKELY_DENSITY,
-            made.name,
-            f"object '{made.name}' has {density:.3g} kg/m^3, which is "
+            target.name,
+            f"object '{target.name}' has {density:.3g} kg/m^3, which is "
             + ("more than any metal has" if heavy else "less than air has"),
-            f"give the mass in kilograms and lengths in metres{_meant(made, density, size)}",
+            f"give the mass in kilograms and lengths in metres{_meant(target, density, size)}",
             ("object", "mass"),
         )
 
 
-def box_around(made: ManipulatedObject) -> tuple[FloatArray, FloatArray]:
+def box_around(target: ManipulatedObject) -> tuple[FloatArray, FloatArray]:
     """Return the (3,) lowest and highest corner of the box around an object, its own axes, m."""
-    solids = solids_of(made.shapes)
+    solids = solids_of(target.shapes)
     low = (solids.centers - solids.half_extents).min(axis=0)
     return low, (solids.centers + solids.half_extents).max(axis=0)
 
 
-def reach_of(made: ManipulatedObject) -> float:
+def reach_of(target: ManipulatedObject) -> float:
     """Return how far an object reaches from its centre of mass at most, m."""
-    pieces, center = made.placed_bodies, made.center_of_mass_world
+    pieces, center = target.placed_bodies, target.center_of_mass_world
     solids = solids_of(pieces.shapes)
     return max(
         float(np.linalg.norm(transformed(T, middle) - center) + reach)
@@ -178,14 +178,14 @@ def reach_of(made: ManipulatedObject) -> float:
     )
 
 
-def _meant(made: ManipulatedObject, density: float, size: FloatArray) -> str:
+def _meant(target: ManipulatedObject, density: float, size: FloatArray) -> str:
     """Return which other unit would make a density possible, and what it would be then."""
     words_by_factor = {
-        1e-3: f"the mass looks like grams, {1e-3 * made.mass:.3g} kg?",
+        1e-3: f"the mass looks like grams, {1e-3 * target.mass:.3g} kg?",
         1e9: f"the size looks like millimetres, {_lengths(1e-3 * size)} m?",
         1e3: f"the density looks like g/cm^3, {1e3 * density:.3g} kg/m^3?",
         1e6: f"it looks like centimetres, {_lengths(1e-2 * size)} m, or millimetres and grams, "
-        f"{_lengths(1e-3 * size)} m and {1e-3 * made.mass:.3g} kg?",
+        f"{_lengths(1e-3 * size)} m and {1e-3 * target.mass:.3g} kg?",
     }
     for factor, words in words_by_factor.items():
         if _POSSIBLE_DENSITIES[0] <= factor * density <= _POSSIBLE_DENSITIES[1]:

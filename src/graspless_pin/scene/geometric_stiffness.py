@@ -61,10 +61,10 @@ def surfaces_of(scene: SceneFields, problem: QuasistaticProblem) -> Mapping[str,
 
 
 def assumed_contacts(scene: SceneFields) -> tuple[int, ...]:
-    """Return the contacts that are stated where object and body have no shapes that touch so.
+    """Return the indices of stated contacts at which the shapes of object and body do not touch.
 
-    Nobody knows how they roll: that their points stay on both bodies is assumed, as on a pointed
-    tip. Round surfaces would make the normal forces hold the better.
+    Their curvature is unknown, so both are treated as points that do not roll. Round surfaces would
+    make the normal forces hold the better.
     """
     if scene.given_contacts is None:
         return ()

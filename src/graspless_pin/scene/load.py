@@ -361,15 +361,17 @@ _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any
 }
 """Of keys that no body depends on: the field of a scene, and what makes it of the file, what the
 key holds, and the names of supports and links."""
-_BESIDE_OTHERS = ("gravity", "loads", "max_normal_force", "tangent_axes")
-"""Those that are checked beside the object's mass, or turn with bodies."""
-FIELDS_BY_KEY = {key: field for key, (field, _) in _PLAIN.items() if key not in _BESIDE_OTHERS}
-"""Keys of which one field of a scene is made that nothing else in the file counts for."""
+_CHECKED_WITH_OTHER_KEYS = ("gravity", "loads", "max_normal_force", "tangent_axes")
+FIELDS_BY_KEY = {
+    key: field for key, (field, _) in _PLAIN.items() if key not in _CHECKED_WITH_OTHER_KEYS
+}
+"""The scene field of each key whose value depends on no other key of the file, and on which no
+other field depends."""
 
 
-def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:
+def _check_weight(file: YamlSource, entry: SceneEntry, target: ManipulatedObject) -> None:
     """Refuse a weight that double precision cannot hold, alone or beside the largest force."""
-    weight = made.mass * math.hypot(*entry.gravity)
+    weight = target.mass * math.hypot(*entry.gravity)
     if 0.0 < weight < SMALLEST_LOAD:
         raise file.error(
             ("gravity",),

@@ -71,13 +71,13 @@ def acting_forces(
     Raises:
         SceneError: See `object_motion`.
     """
-    made, acting = scene.object, list[ActingForce]()
+    target, acting = scene.object, list[ActingForce]()
     motion = object_motion(scene) if motion is None else motion
-    T = made.T_world_object if T_world_object is None else T_world_object
+    T = target.T_world_object if T_world_object is None else T_world_object
     R, none = T[..., :3, :3], np.zeros(3)
-    masses = [("", made.mass, none)]
+    masses = [("", target.mass, none)]
     for load in scene.loads:
-        lever = none if load.at is None else R @ (load.at - made.center_of_mass)
+        lever = none if load.at is None else R @ (load.at - target.center_of_mass)
         if load.force.any() or load.moment.any():
             turns = load.axes == LoadAxes.OBJECT
             turned = R if turns else np.eye(3)
@@ -95,9 +95,9 @@ def acting_forces(
             ]
     if motion is not STILL:
         omega, alpha = motion.velocity[..., 3:], motion.acceleration[..., 3:]
-        center, turning = R @ made.center_of_mass + T[..., :3, 3], none
+        center, turning = R @ target.center_of_mass + T[..., :3, 3], none
         if omega.any() or alpha.any():
-            inertia = R @ made.own_inertia @ np.swapaxes(R, -1, -2)
+            inertia = R @ target.own_inertia @ np.swapaxes(R, -1, -2)
             moment, spin = ((inertia @ one[..., None])[..., 0] for one in (alpha, omega))
             turning = -(moment + np.cross(omega, spin))
         for of, mass, lever in masses:
@@ -134,11 +134,11 @@ def object_inertia(scene: SceneFields) -> FloatArray:
     Raises:
         MeshError: See `ManipulatedObject.own_inertia`.
     """
-    made, inertia = scene.object, scene.object.spatial_inertia()
+    target, inertia = scene.object, scene.object.spatial_inertia()
     for load in scene.loads:
         if load.mass:
-            at = made.center_of_mass if load.at is None else load.at
-            lever = made.T_world_object[:3, :3] @ (at - made.center_of_mass)
+            at = target.center_of_mass if load.at is None else load.at
+            lever = target.T_world_object[:3, :3] @ (at - target.center_of_mass)
             W = wrench_map(lever[None])
             inertia = inertia + load.mass * W @ W.T
     return inertia

@@ -174,22 +174,22 @@ def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> I
 
 def _figures(scene: SceneFields) -> Iterator[Finding]:
     """Find figures that look like another unit or a placeholder."""
-    made, gravity = scene.object, float(np.linalg.norm(scene.gravity))
-    yield from unit_findings(made, beside_hand=scene.hand is not None)
-    lowest, highest = box_around(made)
+    target, gravity = scene.object, float(np.linalg.norm(scene.gravity))
+    yield from unit_findings(target, beside_hand=scene.hand is not None)
+    lowest, highest = box_around(target)
     slack = 1e-6 * (highest - lowest)
-    center = made.center_of_mass
+    center = target.center_of_mass
     if (center < lowest - slack).any() or (center > highest + slack).any():
         yield Finding(
             FindingCode.CENTER_OUTSIDE,
-            made.name,
-            f"the centre of mass {np.round(center, 6).tolist()} m of object '{made.name}' lies "
+            target.name,
+            f"the centre of mass {np.round(center, 6).tolist()} m of object '{target.name}' lies "
             "outside the box around its shape",
             "give center_of_mass in the object's own frame, in metres"
             + meant_lengths(center, np.maximum(-lowest, highest)),
             ("object", "center_of_mass"),
         )
-    yield from _loads(scene, max(gravity, _LEAST_GRAVITY) * made.mass, (lowest, highest))
+    yield from _loads(scene, max(gravity, _LEAST_GRAVITY) * target.mass, (lowest, highest))
     if gravity > _STRONGEST_GRAVITY:
         yield Finding(
             FindingCode.UNLIKELY_GRAVITY,
@@ -226,10 +226,10 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
                 "for steel, 0.8 for rubber",
                 key,
             )
-    if scene.max_normal_force >= max(_UNLIMITED_FORCE, _FORCE_OVER_WEIGHT * made.mass * gravity):
+    if scene.max_normal_force >= max(_UNLIMITED_FORCE, _FORCE_OVER_WEIGHT * target.mass * gravity):
         yield Finding(
             FindingCode.PLACEHOLDER_FORCE,
-            made.name,
+            target.name,
             f"the largest normal force, {scene.max_normal_force:g} N, looks like a placeholder",
             "give the force that the bodies bear: the margin counts the room up to it",
             ("max_normal_force",),
@@ -246,11 +246,11 @@ def _loads(
         weight: Of its object, N.
         box: The lowest and the highest corner of the box around it, its own axes, m.
     """
-    made = scene.object
+    target = scene.object
     for index, load in enumerate(scene.loads):
         force = float(np.linalg.norm(load.force))
         for name, figure, unit, of, most in (
-            ("mass", load.mass, "kg", "mass", _HEAVIEST_LOAD * made.mass),
+            ("mass", load.mass, "kg", "mass", _HEAVIEST_LOAD * target.mass),
             ("force", force, "N", "weight", _HEAVIEST_LOAD * weight),
         ):
             if figure > most:
@@ -258,18 +258,20 @@ def _loads(
                     FindingCode.UNLIKELY_LOAD,
                     load.name,
                     f"the {name} of load '{load.name}', {figure:g} {unit}, is "
-                    f"{_HEAVIEST_LOAD * figure / most:.3g} times the {of} of object '{made.name}'",
+                    f"{_HEAVIEST_LOAD * figure / most:.3g} times the {of} of object "
+                    f"'{target.name}'",
                     f"give it in {unit}",
                     ("loads", index, name),
                 )
         lowest, highest = box
-        at = made.center_of_mass if load.at is None else load.at
+        at = target.center_of_mass if load.at is None else load.at
         away = float(np.maximum(lowest - at, at - highest).max())
         if away > float((highest - lowest).max()):
             yield Finding(
                 FindingCode.UNLIKELY_LOAD,
                 load.name,
-                f"load '{load.name}' acts {away:.3g} m outside the box around object '{made.name}'",
+                f"load '{load.name}' acts {away:.3g} m outside the box around object "
+                f"'{target.name}'",
                 "give 'at' in the object's own frame, in metres",
                 ("loads", index, "at"),
             )

@@ -129,7 +129,10 @@ class AccelerationEntry(Entry):
     @model_validator(mode="after")
     def _is_something(self) -> AccelerationEntry:
         if self.model_fields_set <= {"of", "at"}:
-            raise ValueError("says of what, and not how; give 'linear', 'angular' or joints")
+            raise ValueError(
+                "found only 'of' and 'at'; needs at least one of 'linear', 'angular', "
+                "'angular_velocity', 'joint_velocities', 'joint_accelerations'"
+            )
         return self
 
 

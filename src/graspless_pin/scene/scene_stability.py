@@ -364,18 +364,18 @@ def scene_of_member(scene: _Scene, member: Member) -> _Scene:
     """
     changed, corner = scene, member.corner
     if corner is not None:
-        made = scene.object
+        target = scene.object
         loads = [
-            load if load.at is not None else replace(load, at=made.center_of_mass)
+            load if load.at is not None else replace(load, at=target.center_of_mass)
             for load in scene.loads
         ]
         if corner.force.any() or corner.moment.any():
-            loads.append(Load(_PUSH, corner.force, corner.moment, at=made.center_of_mass))
+            loads.append(Load(_PUSH, corner.force, corner.moment, at=target.center_of_mass))
         heavier = replace(
-            made,
-            mass=(1.0 + corner.mass) * made.mass,
-            center_of_mass=made.center_of_mass + corner.center_of_mass,
-            inertia=None if made.inertia is None else (1.0 + corner.mass) * made.inertia,
+            target,
+            mass=(1.0 + corner.mass) * target.mass,
+            center_of_mass=target.center_of_mass + corner.center_of_mass,
+            inertia=None if target.inertia is None else (1.0 + corner.mass) * target.inertia,
         )
         changed = scene.with_changes(
             object=heavier,

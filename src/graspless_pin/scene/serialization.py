@@ -44,7 +44,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         scene: The scene.
         path_text: Returns how the file names another file.
     """
-    hand, made, motion, controller = scene.hand, scene.object, scene.motion, scene.controller
+    hand, target, motion, controller = scene.hand, scene.object, scene.motion, scene.controller
     in_a_word = isinstance(controller.stiffness, str) and controller.damping == DAMPING
     of_hand = {
         "hybrid_force_limit": scene.hybrid_force_limit,
@@ -56,13 +56,13 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         "gravity": scene.gravity,
         "hand": None if hand is None else stated_hand(hand, path_text) | of_hand,
         "object": {
-            "name": made.name,
-            "shape": made.shape.stated(path_text),
-            "mass": made.mass,
-            "center_of_mass": made.center_of_mass,
-            "inertia": made.inertia,
-            "material": made.material,
-            "pose": _pose(made.T_world_object),
+            "name": target.name,
+            "shape": target.shape.stated(path_text),
+            "mass": target.mass,
+            "center_of_mass": target.center_of_mass,
+            "inertia": target.inertia,
+            "material": target.material,
+            "pose": _pose(target.T_world_object),
         },
         "supports": [
             {

@@ -74,7 +74,7 @@ def solve_uncertain(
     """
     problem = problem_of(scene)
     if isinstance(uncertainty, Uncertainty):
-        check_center(scene, uncertainty)
+        check_offsets(scene, uncertainty)
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
     known = {**_known_of(scene, problem, feedback), "slopes": _slopes(scene, uncertainty)}
 
@@ -287,8 +287,8 @@ def tolerances_of(
     return tolerances(problem, torques, **{**_known_of(scene, problem, feedback), **own, **options})
 
 
-def check_center(scene: SceneFields, uncertainty: Uncertainty) -> None:
-    """Refuse a centre of mass that may be farther off than the object is large.
+def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:
+    """Refuse offsets of the centre of mass or of contacts that are larger than the object.
 
     Raises:
         ArgumentError: It may.
@@ -323,12 +323,12 @@ def weight_of(scene: SceneFields, links: int) -> Weight:
     Raises:
         ArgumentError: If something turns as it accelerates: then mass is not all that counts.
     """
-    made, size = scene.object, float(np.linalg.norm(scene.gravity))
+    target, size = scene.object, float(np.linalg.norm(scene.gravity))
     motion = object_motion(scene)
     if motion.velocity[3:].any() or motion.acceleration[3:].any():
         raise ArgumentError("uncertainty", "is of scenes that do not turn as they accelerate")
     fields = sum((load.field for load in scene.loads), np.zeros(3))
-    steady = made.mass * (fields - motion.acceleration[:3])
+    steady = target.mass * (fields - motion.acceleration[:3])
     payloads = [one for one in acting_forces(scene, STILL) if one.of_gravity]
     other = sum(
         (np.linalg.norm(one.force) * wrench_map(one.lever[None]) for one in payloads),
@@ -338,6 +338,6 @@ def weight_of(scene: SceneFields, links: int) -> Weight:
     if scene.hand is not None and scene.count_own_weight:
         own = np.array([scene.hand.gravity_torques(size * axis) for axis in np.eye(3)]).T
         carried[: len(own)] = own
-    axes = made.T_world_object[:3, :3]
-    force = made.mass * scene.gravity
-    return Weight(force, steady, np.zeros(3), axes, other, carried, made.mass)
+    axes = target.T_world_object[:3, :3]
+    force = target.mass * scene.gravity
+    return Weight(force, steady, np.zeros(3), axes, other, carried, target.mass)

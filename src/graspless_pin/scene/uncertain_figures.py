@@ -24,7 +24,7 @@ def check_names(
     hand: Hand | None,
     supports: Sequence[str],
     materials: Sequence[str],
-    made: str,
+    object_name: str,
 ) -> None:
     """Refuse figures of what a scene does not have.
 
@@ -33,7 +33,7 @@ def check_names(
         hand: The scene's hand.
         supports: Names of the supports.
         materials: Names in the scene's table of materials.
-        made: Name of its object.
+        object_name: Name of its object.
 
     Raises:
         ArgumentError: Naming the key.
@@ -41,7 +41,7 @@ def check_names(
     joints = () if hand is None else (*hand.actuation.names, *possible_columns(hand))
     fingers, links = ((), ()) if hand is None else ((*hand.fingers,), hand.link_names)
     bodies = [*links, *supports]
-    uncertainty.check((*dict.fromkeys(joints),), fingers, bodies, materials, made)
+    uncertainty.check((*dict.fromkeys(joints),), fingers, bodies, materials, object_name)
 
 
 def check_names_in(scene: SceneFields, uncertainty: Uncertainty) -> None:
@@ -106,10 +106,10 @@ def _surfaces(scene: SceneFields) -> list[tuple[Pair | str, ...]]:
 def _materials_of(scene: SceneFields, body: str) -> tuple[Pair | str, ...]:
     """Return the pair of materials that a contact's coefficient is of, and both materials."""
     support = next((one for one in scene.supports if one.name == body), None)
-    own, made = scene.hand_material, scene.object.material
+    own, of_object = scene.hand_material, scene.object.material
     if support is not None:
         own = support.material if support.friction is None else None
-    return () if own is None or made is None else (Pair((own, made)), own, made)
+    return () if own is None or of_object is None else (Pair((own, of_object)), own, of_object)
 
 
 def _of_each(figures: PairFigures, names: Iterable[Sequence[Pair | str]]) -> FloatArray:

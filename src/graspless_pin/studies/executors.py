@@ -237,12 +237,12 @@ class Dispatch:
 
     Attributes:
         study: The study, which may grow between two runs.
-        force: The workers.
+        workforce: The workers.
         keep: Takes rows.
     """
 
     study: Study
-    force: Workforce
+    workforce: Workforce
     keep: Callable[[list[Row]], None]
     _missing: Iterator[int] = field(default_factory=lambda: iter(()))
     _left: int = 0
@@ -270,18 +270,18 @@ class Dispatch:
     def close(self) -> None:
         """Close the workers; keep the rows that they have ready."""
         left = [future for future in self._running if not future.cancel()]
-        self.force.close()
+        self.workforce.close()
         for future in left:
             if future.done() and future.exception() is None:
                 chunk = {*self._running[future]}
                 self.keep([row for row in future.result()[0] if row["sample"] in chunk])
 
     def _send(self) -> None:
-        while self._left and len(self._running) < _CHUNKS_OF_A_WORKER * self.force.workers:
+        while self._left and len(self._running) < _CHUNKS_OF_A_WORKER * self.workforce.workers:
             chunk = self._chunk()
             samples = [(number, self.study.samples[number]) for number in self._with_blocks(chunk)]
             try:
-                future = self.force.submit(evaluate_each, self._plan, samples)
+                future = self.workforce.submit(evaluate_each, self._plan, samples)
             except BrokenExecutor as error:
                 raise _lost(error) from error
             self._running[future] = chunk
@@ -312,7 +312,7 @@ class Dispatch:
         """Return the next chunk's size: smaller toward the end, so that no worker ends late."""
         if self._pace is None:
             return 1
-        fair = self._left / (_CHUNKS_OF_A_WORKER * self.force.workers)
+        fair = self._left / (_CHUNKS_OF_A_WORKER * self.workforce.workers)
         return max(1, min(int(_CHUNK_SECONDS / self._pace), int(fair), _LARGEST_CHUNK))
 
     def _receive(self, future: Future[Any]) -> None:

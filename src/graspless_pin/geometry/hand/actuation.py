@@ -211,7 +211,7 @@ def expand_overrides(
     pairs = {name: _pair(name, limit) for name, limit in overrides.items()}
     expanded = {
         target: pairs[name]
-        for target, name in spread_names(tree, fingers, overrides, tendons).items()
+        for target, name in entry_by_joint(tree, fingers, overrides, tendons).items()
     }
     for name in tendons:
         if name in expanded and np.ndim(overrides[name]) == 0:
@@ -219,7 +219,7 @@ def expand_overrides(
     return expanded
 
 
-def spread_names(
+def entry_by_joint(
     tree: KinematicTree,
     fingers: Mapping[str, FingerSpec],
     names: Collection[str],
@@ -228,7 +228,7 @@ def spread_names(
     argument: str = "effort_limits",
     instead: str = "limit the joint it follows",
 ) -> dict[str, str]:
-    """Return which of ``names`` speaks for each joint with a motor and each tendon.
+    """Return, for each driven joint and each tendon, the entry of ``names`` that applies to it.
 
     A joint's own name counts before that of its finger.
 

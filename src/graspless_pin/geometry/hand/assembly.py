@@ -20,11 +20,11 @@ from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.actuation import (
     Actuation,
     EffortLimit,
+    entry_by_joint,
     expand_overrides,
     is_placeholder,
     plan_actuation,
     resolve_effort_limits,
-    spread_names,
     urdf_efforts,
 )
 from graspless_pin.geometry.hand.fingers import (
@@ -220,7 +220,7 @@ def _add(
         notes = {prefix + name: note for name, note in robot.effort_unknown.items()}
         unknown = {
             target: notes[name]
-            for target, name in spread_names(tree, fingers, notes, tendons).items()
+            for target, name in entry_by_joint(tree, fingers, notes, tendons).items()
         }
     except ArgumentError as error:
         raise RobotError(f"robot {robot.name!r}: {error}") from error
@@ -275,7 +275,7 @@ class EffortRecord:
 def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str, EffortRecord]:
     """Return the effort limit of every joint with a motor and every tendon of one robot."""
     tree, tendons = joined.tree, joined.tendons
-    stated = spread_names(tree, joined.fingers, robot.effort_sources, tendons)
+    stated = entry_by_joint(tree, joined.fingers, robot.effort_sources, tendons)
     pulled = {joint for arms in tendons.values() for joint in arms}
     lower, upper = urdf_efforts(tree)
     efforts: dict[str, EffortRecord] = {}
@@ -290,7 +290,7 @@ def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str,
             float(lower[index]), float(upper[index]), known=False, source=note or "the URDF's"
         )
     for name in tendons:
-        stated_by = "the MJCF's" if name in joined.tensions else "nobody states it"
+        stated_by = "the MJCF's" if name in joined.tensions else "no file states it"
         ends = joined.tensions.get(name, (0.0, float("inf")))
         source = joined.effort_unknown.get(name, stated_by)
         efforts[name] = EffortRecord(*ends, known=False, source=source)
@@ -319,7 +319,7 @@ def joint_armatures(
     if not isinstance(armature, Mapping):
         return dict.fromkeys(tree.coupling.leaders, real_number("armature", armature, 0.0))
     values = {name: real_number(f"armature[{name!r}]", one, 0.0) for name, one in armature.items()}
-    spread = spread_names(
+    spread = entry_by_joint(
         tree, fingers, values, argument="armature", instead="give the rotor of the joint it follows"
     )
     return {tree.joint_index[joint]: values[name] for joint, name in spread.items()}
@@ -375,8 +375,8 @@ class AssembledMounts:
         """
         mounts, now = self.joined.mounts, [as_pose("T_world_base", T) for T in poses]
         before = base_poses(mounts).values()
-        ways = [T @ invert(T_before) for T, T_before in zip(now, before, strict=True)]
-        tree = displaced_tree(self.joined.tree, ways)
+        displacements = [T @ invert(T_before) for T, T_before in zip(now, before, strict=True)]
+        tree = displaced_tree(self.joined.tree, displacements)
         return replace(self, joined=replace(self.joined, tree=tree, mounts=at_poses(mounts, now)))
 
 
@@ -436,14 +436,15 @@ _ANYWHERE = (
 """What is the same wherever the robots are mounted."""
 
 
-def displaced_tree(tree: KinematicTree, ways: Sequence[FloatArray]) -> KinematicTree:
-    """Return a tree with what is fixed to the world moved.
+def displaced_tree(tree: KinematicTree, displacements: Sequence[FloatArray]) -> KinematicTree:
+    """Return the tree with each robot's base displaced.
 
     Args:
         tree: The tree.
-        ways: (4, 4) by mounted robot, world axes.
+        displacements: (4, 4) by mounted robot, world axes: ``T_world_base`` becomes
+            ``displacement @ T_world_base``.
     """
-    model, steps = tree.pinocchio_model.copy(), [pin.SE3(np.array(T)) for T in ways]
+    model, steps = tree.pinocchio_model.copy(), [pin.SE3(np.array(T)) for T in displacements]
     mount_of = tree.mount_of
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
@@ -460,7 +461,9 @@ def displaced_tree(tree: KinematicTree, ways: Sequence[FloatArray]) -> Kinematic
     geometries = tuple(
         item
         if item.joint
-        else replace(item, T_joint_geometry=ways[mount_of[item.link]] @ item.T_joint_geometry)
+        else replace(
+            item, T_joint_geometry=displacements[mount_of[item.link]] @ item.T_joint_geometry
+        )
         for item in tree.geometries
     )
     moved = replace(tree, pinocchio_model=model, geometries=geometries, bases=bases)

@@ -430,9 +430,9 @@ def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
         T: (4, 4) pose, world axes, or one by mount, (N, 4, 4): each ``T_world_base`` becomes
             ``T @ T_world_base``.
     """
-    ways = np.broadcast_to(T, (len(hand.mounts), 4, 4))
-    poses = [way @ pose for way, pose in zip(ways, hand.base_poses.values(), strict=True)]
-    tree = displaced_tree(hand.tree, list(ways))
+    each = [*np.broadcast_to(T, (len(hand.mounts), 4, 4))]
+    poses = [one @ pose for one, pose in zip(each, hand.base_poses.values(), strict=True)]
+    tree = displaced_tree(hand.tree, each)
     return replace(hand, tree=tree, mounts=at_poses(hand.mounts, poses))
 
 
