@@ -452,7 +452,8 @@ def test_what_cannot_be_placed_is_refused(scene: Scene, gripper: Hand) -> None:
         place_hand(scene, fingers=["thumb"])
     with pytest.raises(ArgumentError, match="approach: needs a direction"):
         place_hand(scene, approach=(0, 0, 0))
-    for options in ({"verdicts": -1}, {"verdict_nodes": -1}):
+    wrong: list[dict[str, Any]] = [{"verdicts": -1}, {"verdict_nodes": -1}]
+    for options in wrong:
         with pytest.raises(ArgumentError, match=f"{next(iter(options))}: is -1"):
             place_hand(scene, progress=lambda *_: pytest.fail("it has begun"), **options)
     bare = replace(gripper.tree, geometries=gripper.tree.geometries[:1])

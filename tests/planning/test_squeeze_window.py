@@ -202,4 +202,9 @@ def test_samples_are_a_number_of_them_or_amounts(samples) -> None:
     window = squeeze_window(pressed_block(), [0.2], [1.0], samples=samples, precision=0.5)
     assert len(window.amounts) == 3
     with pytest.raises(ArgumentError, match=r"samples: is 2\.0; it must be a whole number"):
-        squeeze_window(pressed_block(), [0.2], [1.0], samples=2.0)
+        squeeze_window(
+            pressed_block(),
+            [0.2],
+            [1.0],
+            samples=2.0,  # pyright: ignore[reportArgumentType]
+        )

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -207,21 +208,28 @@ def test_what_stands_in_a_file_is_told_by_its_key(field, value, advised) -> None
 
 def test_what_is_stated_in_python_is_copied_and_checked() -> None:
     twist = np.zeros(6)
-    motion = Motion(twist, HandMotion([0.0] * 6, {"joint_0.0": 1}))
+    numbers: Any = [0.0] * 6
+    motion = Motion(twist, HandMotion(numbers, {"joint_0.0": 1}))
     twist[0] = 1.0
     assert not motion.object_twist.any() and motion.hand is not None
     assert motion.hand.base_twist.shape == (6,)
     same = pickle.loads(pickle.dumps(motion))  # noqa: S301 - our own bytes
     assert same.hand.joint_velocities == {"joint_0.0": 1.0}
-    for make, message in (
-        (lambda: Motion([0.0] * 5), r"object_twist: has shape \(5,\)"),
-        (lambda: HandMotion([np.inf] * 6, {}), "base_twist: is inf at index"),
-        (lambda: HandMotion(np.zeros(6), {"joint_0.0": "fast"}), r"joint_velocities\.joint_0\.0"),
-        (lambda: GivenContact("slope", [0.0, 0.0], np.eye(3)[2]), "position: has shape"),
-        (lambda: GivenContact("slope", np.zeros(3), "up"), "normal: is 'up'"),
-    ):
-        with pytest.raises(ArgumentError, match=message):
-            make()
+
+
+@pytest.mark.parametrize(
+    ("make", "given", "message"),
+    [
+        (Motion, ([0.0] * 5,), r"object_twist: has shape \(5,\)"),
+        (HandMotion, ([np.inf] * 6, {}), "base_twist: is inf at index"),
+        (HandMotion, (np.zeros(6), {"joint_0.0": "fast"}), r"joint_velocities\.joint_0\.0"),
+        (GivenContact, ("slope", [0.0, 0.0], np.eye(3)[2]), "position: has shape"),
+        (GivenContact, ("slope", np.zeros(3), "up"), "normal: is 'up'"),
+    ],
+)
+def test_what_is_stated_wrong_in_python_is_named(make, given, message) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        make(*given)
 
 
 def test_a_given_contact_needs_a_unit_normal() -> None:

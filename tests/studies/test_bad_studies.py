@@ -215,7 +215,7 @@ def test_a_solver_that_the_scene_names_is_named_in_the_scene(tmp_path):
 
 def test_what_is_no_path_is_no_study():
     with pytest.raises(ArgumentError, match="path: is a dict; it must be a path of a study file"):
-        load_study({"scene": "scene.yaml"})
+        load_study({"scene": "scene.yaml"})  # pyright: ignore[reportArgumentType]
 
 
 def test_a_scene_that_never_touches_is_refused(tmp_path):

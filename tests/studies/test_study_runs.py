@@ -303,7 +303,7 @@ def test_a_column_that_there_is_not_is_named(tmp_path, suffix):
     run(study({"friction": {"values": [0.3]}}), file)
     assert [len(part) for part in results_parts(file, ["sample"])] == [1]
     with pytest.raises(StudyError, match="has no column 'margin_n'; did you mean 'margin_N'"):
-        [*results_parts(file, ["sample", "margin_n"])]
+        list(results_parts(file, ["sample", "margin_n"]))
 
 
 def test_the_largest_torque_stands_under_its_unit(tmp_path):
