@@ -397,8 +397,8 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
         has_findings = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
         sound = part["found"] & ~has_findings
         serious += int((part["found"] & ~sound).sum())
-        for column in _EXTREMES:
-            values = part.loc[sound, column].dropna() if column in part else ()
+        for column in [one for one in _EXTREMES if one in part]:
+            values = part.loc[sound, column].dropna()
             if len(values):
                 for word, of, row in (
                     ("largest", max, part.loc[values.idxmax()]),
