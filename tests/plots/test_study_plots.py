@@ -87,6 +87,30 @@ def test_two_parameters():
     np.testing.assert_allclose(cells, [[2.5, 7.0]])
 
 
+def test_scattered_samples_are_points():
+    """Of 20 samples over two parameters no two share a place: neither a line nor cells join any."""
+    rng = np.random.default_rng(0)
+    mass, friction = rng.uniform(1.0, 2.0, 20), rng.uniform(0.2, 0.8, 20)
+    margins = np.where(mass < 1.2, np.nan, mass * friction)
+    table = {"sample": np.arange(20), "mass": mass, "friction": friction,
+             "status": ["optimal"] * 20, "margin_N": margins}  # fmt: skip
+    axes = margin_plot(table, "mass")
+    assert {one.get_linestyle() for one in axes.lines} == {"None"}
+    axes = margin_heat_map(table, "mass", "friction")
+    (points,) = axes.collections
+    found = np.isfinite(margins)
+    np.testing.assert_allclose(
+        np.asarray(points.get_offsets()), np.column_stack([mass, friction])[found]
+    )
+    np.testing.assert_allclose(np.asarray(points.get_array()), margins[found])
+    np.testing.assert_allclose(
+        line(axes, "nothing found"), np.column_stack([mass, friction])[~found]
+    )
+    # On a grid, and of one parameter alone, they are joined.
+    alone = {name: column for name, column in table.items() if name != "friction"}
+    assert "-" in {one.get_linestyle() for one in margin_plot(alone, "mass").lines}
+
+
 def test_bad_columns_are_named():
     table = pd.DataFrame({"mass": [1.0], "robot": ["allegro"], "margin_N": [1.0]})
     with pytest.raises(ArgumentError, match=r"x: is 'weight'; the table has the columns mass, "):

@@ -66,7 +66,8 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
 
     Returns:
         The axes. Of several results at one parameter the line joins the means, and a band goes
-        from the least to the largest.
+        from the least to the largest. Nothing is joined where samples are scattered: where other
+        parameters of a study vary, too, and few samples share their place.
 
     Raises:
         ArgumentError: If a column is missing or not of numbers.
@@ -92,7 +93,8 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
             places, low, high, color=blue, alpha=0.2, linewidth=0.0, label="least to largest"
         )
     several = "mean" if axes.collections else legend_text(quantity(value).partition(" [")[0])
-    axes.plot(places, means, "o-", color=blue, markersize=4, label=several)
+    style = "o" if _is_scattered(table, x, len(places)) else "o-"
+    axes.plot(places, means, style, color=blue, markersize=4, label=several)
     lost = np.unique(at[~np.isfinite(results)])
     if len(lost):
         crosses_below(axes, lost, "nothing found")
@@ -118,7 +120,9 @@ def margin_heat_map(
         value: Column of the result; not a number where nothing was found.
 
     Returns:
-        The axes. Cells without any result are hatched; several in one cell are averaged.
+        The axes. Cells without any result are hatched; several in one cell are averaged. Of
+        scattered samples, which fill few cells, coloured points are drawn instead, and crosses
+        where nothing was found.
 
     Raises:
         ArgumentError: If a column is missing or not of numbers.
@@ -132,17 +136,38 @@ def margin_heat_map(
         1
     """
     columns, rows = number_column(table, "x", x), number_column(table, "y", y)
-    cells = heat_cells(columns, rows, number_column(table, "value", value))
+    values = number_column(table, "value", value)
     axes = axes_for(ax, size=(6.4, 4.8))
     across, up = np.unique(columns), np.unique(rows)
-    # The hatched background shows through the cells that have no colour.
-    axes.patch.set(hatch="///", edgecolor=LIGHT.text, alpha=0.25)
-    mesh = axes.pcolormesh(across, up, cells, shading="nearest", cmap="viridis")
+    if len(across) * len(up) > _FEW_TO_A_SAMPLE * len(columns):
+        found = np.isfinite(values)
+        mesh = axes.scatter(columns[found], rows[found], c=values[found], cmap="viridis")
+        if not found.all():
+            axes.plot(columns[~found], rows[~found], "x", color=LIGHT.text, label="nothing found")
+            axes.legend(fontsize="small")
+    else:
+        cells = heat_cells(columns, rows, values)
+        # The hatched background shows through the cells that have no colour.
+        axes.patch.set(hatch="///", edgecolor=LIGHT.text, alpha=0.25)
+        mesh = axes.pcolormesh(across, up, cells, shading="nearest", cmap="viridis")
     bar = axes.figure.colorbar(mesh, ax=axes)
     bar.set_label(quantity(value))
     plain_axis(bar.ax.yaxis)
     axes.set(xlabel=quantity(x), ylabel=quantity(y))
     return axes
+
+
+_FEW_TO_A_SAMPLE = 4
+"""Cells of a map for each sample: where there are more, samples are scattered."""
+
+
+def _is_scattered(table: Any, x: str, places: int) -> bool:
+    """Whether other parameters of a study vary, and hardly two samples share their x."""
+    names = [str(one) for one in table]
+    if "status" not in names or 2 * places <= len(table[x]):
+        return False
+    others = names[1 : names.index("status")]
+    return any(name != x and len(set(table[name])) > 1 for name in others)
 
 
 def heat_cells(x: FloatArray, y: FloatArray, values: FloatArray) -> np.ma.MaskedArray:
