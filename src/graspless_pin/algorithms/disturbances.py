@@ -28,6 +28,7 @@ from graspless_pin.problem.scales import passive_levers
 from graspless_pin.programs.analysis_objectives import Disturbance
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status
+from graspless_pin.solution.tables import brief_figure
 from graspless_pin.solvers import Outcome
 from graspless_pin.tree_search import Limits
 
@@ -90,7 +91,7 @@ class DisturbanceMargin(Brief):
         words = load_words(self.worst_wrench, self.problem.passive_units, joined=", ")
         return (
             f"smallest of {len(self.magnitudes)} balanced disturbances: "
-            f"{self.magnitudes[self.worst]:.4g} N ({words})"
+            f"{brief_figure(self.magnitudes[self.worst], self.problem.scales.force)} N ({words})"
         )
 
 
