@@ -167,5 +167,5 @@ def test_figures_that_joints_give_way_far_for_are_told_to_be_rough():
         )
         for k in (1.0, 1e4)
     )
-    assert soft.is_rough and str(soft).endswith("less may be borne")
-    assert not stiff.is_rough and "may be borne" not in str(stiff)
+    assert soft.remark and str(soft).endswith("less may be borne")
+    assert not stiff.remark and "may be borne" not in str(stiff)

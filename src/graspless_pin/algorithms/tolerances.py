@@ -160,14 +160,13 @@ class Tolerances(Brief):
             if not self.attainable or name not in ("direction", _WHERE)
         ]
         told = [[row[place] for place in kept] for row in rows]
-        return tabulate(told, headers=[headers[place] for place in kept]) + (
-            f"\n{_ROUGH}" if self.is_rough else ""
-        )
+        table = tabulate(told, headers=[headers[place] for place in kept])
+        return f"{table}\n{self.remark}".rstrip()
 
     @property
-    def is_rough(self) -> bool:
-        """Whether some joint gives way so far that contacts move, which is not counted."""
-        return any(one.deflection > _FAR for one in self.each)
+    def remark(self) -> str:
+        """What is to be said where some joint gives way so far that contacts move; else empty."""
+        return _ROUGH if any(one.deflection > _FAR for one in self.each) else ""
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Return headers and rows of that table, with figures in %, cm, degrees, N and N m."""
