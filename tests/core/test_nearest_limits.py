@@ -88,6 +88,8 @@ def test_the_joint_nearest_its_limit():
         f"Joint right is nearest its limit: {solution.torques[1]:+.4f} of -1 N m, "
         f"{100.0 * share:.1f} %."
     )
+    full = maximize_margin(pinch(torque_limits=(-0.4, 0.4)))
+    assert joint_limit_words(full).endswith(" N m, 100.0 %; nothing is left for feedback to add.")
     free = maximize_margin(pinch(torque_limits=([-np.inf] * 2, [np.inf] * 2)))
     assert (
         joint_limit_words(free)

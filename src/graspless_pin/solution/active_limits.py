@@ -134,7 +134,8 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     figure = shown(torque, size, "+", left)
     if figure == "0":
         return ""
+    spent = "; nothing is left for feedback to add" if shares[joint] >= 1.0 - _TIE_TOLERANCE else ""
     return (
         f"Joint {problem.joint_names[joint]} is nearest its limit: {figure} of "
-        f"{limit:+.6g} {problem.joint_units[joint]}, {100.0 * shares[joint]:.1f} %."
+        f"{limit:+.6g} {problem.joint_units[joint]}, {100.0 * shares[joint]:.1f} %{spent}."
     )
