@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 TESTS ?= tests
 # Tests of a file in one process; files in their order, for the longest come early.
-SPREAD := --dist loadgroup --no-loadscope-reorder
+SPREAD := --dist loadfile --no-loadscope-reorder
 # One more than there are cores: every fifth second, a test waits for a browser or another process.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
 SCALES ?= --count 2000 --jobs 2

@@ -51,15 +51,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep the tests of a file together, and leave out cases beyond those that are run.
-
-    What the tests of a file share is then made in one process, and the site, too, which the tests
-    of several files look at. Those that are left out are always the same ones.
-    """
-    if config.pluginmanager.hasplugin("xdist"):
-        for item in items:
-            own = getattr(item, "fixturenames", ())
-            item.add_marker(pytest.mark.xdist_group("site" if "site" in own else item.path.stem))
+    """Leave out cases beyond those that are run: always the same ones."""
     if config.getoption("--all-cases") or any("::" in one for one in config.args):
         return
     cases: defaultdict[tuple[str, int], list[pytest.Item]] = defaultdict(list)
