@@ -251,7 +251,7 @@ class Robustness(Brief):
             if less.failing <= most and more.failing <= most:
                 free.setdefault(f"{most:.2g} {unit}", []).append(name)
             else:
-                lines.append(f"{name}: {_error(less, more, 1.0, str(unit))}")
+                lines.append(f"{name}: {_error(less, more, 1.0, unit)}")
         share = f"{100.0 * _NO_ERROR:g} %"
         for most, names in free.items():
             lines.append(
@@ -259,9 +259,8 @@ class Robustness(Brief):
                 f"{most}, {share} of the largest torque, fail"
             )
         if self.all_less is not None and self.all_more is not None and self.less:
-            at_once = self.all_less.failing <= _NO_ERROR and self.all_more.failing <= _NO_ERROR
             borne = _error(self.all_less, self.all_more, 100.0, "%")
-            if at_once:
+            if self.all_less.failing <= _NO_ERROR and self.all_more.failing <= _NO_ERROR:
                 borne = f"rely on joint feedback: errors below {share} fail"
             lines.append(f"all torques together: {borne}")
         if self.without:

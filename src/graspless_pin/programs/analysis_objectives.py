@@ -65,7 +65,7 @@ class ForceSet(Objective):
 
     Attributes:
         torques: (L,) motors' torques, N m.
-        farthest: Whether normal forces are looked at up to `FARTHEST`, not `force_reach`.
+        farthest: Whether normal forces are looked at up to `FARTHEST`, not `largest_force_sought`.
     """
 
     torques: FloatArray
@@ -74,7 +74,7 @@ class ForceSet(Objective):
 
     def build(self, program: ProgramBuilder) -> None:
         """Add the balance, the torques and the cones."""
-        reach = FARTHEST if self.farthest else force_reach(program.forces, self.torques)
+        reach = FARTHEST if self.farthest else largest_force_sought(program.forces, self.torques)
         program.look_within(program.forces.cone_box(reach))
         program.balance()
         program.held_torques(contact_torques(program.forces, self.torques))
@@ -146,11 +146,11 @@ class HeldMargin(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add e/F; the forces stay in their cones whatever it is beyond the normal-force limit.
 
-        Forces are looked for as far as `force_reach`.
+        Forces are looked for as far as `largest_force_sought`.
         """
         forces = program.forces
         largest = float(forces.limit.max())
-        most = force_reach(forces, self.torques)
+        most = largest_force_sought(forces, self.torques)
         program.look_within(forces.cone_box(min(most + largest, FARTHEST)))
         unit = forces.coordinates.force_scale
         e = program.columns("margin", low=-most, box=(-most, largest), cost=-1.0, unit=unit)
@@ -277,13 +277,17 @@ def _at_hand(forces: ForceRows, margin: float) -> float:
     return most + float(np.abs(forces.torque_rows).sum())
 
 
-def force_reach(forces: ForceRows, torques: FloatArray) -> float:
+_FORCES_SOUGHT = 1e3
+"""Forces without a limit are looked for up to so many times what bears on the contacts."""
+
+
+def largest_force_sought(forces: ForceRows, torques: FloatArray) -> float:
     """Return up to which normal force, over F, forces without a limit are looked for.
 
     A thousand times the largest of load, normal-force limits, and torques over their joint's scale.
     """
     limit, held = float(forces.limit.max()), contact_torques(forces, torques)
-    return min(_REACH * max(1.0, limit, float(np.abs(held).max(initial=0.0))), FARTHEST)
+    return min(_FORCES_SOUGHT * max(1.0, limit, float(np.abs(held).max(initial=0.0))), FARTHEST)
 
 
 def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
@@ -291,7 +295,6 @@ def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
     return (torques - forces.problem.gravity_torques) / forces.coordinates.joint_scale
 
 
-_REACH = 1e3
 _MARGIN_BESIDE = 0.1
 """What a margin of one load counts beside a depth of one joint scale."""
 
