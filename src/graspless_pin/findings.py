@@ -139,13 +139,26 @@ class Finding:
         return f"{place}{self.message}; {self.advice}"
 
 
-def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings by severity, then in the order of their codes, each once."""
+_UNITS = frozenset({
+    FindingCode.ANGLE_IN_DEGREES, FindingCode.ANGLE_IN_RADIANS, FindingCode.UNLIKELY_SIZE,
+    FindingCode.UNLIKELY_DENSITY, FindingCode.UNLIKELY_GRAVITY, FindingCode.MESH_SCALE,
+})  # fmt: skip
+"""What is found where a figure is in another unit than was meant."""
+
+
+def causes_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings in the order in which to look at them, each once.
+
+    Wrong units come first: they explain what else is found. All others come by severity, then in
+    the order of their codes.
+    """
     codes, severities = list(FindingCode), list(Severity)
     once = dict.fromkeys(findings)
-    return tuple(
-        sorted(once, key=lambda one: (severities.index(one.severity), codes.index(one.code)))
-    )
+
+    def place(one: Finding) -> tuple[bool, int, int]:
+        return one.code not in _UNITS, severities.index(one.severity), codes.index(one.code)
+
+    return tuple(sorted(once, key=place))
 
 
 def is_serious(findings: Iterable[Finding]) -> bool:

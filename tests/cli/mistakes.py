@@ -81,6 +81,13 @@ MISTAKES = [
     _scene("hand half a metre away", POSE, "position: [-0.1, -0.6, 0.0]",
            "no link of the hand touches object 'box'; the nearest one, 'tip', is 500 mm away",
            "move the hand (base_pose", 4),
+    _scene("pose of the hand in millimetres", POSE, "position: [-100, -100, 0.0]",
+           "the nearest one, 'tip', is 141 m away",
+           "the hand's base stands at [-100.0, -100.0, 0.0] m: centimetres are [-1, -1, 0] m, "
+           "millimetres are [-0.1, -0.1, 0] m", 4),
+    _scene("pose of the object in millimetres", "[0, 0, 0]}", "[0, 300, 0]}",
+           "the nearest one, 'tip', is 300 m away",
+           "object 'box' stands at [0.0, 300.0, 0.0] m: centimetres are [0, 3, 0] m", 4),
     _scene("pose of the hand in degrees", TURN, "rpy: [180, 0, 0]",
            "the angles [180, 0, 0] rad of 'hand' are more than a turn", "degrees are [3.1416", 0),
     _scene("joint angle in degrees", Q, "q: {hinge: 45}",

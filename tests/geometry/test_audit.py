@@ -103,15 +103,32 @@ def test_meshes(tmp_path):
     report = audit(tmp_path, body.replace("</link>", seen, 1))
     assert not report.loads
     assert found(report) == [
+        (FindingCode.MESH_SCALE, "link c, collision"),
         (FindingCode.MISSING_MESH, "link f, collision"),
         (FindingCode.UNUSABLE_MESH, "link d, collision"),
         (FindingCode.UNUSABLE_MESH, "link e, collision"),
-        (FindingCode.MESH_SCALE, "link c, collision"),
         (FindingCode.MISSING_VISUAL, "link a, visual"),
         (FindingCode.RELATIVE_MESH, "robot"),
     ]
-    assert "package_dirs" in report.findings[0].advice
-    assert "is 100 m large" in report.findings[3].message
+    assert "is 100 m large" in report.findings[0].message
+    assert "package_dirs" in report.findings[1].advice
+
+
+def test_lengths_in_millimetres(tmp_path):
+    """Of joints and of shapes; a robot in metres has none of it."""
+    apart = 'xyz="0 60 0"'
+    body = link("palm") + link("a", '<box size="20 40 8"/>')
+    body += joint("turn", "palm", "a", origin=apart)
+    first = audit(tmp_path, body).findings[0]
+    assert first.code is FindingCode.UNLIKELY_SIZE
+    assert str(first).endswith(
+        "joint 'turn' is 60 m from the origin of link 'palm', and 3 more such lengths; lengths are "
+        "metres: in a file in millimetres this is 0.06 m"
+    )
+    body = body.replace(apart, 'xyz="0 0.06 0"').replace("20 40 8", "0.02 40 0.008")
+    assert "the box of link 'a' is 40 m long or wide; l" in str(audit(tmp_path, body).findings[0])
+    good = audit(tmp_path, body.replace(" 40 ", " 0.04 "))
+    assert FindingCode.UNLIKELY_SIZE not in dict(found(good))
 
 
 def test_a_mesh_that_its_hull_fills_out_by_far(tmp_path):

@@ -11,7 +11,7 @@ from tests.cli.cli_tools import LINES, spoilt
 
 from graspless_pin import Scene, Uncertainty, load_scene
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, SceneError
-from graspless_pin.findings import Finding, FindingCode, Severity, capture, emit, gravest_first
+from graspless_pin.findings import Finding, FindingCode, Severity, capture, causes_first, emit
 from graspless_pin.geometry import Box, Sphere, Support
 from graspless_pin.records import changed
 from graspless_pin.report import scene_solution_text, solution_document
@@ -398,7 +398,12 @@ def test_what_is_heard_warns_nobody():
 
 def test_findings_are_sorted_and_said_once():
     all_codes = [Finding(code, "x", "y", "z") for code in FindingCode]
-    shuffled = gravest_first([*reversed(all_codes), *all_codes])
-    weights = [list(Severity).index(one.severity) for one in shuffled]
+    shuffled = causes_first([*reversed(all_codes), *all_codes])
+    units = {FindingCode(code) for code in (
+        "angle-in-degrees", "angle-in-radians", "unlikely-size", "unlikely-density",
+        "unlikely-gravity", "mesh-scale",
+    )}  # fmt: skip
+    assert {one.code for one in shuffled[: len(units)]} == units
+    weights = [list(Severity).index(one.severity) for one in shuffled[len(units) :]]
     assert weights == sorted(weights)
     assert len(shuffled) == len(all_codes)

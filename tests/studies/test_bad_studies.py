@@ -56,9 +56,7 @@ LOADING = {
         ),
     },
     "unit: deg": {
-        "unit: degree": (
-            ":5: vary.slope.unit: 'degree' is no known unit; did you mean 'deg'? known: 1, m, cm,"
-        ),
+        "unit: degree": ":5: vary.slope.unit: 'degree' is no unit of angle; needs rad, deg",
         "unit: mm": ":5: vary.slope.unit: 'mm' is no unit of angle; needs rad, deg",
     },
     TURN: {TURN + ", key: friction": ":4: vary.slope: found key and turn; give one"},

@@ -137,7 +137,9 @@ def new(
         typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")
         if _write_schema(output.with_name(SCHEMA_FILE)):
             typer.echo(f"wrote {output.with_name(SCHEMA_FILE)}, for editors")
-        huge = any(one.code is FindingCode.UNLIKELY_SIZE for one in found)
+        huge = any(
+            one.code is FindingCode.UNLIKELY_SIZE and one.key[:1] == ("object",) for one in found
+        )
         _tell_what_comes_next(made[0], limits.get(""), output, huge=huge)
     if huge:
         raise typer.Exit(ExitCode.DOUBTFUL)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.findings import Finding, Severity, capture, emit, gravest_first, is_serious
+from graspless_pin.findings import Finding, Severity, capture, causes_first, emit, is_serious
 from graspless_pin.intake.text import printable
 from graspless_pin.progress import waiting_for
 from graspless_pin.solution.certificate import UNDECIDED
@@ -231,7 +231,7 @@ def show_findings() -> None:
     A line each, as wide as it comes; on a terminal in colour and within its width.
     """
     printed = _PRINTED.get()
-    left = [one for one in gravest_first(printed.found) if one not in printed.shown]
+    left = [one for one in causes_first(printed.found) if one not in printed.shown]
     printed.shown.update(left)
     wide = sys.stderr.isatty()
     for index, one in enumerate(left):

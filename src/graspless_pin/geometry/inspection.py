@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, MeshError, RobotError
-from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
+from graspless_pin.findings import Finding, FindingCode, capture, causes_first
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.actuation import is_placeholder
 from graspless_pin.geometry.hand.assembly import (
@@ -357,7 +357,7 @@ def audit_urdf(
         ]
     codes = {item.code for item in findings}
     findings += [item for item in emitted if item.code not in codes]
-    report = AuditReport(robot.name, robot.urdf_path, not errors, findings=gravest_first(findings))
+    report = AuditReport(robot.name, robot.urdf_path, not errors, findings=causes_first(findings))
     if joined is None:
         return report
     return replace(

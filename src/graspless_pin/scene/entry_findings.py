@@ -127,7 +127,8 @@ def materials_in_words(own: str | None, others: Iterable[str | None]) -> str:
 
 
 _POSSIBLE_DENSITIES = 1.0, 30_000.0  # kg/m^3; a balloon, more than osmium
-_LARGEST_OBJECT = 5.0  # m, of what hands move
+LARGEST_OBJECT = 5.0
+"""Of what hands move, m."""
 _USUAL_OBJECT = 0.1  # m, of most
 
 
@@ -141,7 +142,7 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
     low, high = box_around(target)
     size = high - low
     density = target.mass / target.shape.filling().volume
-    if beside_hand and size.max() > _LARGEST_OBJECT:
+    if beside_hand and size.max() > LARGEST_OBJECT:
         yield Finding(
             FindingCode.UNLIKELY_SIZE,
             target.name,

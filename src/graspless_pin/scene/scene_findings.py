@@ -14,7 +14,7 @@ import numpy as np
 
 from graspless_pin.algorithms.named_objectives import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
-from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
+from graspless_pin.findings import Finding, FindingCode, capture, causes_first
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.hand.actuation import limit_words
@@ -27,7 +27,13 @@ from graspless_pin.scene.contact_findings import (
     in_mm,
     stated_contact_findings,
 )
-from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, meant_lengths, unit_findings
+from graspless_pin.scene.entry_findings import (
+    LARGEST_OBJECT,
+    MOST_ANGLE,
+    box_around,
+    meant_lengths,
+    unit_findings,
+)
 from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
@@ -86,7 +92,7 @@ def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tupl
                 ("hand", "base_pose"),
             )
         )
-    return gravest_first(found) if len(found) > 1 else tuple(found)
+    return causes_first(found) if len(found) > 1 else tuple(found)
 
 
 def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
@@ -135,7 +141,7 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
             found += [*_joints(scene.hand), *_overlaps(scene, scene.hand)]
         found += [*_touching(scene), *stated_contact_findings(scene)]
     of_hand = () if scene.hand is None else scene.hand.findings
-    return gravest_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
+    return causes_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
 
 
 def _placed(scene: SceneFields, found: Iterable[Finding]) -> Iterable[Finding]:
@@ -366,5 +372,17 @@ def _with_nearest(scene: SceneFields, found: Finding) -> Finding:
     gap, link = min(
         (nearest_separation([body], pieces).distance, body.name) for body in hand.placed_bodies
     )
-    nearest = f"{found.message}; the nearest one, '{link}', is {in_mm(gap)} away"
-    return replace(found, message=nearest)
+    away = in_mm(gap) if gap < LARGEST_OBJECT else f"{gap:.3g} m"
+    nearest = replace(found, message=f"{found.message}; the nearest one, '{link}', is {away} away")
+    if gap < LARGEST_OBJECT:
+        return nearest
+    origins = {
+        ("object", "pose"): (f"object '{scene.object.name}'", scene.object.T_world_object[:3, 3]),
+        ("hand", "base_pose"): ("the hand's base", hand.T_world_base[:3, 3]),
+    }
+    key, (what, at) = max(origins.items(), key=lambda one: float(np.linalg.norm(one[1][1])))
+    stands = f"{what} stands at {np.round(at, 6).tolist()} m"
+    longest = np.full(3, LARGEST_OBJECT)
+    return replace(
+        nearest, advice=f"give lengths in metres; {stands}{meant_lengths(at, longest)}", key=key
+    )

@@ -13,7 +13,7 @@ from typing import Any, Never, Protocol, TypeVar
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.findings import Finding, FindingCode, gravest_first
+from graspless_pin.findings import Finding, FindingCode, causes_first
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit, units_text
@@ -165,7 +165,7 @@ class TorqueSolution:
         """What is wrong with the scene that it is of, and with itself; the gravest first."""
         best = self.margin if self.found and self.algorithm is Algorithm.MARGIN else None
         own = solution_doubts(self.status, self.certificate, self.problem, best)
-        return gravest_first([*(() if self._source is None else self._source.findings), *own])
+        return causes_first([*(() if self._source is None else self._source.findings), *own])
 
     @property
     def found(self) -> bool:

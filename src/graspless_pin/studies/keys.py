@@ -347,15 +347,11 @@ def _unit(
     """Return the unit of the values: the one that is named, or the only SI unit that fits."""
     if entry.unit is None:
         return SI_UNITS[kinds[0] if len(kinds) == 1 and _has_numbers(entry) else ANY]
-    unit = UNITS.get(entry.unit)
-    if unit is None:
-        raise fail("unit", f"{entry.unit!r} is no known unit; {names_in_words(entry.unit, UNITS)}")
     if not _has_numbers(entry):
         raise fail("unit", "goes with numbers only, and some of the values are none")
-    if kinds and unit.kind not in kinds:
-        fitting = [known.name for known in UNITS.values() if known.kind in kinds]
+    fitting = [known.name for known in UNITS.values() if not kinds or known.kind in kinds]
+    if entry.unit not in fitting:
         what = " or ".join(kind or "plain numbers" for kind in kinds)
-        raise fail(
-            "unit", f"{unit.name!r} is no unit of {what}; needs {', '.join(fitting)}{advice}"
-        )
-    return unit
+        kind = f"unit of {what}" if what else "known unit"
+        raise fail("unit", f"{entry.unit!r} is no {kind}; needs {', '.join(fitting)}{advice}")
+    return UNITS[entry.unit]

@@ -18,7 +18,7 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.warm_search import StartsByContacts
 from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
-from graspless_pin.findings import Finding, Severity, gravest_first
+from graspless_pin.findings import Finding, Severity, causes_first
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit
 from graspless_pin.problem.cones import CONE_MODELS
@@ -418,7 +418,7 @@ def of_findings(scene: Scene, found: Sequence[Finding]) -> Row:
     loaded = (*scene.load_findings, *(() if scene.hand is None else scene.hand.findings))
     if not (loaded or found):
         return {}
-    serious = [one for one in gravest_first([*loaded, *found]) if one.severity is Severity.SERIOUS]
+    serious = [one for one in causes_first([*loaded, *found]) if one.severity is Severity.SERIOUS]
     return {FINDINGS: "; ".join(dict.fromkeys(one.code for one in serious))} if serious else {}
 
 

@@ -35,7 +35,7 @@ from graspless_pin.geometry.hand.coupling import (
     limits_that_agree,
     resolve_couplings,
 )
-from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel
+from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel, warn_of_lengths
 from graspless_pin.geometry.hand.work_space import (
     Kinematics,
     WorkSpace,
@@ -336,9 +336,11 @@ def build_tree(
         MeshError: If a mesh is missing, cannot be read or has no volume.
 
     Warns:
-        GrasplessPinWarning: If a mimic joint follows a joint that does not exist, or its limits
-            keep one that it follows from moving.
+        GrasplessPinWarning: If a mimic joint follows a joint that does not exist, its limits
+            keep one that it follows from moving, or a robot looks as if it were in millimetres.
     """
+    for robot, _ in robots if with_shapes else ():
+        warn_of_lengths(robot)
     model, bases = pinocchio_model(robots)
     joints = {joint.name: joint for robot, _ in robots for joint in robot.joints}
     joint_names = tuple(model.names)[1:]
