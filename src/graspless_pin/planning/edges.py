@@ -52,7 +52,7 @@ class StateValidity(Brief):
         >>> evaluator = Evaluator(load_scene("examples/allegro_box_on_slope.yaml"))
         >>> print(evaluator.validity({"joint_1.0": 1.7}, margin=0.2))  # rad
         not valid:
-        q['joint_1.0']: is 1.7, outside the joint's limits [-0.196, 1.61]
+        q['joint_1.0']: is 1.7, outside the joint's limits [-0.196, 1.61] rad (-11.23 to 92.25 deg)
         margin 0.7166 N
         clearance 2.39 mm, 'palm_link' and 'link_1.0'
         joint 'joint_1.0' is nearest to its limits, -0.09 rad

@@ -148,18 +148,20 @@ def _within_limits(
         raise JointLimitError(
             f"q[{tree.joint_names[index]!r}]",
             f"is {positions[index]:g}{because}, outside the joint's limits "
-            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]{_in_degrees(tree, index, positions)}",
+            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]{_unit_words(tree, index, positions)}",
         )
     return positions
 
 
-def _in_degrees(tree: KinematicTree, index: int, positions: FloatArray) -> str:
-    """Return what to say of an angle that is one of the joint's in degrees."""
-    angle, radians = positions[index], math.radians(positions[index])
-    turns = tree.joint_kinds[index] != "prismatic" and abs(angle) > 2.0 * math.pi
-    if not turns or not tree.lower[index] <= radians <= tree.upper[index]:
-        return ""
-    return f"; angles are radians: {angle:g} degrees are {radians:.4g}"
+def _unit_words(tree: KinematicTree, index: int, positions: FloatArray) -> str:
+    """Return the unit of a position outside its limits, and its limits in degrees."""
+    if tree.joint_kinds[index] == "prismatic":
+        return " m"
+    angle, lower, upper = positions[index], tree.lower[index], tree.upper[index]
+    radians = math.radians(angle)
+    if abs(angle) > 2.0 * math.pi and lower <= radians <= upper:
+        return f" rad; angles are radians: {angle:g} degrees are {radians:.4g}"
+    return f" rad ({math.degrees(lower):.4g} to {math.degrees(upper):.4g} deg)"
 
 
 def _followed(tree: KinematicTree, index: int) -> str:
