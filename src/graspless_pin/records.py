@@ -119,15 +119,15 @@ class Record(PickledByFields):
     def __post_init__(self) -> None:
         """Make them read-only."""
         for name, value in list(vars(self).items()):
-            _make_read_only(value)
-            if isinstance(value, dict):
-                object.__setattr__(self, name, MappingProxyType(dict(value)))
+            if (own := frozen(value)) is not value:
+                object.__setattr__(self, name, own)
 
 
-def _make_read_only(value: Any) -> None:
-    """Make all arrays in a value read-only."""
+def frozen(value: Any) -> Any:
+    """Return a value whose arrays are made read-only; of a dictionary a read-only copy."""
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
     elif isinstance(value, tuple | Mapping):
         for item in value.values() if isinstance(value, Mapping) else value:
-            _make_read_only(item)
+            frozen(item)
+    return MappingProxyType(dict(value)) if isinstance(value, dict) else value

@@ -17,6 +17,7 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
     minimum_friction,
+    what_would_hold,
 )
 from graspless_pin.errors import ArgumentError
 
@@ -55,6 +56,19 @@ def test_what_ended_early_says_so():
     assert margin_torque_curve(problem, **NO_TIME).status is not Status.OPTIMAL
     compared = compare_rules(problem, "torque", **ONE_NODE).solutions.values()
     assert {solution.status for solution in compared} & set(ENDED)
+
+
+def test_searches_for_more_friction_stop_at_the_largest_that_there_may_be():
+    """The floor holds on to nothing that is lifted, whatever its friction is."""
+    legs = [[0.1, 0.0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05]]
+    lifted = [0.0, 0.0, 4.9, 0.0, 0.0, 0.0]
+    problem = QuasistaticProblem(legs, [[0.0, 0.0, 1.0]] * 3, lifted, friction=1000.0)
+    assert np.isnan(minimum_friction(problem).factor)
+    assert "an extra external wrench" in maximize_margin(problem).text()
+    heavy = problem.with_changes(
+        object_inertia=np.diag([0.5] * 3 + [1e-3] * 3), joint_inertia=np.zeros((0, 0))
+    )
+    assert not what_would_hold(heavy, []).changes
 
 
 def test_the_sensitivity_takes_limits():

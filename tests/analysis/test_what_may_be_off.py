@@ -142,7 +142,7 @@ def test_what_has_no_tolerances():
     with pytest.raises(ArgumentError, match="torques"):
         tolerances(problem, [0.0])
     torques = minimize_torque(problem, 0.1).torques
-    with pytest.raises(KeyError):
+    with pytest.raises(ArgumentError, match="quantity: is 'push'; it must be one of 'more mass'"):
         tolerances(problem, torques, quantities=["more mass"]).of(Quantity.PUSH)
     assert Uncertainty().scaled(0.5).mass == 0.0
 

@@ -27,6 +27,7 @@ from graspless_pin import (
     optimum_gradients,
     solve_each_mode,
     stability,
+    tolerances,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError, SolverUnavailableError
 from graspless_pin.problem.checks import unit_rows
@@ -242,6 +243,14 @@ BAD_CALLS = [
     (lambda p: enumerate_modes(p, sign_rule="loose"), "sign_rule", ["'loose'"]),
     (lambda p: p.margin_of(np.zeros((2, 3))), "forces", ["(2, 3)", "(3, 3)"]),
     (lambda _: assemble_joint_space([[0.0, 0.0, 0.9]], []), "normals", ["row 0", "length 0.9"]),
+    (lambda _: untyped(assemble_joint_space)([[1.0, 0.0, 0.0]], [3]), "fingers[0]",
+     ["found 3", "needs a FingerContacts"]),
+    *((lambda p, length=length: untyped(disturbance_margin)(p, characteristic_length=length),
+       "characteristic_length", [shown]) for length, shown in (("x", "'x'"), (True, "True"),
+                                                               (0.0, "0.0"), (INF, "inf"))),
+    (lambda p: optimum_gradients(maximize_margin(p)).per_mass(0.0), "mass", ["is 0"]),
+    (lambda p: tolerances(p, maximize_margin(p).torques, quantities=["push"]).of("mass"),
+     "quantity", ["'mass'", "'push'"]),
 ]  # fmt: skip
 
 

@@ -277,6 +277,8 @@ def test_the_comparison_has_the_rule_and_says_round():
     lines = [line for line in text.splitlines() if line.startswith("direction")]
     assert [line.split()[2] for line in lines] == ["exempt", "constrained"]
     assert all(line.endswith("round cones") for line in lines)
+    enumerated = compare_rules(scene("rest"), search="enumerate")  # has no directions
+    assert len(enumerated.solutions) == 7
     both = compare_rules(scene("rest").with_changes(cone="round"))
     assert "round cones" not in str(both)
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import FrozenInstanceError, dataclass, fields, is_dataclass
 from functools import cached_property
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +13,12 @@ from scenes import scene
 
 import graspless_pin
 from graspless_pin import (
+    Uncertainty,
+    compare_rules,
     contact_force_bounds,
     disturbance_margin,
+    load_scene,
+    margin_sensitivity,
     margin_torque_curve,
     maximize_margin,
     minimize_torque,
@@ -62,6 +67,45 @@ RESULTS = {
     "gradients": lambda: optimum_gradients(minimize_torque(scene("rest"), 0.1)).values,
     "whether they are unique": lambda: optimum_gradients(maximize_margin(scene("up"))).unique,
 }
+
+
+def changeable(value, where="it"):
+    """Where arrays are writeable, and mappings and lists can be changed, fields of fields too."""
+    if isinstance(value, np.ndarray):
+        return [where] if value.flags.writeable else []
+    if is_dataclass(value):
+        names = [one.name for one in fields(value) if not one.name.startswith("_")]
+        inside = {f".{name}": getattr(value, name) for name in names}
+    elif isinstance(value, Mapping):
+        inside = {f"[{key!r}]": one for key, one in value.items()}
+    elif isinstance(value, tuple | list):
+        inside = {f"[{index}]": one for index, one in enumerate(value)}
+    else:
+        return []
+    own = [where] if isinstance(value, dict | list) else []
+    return own + [place for name, one in inside.items() for place in changeable(one, where + name)]
+
+
+CUBOID = Path(__file__).parents[2] / "examples" / "paper" / "cuboid_at_rest.yaml"
+WHOLE = {
+    "scene": lambda: load_scene(CUBOID),
+    "changed scene": lambda: load_scene(CUBOID).with_changes(
+        gravity=[0.0, 0.0, -1.0], friction={"default": 0.4}, tangent_axes=[[1.0, 0.0, 0.0]]
+    ),
+    "solution": lambda: load_scene(CUBOID).solve(),
+    "proof": lambda: load_scene(CUBOID).solve().proof,
+    "proof of a split search": lambda: maximize_margin(scene("up")).proof,
+    "robust solution": lambda: load_scene(CUBOID).solve(uncertainty=Uncertainty(mass=0.1)),
+    "comparison": lambda: compare_rules(scene("rest")),
+    "verdict": lambda: load_scene(CUBOID).stability(load_scene(CUBOID).solve().torques),
+    "sensitivity": lambda: margin_sensitivity(scene("rest")),
+}
+
+
+@pytest.mark.parametrize("make", WHOLE.values(), ids=WHOLE)
+def test_nothing_in_a_record_can_be_changed(make):
+    """What was derived from it would be of other data, without a word."""
+    assert changeable(make()) == []
 
 
 @pytest.mark.parametrize("make", RESULTS.values(), ids=RESULTS)

@@ -87,6 +87,22 @@ def test_supports_and_tolerance_decide_anew(scene: Scene) -> None:
     assert set(alone.contacts.bodies).isdisjoint(support.name for support in scene.supports)
 
 
+def test_bodies_of_one_name_are_refused() -> None:
+    """A support that is called as a link does not say what the link's friction is."""
+    scene = load_scene(EXAMPLES / FILES[0])
+    first, *others = scene.supports
+    (link, *_) = hand_of(scene).link_names
+    double = replace(first, friction=0.01)
+    for changes, key in (
+        ({"supports": (first, *others, double)}, r"supports\[\d\]\.name"),
+        ({"supports": (first, *others, replace(double, name=link))}, r"supports\[\d\]\.name"),
+        ({"object": replace(scene.object, name=first.name)}, r"supports\[0\]\.name"),
+        ({"object": replace(scene.object, name=link)}, "object"),
+    ):
+        with pytest.raises(ArgumentError, match=rf"{key}: .* names .* too; names must differ"):
+            scene.with_changes(**changes)
+
+
 def test_a_support_that_starts_to_move_slides() -> None:
     scene = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
     assert not scene.problem().is_sliding.any()
@@ -105,6 +121,11 @@ def test_a_declared_motion_after_none_counts() -> None:
     assert problem.is_sliding.sum() == 4
     np.testing.assert_allclose(problem.sliding[-4:], [-0.05 * uphill] * 4, atol=1e-15)
     assert not moving.with_changes(motion=None).problem().is_sliding.any()
+
+
+def test_keys_come_as_a_mapping(scene: Scene) -> None:
+    with pytest.raises(ArgumentError, match=r"values: found \['a'\]; needs keys and values"):
+        scene.with_changes(["a"])  # pyright: ignore[reportArgumentType]
 
 
 def test_an_unknown_field_is_refused(scene: Scene) -> None:
@@ -280,7 +301,7 @@ def test_a_scene_that_never_answered_shares_what_its_copies_find() -> None:
     first = scene.with_changes(hand=hand.with_configuration(hand.positions)).contacts
     second = scene.with_changes(hand=hand.with_configuration(hand.positions)).contacts
     np.testing.assert_array_equal(first.arrays.positions, second.arrays.positions)
-    box = Support("box", Box((0.1, 0.1, 0.1)), np.eye(4))
+    box = Support("crate", Box((0.1, 0.1, 0.1)), np.eye(4))
     apart = np.array(box.T_world_support)
     apart[:3, 3] = [0.0, 0.0, 5.0]
     with_box = scene.with_changes(supports=(*scene.supports, replace(box, T_world_support=apart)))

@@ -15,23 +15,24 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.named_objectives import objective_named
-from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import Search, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solution_of, solve_problem
+from graspless_pin.bounds import LARGEST_FRICTION
 from graspless_pin.errors import OverrunError
 from graspless_pin.modes.kinematics import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import units_text
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, Record
 from graspless_pin.solution import UNDECIDED, TorqueSolution
 from graspless_pin.solution.tables import Table, shown, torque_size
 from graspless_pin.tree_search import Limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RuleComparison(Brief):
+class RuleComparison(Record, Brief):
     """The optimum under every pair of rules and plain Coulomb friction.
 
     See the example of `compare_rules`.
@@ -82,7 +83,7 @@ def compare_rules(
 
     How much the optimum moves tells how much of the answer hangs on the rule. That of
     ``direction`` is of round cones, whatever pyramids the problem has; it is left out where the
-    cones are another model than Coulomb's law.
+    cones are another model than Coulomb's law, and where all modes are to be enumerated.
 
     Args:
         problem: Contacts, wrench, joints and limits.
@@ -105,7 +106,8 @@ def compare_rules(
     limits = Limits.of(how)
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
-    if not checked_problem(problem).cone_model.is_coulomb or objective.algorithm is None:
+    refuses_directions = objective.algorithm is None or how.search is Search.ENUMERATE
+    if refuses_directions or not checked_problem(problem).cone_model.is_coulomb:
         readings = [rules for rules in readings if not rules.by_direction]
     found = {
         rules: solve_problem(problem, objective, limits.within(replace(how, rules=rules)))
@@ -239,7 +241,8 @@ def smallest_factor(
         if limits.passed:
             proven = False
             return False
-        scaled = problem.with_changes(friction=factor * problem.friction)
+        friction = np.minimum(factor * problem.friction, LARGEST_FRICTION)
+        scaled = problem.with_changes(friction=friction)
         solution = solve_problem(scaled, objective, limits.within(options))
         proven = proven and solution.status not in UNDECIDED
         return solution.found

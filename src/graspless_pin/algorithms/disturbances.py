@@ -17,6 +17,7 @@ from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.robustness import LoadBracket, bracket_limits, load_bracket
 from graspless_pin.algorithms.search_state import SearchState
+from graspless_pin.bounds import SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
@@ -218,19 +219,18 @@ def unit_disturbances(
         length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
     elif length is None:
         length = problem.scales.length
-    if not (np.isfinite(length) and length > 0.0):
-        raise ArgumentError("characteristic_length", f"is {length}; it must be positive")
+    length = real_number("characteristic_length", length, SMALLEST_LENGTH)
     if directions is None:
         axes = np.vstack([np.eye(passive), -np.eye(passive)])
         if passive == 1:
-            return read_only(axes), float(length)
+            return read_only(axes), length
         from scipy.stats import norm, qmc
 
         spread = norm.ppf(
             qmc.Sobol(passive, scramble=False).random(2 * _SOBOL_DIRECTIONS)[_SOBOL_DIRECTIONS:]
         )
         given = np.vstack([axes, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
-        return read_only(given), float(length)
+        return read_only(given), length
     given = finite_array("directions", directions, (None, passive))
     lengths = np.linalg.norm(given, axis=1)
     if (lengths == 0.0).any():

@@ -22,6 +22,7 @@ from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation, formu
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.builder import Marginals, marginals
+from graspless_pin.records import Record
 from graspless_pin.solution import TorqueSolution
 
 _HELD_COST = 1e-7
@@ -33,7 +34,7 @@ _OTHER_POINTS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class OptimalPoint:
+class OptimalPoint(Record):
     """Optimal forces and multipliers of a minimisation, in the problem's units.
 
     Attributes:

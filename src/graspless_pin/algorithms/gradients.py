@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
 from graspless_pin.algorithms.optimization import maximize_margin
 from graspless_pin.algorithms.options import SolveKeywords
+from graspless_pin.bounds import SMALLEST
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, read_only, real_number
 from graspless_pin.programs.builder import Marginals
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
@@ -101,8 +102,12 @@ class OptimumGradients(Brief):
         return float(self.values.external_wrench @ self.solution.problem.external_wrench)
 
     def per_mass(self, mass: float) -> float:
-        """Return the derivative per kilogram where the external wrench is the weight of a mass."""
-        return self.load / mass
+        """Return the derivative per kilogram where the external wrench is the weight of a mass.
+
+        Raises:
+            ArgumentError: If the mass is not above zero.
+        """
+        return self.load / real_number("mass", mass, SMALLEST)
 
 
 def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:

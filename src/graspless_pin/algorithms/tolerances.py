@@ -31,7 +31,7 @@ from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertaint
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import FloatArray, JointUnit, choice, finite_array, read_only
+from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, one_of, read_only
 from graspless_pin.problem.members import feedback_torques, under_commands
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
@@ -144,9 +144,10 @@ class Tolerances(Brief):
         """Return the tolerance of a quantity.
 
         Raises:
-            KeyError: If the problem does not tell of it.
+            ArgumentError: If the problem does not tell of it.
         """
-        return {one.quantity: one for one in self.each}[Quantity(quantity)]
+        known = {str(one.quantity): one for one in self.each}
+        return known[one_of(known, "quantity", str(quantity))]
 
     def __str__(self) -> str:
         """Return a table: how much is borne, which way it fails first, and where.
@@ -265,7 +266,8 @@ def tolerances(
     search = _Search(problem, given, stiffness, SolveOptions.parse(**options), options)
     if search.fails(0.0 * search.rest.external_wrench):
         raise NoSolutionError("No contact forces balance the load under these torques.")
-    wanted = [choice(Quantity, "quantities", one) for one in quantities]
+    named = [quantities] if isinstance(quantities, str) else quantities
+    wanted = [Quantity(one_of([*Quantity], "quantities", one)) for one in named]
     nominal = read_only(weight.wrench(0.0, np.zeros(3), weight.down)[:3].copy())
     each = tuple(search.all(weight, wanted))
     found: list[AttainableTolerance] = []

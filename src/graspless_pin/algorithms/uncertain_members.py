@@ -19,7 +19,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.members import Corner, Member
 from graspless_pin.problem.scales import coordinate_units
-from graspless_pin.records import Brief, changed
+from graspless_pin.records import Brief, Record, changed
 
 MOST_MEMBERS = 20_000
 """Corners that a set may have before its hull."""
@@ -36,7 +36,7 @@ _MOST_DIMENSIONS = 6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Weight(Brief):
+class Weight(Record, Brief):
     """Which part of a problem's load and torques is whose weight.
 
     Attributes:

@@ -146,7 +146,8 @@ class Uncertainty(Brief):
                 flat = _flat(value)
                 each = [f"{key} {sign}{scale * one:.3g}" for key, one in flat.items() if one]
             else:
-                numbers = np.unique(value) if np.ptp(value) == 0.0 else np.ravel(value)
+                same = np.unique(value)
+                numbers = same if len(same) == 1 else np.ravel(value)
                 each = [f"{sign}{scale * one:.3g}" for one in numbers if numbers.any()]
             told += [f"{of} {', '.join(each)} {unit}"] if each else []
         return "; ".join(told) if any(", " in one for one in told) else ", ".join(told) or "nothing"

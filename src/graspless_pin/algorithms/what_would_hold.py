@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.optimization import maximize_margin
 from graspless_pin.algorithms.robustness import bracket_limits
+from graspless_pin.bounds import LARGEST_FRICTION
 from graspless_pin.holding.dynamics import with_joints_held
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import NODE_LIMIT, Stability, StabilityVerdict
@@ -126,7 +127,9 @@ def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iter
     ]:
         yield from _smallest(
             lambda more, where=where: (
-                problem.with_changes(friction=(1.0 + more * where) * problem.friction), tau
+                problem.with_changes(
+                    friction=np.minimum((1.0 + more * where) * problem.friction, LARGEST_FRICTION)
+                ), tau
             ),
             (_MOST_FRICTION - 1.0,),
             lambda more, place=place: f"{1.0 + more:.2f} times the friction at {place}",

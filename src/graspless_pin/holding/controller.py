@@ -16,6 +16,7 @@ import numpy as np
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.problem.fingers import DEFAULT_GAIN
+from graspless_pin.records import Record
 from graspless_pin.suggestions import names_in_words
 
 DAMPING, ARMATURE = 0.02, 1e-4
@@ -216,7 +217,7 @@ def first_few(names: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class GrowthProof:
+class GrowthProof(Record):
     """Small motions z about a rest, and what proves that none grows faster than a rate.
 
     M_z z'' + D_z z' + (K_geo + N_q^T K N_q) z = 0 with M_z = N^T (M + rotors) N, D_z = N_q^T D N_q;
@@ -247,7 +248,7 @@ class GrowthProof:
 
 
 @dataclass(frozen=True, eq=False)
-class SmallMotions:
+class SmallMotions(Record):
     """What becomes of small motions about a rest under the controller, to second order.
 
     Slips and contacts that part are another question, which the verdict itself answers.

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Record
 
 _FEWEST_CONTACTS = 3
 """Contacts of a patch: fewer are split one by one."""
@@ -37,7 +38,7 @@ _WIDEST = 0.5 * np.pi - 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class MotionCone:
+class MotionCone(Record):
     """Planar motions x = sum c_k axes[k], with the largest coefficient at one axis.
 
     Attributes:
@@ -79,7 +80,7 @@ class MotionCone:
 
 
 @dataclass(frozen=True, eq=False)
-class PatchSlip:
+class PatchSlip(Record):
     """What the contacts of a patch do.
 
     Attributes:
@@ -102,7 +103,7 @@ class PatchSlip:
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(Record):
     """Contacts whose slips one planar motion tells.
 
     Attributes:

@@ -14,7 +14,7 @@ from graspless_pin.holding.controller import SmallMotions
 from graspless_pin.holding.patches import PatchSlip
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, Record
 
 
 class Stability(StrEnum):
@@ -98,7 +98,7 @@ class DynamicOutcome(Brief):
 
 
 @dataclass(frozen=True, eq=False)
-class DualBound:
+class DualBound(Record):
     """Multipliers that prove an upper bound in some set of outcomes; see `holding.bounds`.
 
     Attributes:

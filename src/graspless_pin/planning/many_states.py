@@ -28,6 +28,7 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.programs.objectives import Margin
+from graspless_pin.records import Record
 from graspless_pin.scene.problem_data import possible_columns
 from graspless_pin.scene.stated import Motion
 from graspless_pin.solution.tables import brief_figure
@@ -232,7 +233,7 @@ def _found_by_processes(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EvaluatedStates:
+class EvaluatedStates(Record):
     """What `Evaluator.evaluate_many` found of K states; all arrays are read-only.
 
     Attributes:

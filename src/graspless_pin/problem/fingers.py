@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -116,6 +117,8 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
     spaces: list[JointSpace] = []
     for index, finger in enumerate(fingers):
         label = f"fingers[{index}]"
+        if not isinstance(finger, FingerContacts):
+            raise ArgumentError(label, f"found {reprlib.repr(finger)}; needs a FingerContacts")
         for contact in _indices(label, finger.contacts):
             if not 0 <= contact < len(n):
                 raise ArgumentError(

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, null_space
 
 from graspless_pin.problem.checks import FloatArray, JointUnit, turning
 from graspless_pin.problem.quasistatic import QuasistaticProblem, contact_map
-from graspless_pin.records import Brief, unchecked
+from graspless_pin.records import Brief, Record, unchecked
 
 _IDLE_LEVER = 1e-12
 """Of the longest lever: joints on shorter ones bear no contact force."""
@@ -19,7 +19,7 @@ _RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Corner(Brief):
+class Corner(Record, Brief):
     """By how much the load and sliding contacts of a member differ from the nominal problem's.
 
     Attributes:
@@ -40,7 +40,7 @@ class Corner(Brief):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Member(Brief):
+class Member(Record, Brief):
     """One of the problems that may turn out to be the true one.
 
     Attributes:

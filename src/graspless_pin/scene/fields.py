@@ -22,7 +22,7 @@ from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject,
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.controller import Controller
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.records import PickledByFields, changed
+from graspless_pin.records import Record, changed, frozen
 from graspless_pin.scene.body_schema import HandEntry, ObjectEntry
 from graspless_pin.scene.scene_schema import SceneEntry, SolveEntry
 from graspless_pin.scene.stated import Acceleration, GivenContact, Load, Motion
@@ -188,7 +188,7 @@ FIELDS_OF_KEYS = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SceneFields(PickledByFields):
+class SceneFields(Record):
     """The fields of a scene: see `Scene`."""
 
     name: str
@@ -228,6 +228,8 @@ class SceneFields(PickledByFields):
             ArgumentError: If a name is none of the fields, or a value not one of its field.
         """
         scene = self._changed(_checked_changes(changes))
+        if changes.keys() & {"object", "hand", "supports"}:
+            _check_names(scene)
         if "friction" in changes or "given_contacts" in changes:
             links = () if scene.hand is None else scene.hand.link_names
             bodies = (*[support.name for support in scene.supports], *links)
@@ -243,7 +245,8 @@ class SceneFields(PickledByFields):
         stated = self._stated
         if stated is not None and not stated.changed.issuperset(fields):
             stated = stated._replace(changed=stated.changed.union(fields))
-        return changed(self, *self._DERIVED, _kept=self._kept, _stated=stated, **fields)
+        own = {name: frozen(value) for name, value in fields.items()}
+        return changed(self, *self._DERIVED, _kept=self._kept, _stated=stated, **own)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the fields, with where the scene's file states them."""
@@ -258,6 +261,19 @@ class SceneFields(PickledByFields):
     def _kept(self) -> Latest:
         """What this scene and those changed from it, or made of the same parts, found last."""
         return Latest()
+
+
+def _check_names(scene: SceneFields) -> None:
+    """Refuse bodies of one name: contacts are told by them."""
+    links = () if scene.hand is None else scene.hand.link_names
+    taken = {*links, scene.object.name}
+    if scene.object.name in links:
+        raise ArgumentError("object", f"{scene.object.name!r} names a link too; names must differ")
+    for index, support in enumerate(scene.supports):
+        if support.name in taken:
+            message = f"{support.name!r} names another body too; names must differ"
+            raise ArgumentError(f"supports[{index}].name", message)
+        taken.add(support.name)
 
 
 _GROUPS = ("default", "hand", "supports")

@@ -275,7 +275,7 @@ def friction_at(scene: SceneFields, group: str, body: str) -> float:
         SceneError: If it has none.
     """
     material = scene.hand_material
-    for support in scene.supports:
+    for support in scene.supports if group == "supports" else ():
         if support.name == body:
             if support.friction is not None:
                 return support.friction

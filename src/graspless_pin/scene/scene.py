@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import reprlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -186,6 +187,10 @@ class Scene(SceneFields):
             2.0 kg, 2.709 N
         """
         renamed = {"solve", "contacts"} & changes.keys()
+        if values is not None and not isinstance(values, Mapping):
+            example = "{'object.mass': 2.0}"
+            found = reprlib.repr(values)
+            raise ArgumentError("values", f"found {found}; needs keys and values, e.g. {example}")
         keys = dict(values or {}) | {key: changes.pop(key) for key in renamed}
         scene = super().with_changes(**changes) if changes or not keys else self
         if not keys:
@@ -275,7 +280,7 @@ class Scene(SceneFields):
                 if "solver" in options:
                     raise
                 raise SceneError(f"{label_of(self)}: solve.{error}") from error
-        refuse_useless(options, name)
+        refuse_useless([key for key, value in options.items() if value is not None], name)
         return asked
 
     def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
@@ -313,7 +318,7 @@ class Scene(SceneFields):
         Relative paths are written as they are from the new place, absolute ones as they are.
 
         Args:
-            path: The file, ``.yaml``.
+            path: The file, ``.yaml``; folders that are missing are made.
             overwrite: Whether a file of that name may be replaced.
 
         Raises:

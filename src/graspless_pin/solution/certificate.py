@@ -15,7 +15,7 @@ import numpy as np
 
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, Record
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ DualVariables = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Evidence(Brief):
+class Evidence(Record, Brief):
     """What a search leaves of the proof of its answer.
 
     Attributes:
@@ -167,7 +167,7 @@ NO_EVIDENCE = Evidence()
 
 
 @dataclass(frozen=True, eq=False)
-class BoundLeaf:
+class BoundLeaf(Record):
     """Multipliers that prove a part's bound.
 
     Attributes:
@@ -182,7 +182,7 @@ class BoundLeaf:
 
 
 @dataclass(frozen=True, eq=False)
-class KinematicLeaf:
+class KinematicLeaf(Record):
     """A combination that excludes every motion of a part.
 
     Attributes:
@@ -193,7 +193,7 @@ class KinematicLeaf:
 
 
 @dataclass(frozen=True, eq=False)
-class ConflictSplit:
+class ConflictSplit(Record):
     """Items that exclude each other: each child presumes those before its own, and breaks its own.
 
     Attributes:
@@ -240,7 +240,7 @@ class ModeProof:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SolutionProof(Brief):
+class SolutionProof(Record, Brief):
     """What proves the statements of a solution.
 
     Attributes:

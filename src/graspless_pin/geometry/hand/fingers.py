@@ -18,11 +18,11 @@ from graspless_pin.geometry.hand.tree import KinematicTree, LinkGeometry
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.checks import FloatArray, unknown_name
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, Record
 
 
 @dataclass(frozen=True, repr=False)
-class ControlPlan(Brief):
+class ControlPlan(Record, Brief):
     """Control modes after all defaults and overrides.
 
     Attributes:

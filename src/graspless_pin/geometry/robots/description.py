@@ -10,7 +10,7 @@ from typing import Any
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT, Cut
 from graspless_pin.problem.fingers import DEFAULT_GAIN
-from graspless_pin.records import Brief
+from graspless_pin.records import Brief, Record
 from graspless_pin.suggestions import names_in_words
 
 
@@ -111,7 +111,7 @@ class LinkMeshes:
 
 
 @dataclass(frozen=True, repr=False)
-class RobotDescription(Brief):
+class RobotDescription(Record, Brief):
     """A hand before it is mounted: a URDF and what the URDF does not say.
 
     Attributes:
