@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from cases import GRAVITY, box_inertia, pressed_on_wall
+from cases import GRAVITY, HALF, block_on_slope, box_inertia, pressed_on_wall
 
 from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
 from graspless_pin.report import solution_document
@@ -68,6 +68,23 @@ def test_an_object_that_falls_is_what_is_told(idle: float) -> None:
     assert said.motion is not None
     assert said.motion.object_acceleration[2] == pytest.approx(5.0 - GRAVITY)
     assert "the object can slip down" in str(said)
+
+
+def test_an_object_that_hardly_slips_is_what_is_told() -> None:
+    """Friction of 0.5 bears 4.905 N of a push along a table; 5 mN more move cube and finger."""
+    table = block_on_slope(0.5, 0.0)
+    jacobian = np.zeros((15, 1))
+    jacobian[12] = -1.0
+    pushed = QuasistaticProblem(
+        [*table.positions, (HALF, 0.0, -HALF)], [*table.normals, (-1.0, 0.0, 0.0)],
+        table.external_wrench, jacobian, friction=[0.5] * 4 + [0.0], joint_units=["N"],
+        object_inertia=box_inertia(), joint_inertia=[[0.05]],
+    )  # fmt: skip
+    assert stability(pushed, [4.9]).status is Stability.STRONG
+    said = stability(pushed, [4.91])
+    assert said.status is Stability.NONE and said.motion is not None
+    assert 0.0 < said.motion.point_acceleration < said.acceleration_limit
+    assert said.moves == "object" and said.holding == "fails"
 
 
 def test_a_weak_verdict_moves_the_object() -> None:

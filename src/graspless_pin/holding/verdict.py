@@ -295,10 +295,17 @@ class StabilityVerdict:
 
     @property
     def moves(self) -> MovingPart | None:
-        """What `motion` moves: the object, or joints alone; None without a motion."""
+        """What `motion` moves: the object, or joints alone; None without a motion.
+
+        Where rest is no outcome, an object that accelerates less than counts as motion elsewhere
+        goes with the joints all the same: it slips, and they do not move alone.
+        """
         if self.motion is None:
             return None
-        moved = self.motion.point_acceleration > self.acceleration_limit
+        limit = self.acceleration_limit
+        if self.status is Stability.NONE:
+            limit *= FINEST_RESOLUTION / self.acceleration_resolution
+        moved = self.motion.point_acceleration > limit
         alone = not moved and self.motion.joint_accelerations.any()
         return MovingPart.FINGER if alone else MovingPart.OBJECT
 

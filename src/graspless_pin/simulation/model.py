@@ -19,6 +19,7 @@ from graspless_pin.geometry import BodyKind, ManipulatedObject, unwanted_overlap
 from graspless_pin.geometry.hand.joint_columns import JointedBody, jointed_bodies
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert, turned_about
+from graspless_pin.geometry.posing.finger_joints import bent_hand
 from graspless_pin.holding.controller import ARMATURE, Controller, gain_shares
 from graspless_pin.holding.dynamics import contact_jacobian
 from graspless_pin.problem import ControlMode, QuasistaticProblem
@@ -145,6 +146,8 @@ _OUT_OF_REACH = 1e-3
 """Of the largest singular value: gaps that are closed only by turning far stay open."""
 _LEVER, _TURN = 0.05, 0.1
 """m, and how readily the object turns beside joints: it moves where they cannot close a gap."""
+_NEWTON_STEPS, _CLOSED = 5, 1e-6
+"""Steps towards contacts without gaps, and the one that is small enough to stop, rad and m."""
 _START_OVERLAP = 1e-6
 """m by which links that move overlap the object at the start: more than closing leaves open."""
 FIXTURE = "fixture"
@@ -272,8 +275,7 @@ def simulation_model(
         left_out = _write_exclusions(document, scene, hand)
         wrenches = _link_wrenches(scene, hand, joints)
     rates = _joint_rates(hand, joints, problem.joint_count)
-    closing = _closing(scene.contacts, problem, np.any(rates != 0.0, axis=0))
-    manipulated = _moved(scene.object, closing[:6])
+    ways, manipulated = _closed(scene, rates)
     write_object(document, scene, manipulated)
     add(document.section("equality"), "weld", name=FIXTURE, body1=OBJECT)
     _write_motors(document, joints)
@@ -286,7 +288,7 @@ def simulation_model(
         left_out,
         tuple(axis.name for axis in joints.axes.values()),
         rates,
-        rates @ closing[6:],
+        ways,
         manipulated,
         tuple(one for one in acting_forces(scene) if not one.of_gravity),
         wrenches,
@@ -312,14 +314,38 @@ def _joint_rates(hand: Hand | None, joints: DrivenJoints, count: int) -> FloatAr
     return rates
 
 
+def _closed(scene: Scene, rates: FloatArray) -> tuple[FloatArray, ManipulatedObject]:
+    """Return (k,) how far joints go until contacts have no gaps, and the object then.
+
+    Fingers that cross a gap under torques bend in themselves on the way, and shift the object
+    where one of them arrives first. Where friction bears most of a torque, a tip that does not
+    touch may even go along the object and off. Newton's method, as a tip goes along a curve.
+    """
+    moves, ways = np.any(rates != 0.0, axis=0), np.zeros(len(rates))
+    there, hand, manipulated = scene, scene.hand, scene.object
+    for _ in range(_NEWTON_STEPS):
+        step = _closing(there.contacts, there.problem(), moves)
+        ways += rates @ step[6:]
+        manipulated = _moved(manipulated, step[:6])
+        if np.abs(step).max() < _CLOSED:
+            break
+        try:
+            hand = None if hand is None else bent_hand(hand, step[6:])
+            there = there.with_changes(object=manipulated, hand=hand)
+            has_all = there.problem().joint_count == len(moves)
+        except SceneError:  # a joint beyond its limits, which the simulation does not have
+            has_all = False
+        if not has_all:
+            break
+    return ways, manipulated
+
+
 def _closing(
     contacts: SceneContacts, problem: QuasistaticProblem, moves: NDArray[np.bool_]
 ) -> FloatArray:
     """Return the least motion (6 + L,) of joints that move, and of the object, that closes gaps.
 
-    Fingers that cross a gap under torques bend in themselves on the way, and shift the object
-    where one of them arrives first. Where friction bears most of a torque, a tip that does not
-    touch may even go along the object and off. The object moves where joints cannot close a gap.
+    The object moves where joints cannot close a gap.
     """
     share = np.concatenate([np.full(3, _TURN * _LEVER), np.full(3, _TURN), moves.astype(float)])
     approach = contact_jacobian(problem)[:, 0] * share
