@@ -117,8 +117,10 @@ def test_the_table_has_no_powers_of_ten_and_the_unit_of_each_figure():
     given = Tolerance(Quantity.MASS_MORE, 20.483, 100.0, deflection=0.291)
     for units, unit in ((("N m", "N m"), "rad"), (("N", "N"), "m"), (("N m", "N"), "rad or m")):
         of = problem.with_changes(joint_units=units)
-        (row,) = Tolerances(of, np.zeros(2), (given,), np.zeros(3), None).table()[1]
+        off = Tolerances(of, np.zeros(2), (given,), np.zeros(3), None, coulomb=False)
+        (row,) = off.table()[1]
         assert row == ("more mass", "2050 %", "10000 %", "", "", f"0.29 {unit}")
+        assert "the best that friction that opposes virtual sliding allows" in str(off)
 
 
 def test_tilt_of_a_scene_against_scenes_that_are_tilted():

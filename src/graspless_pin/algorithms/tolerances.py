@@ -129,6 +129,7 @@ class Tolerances(Brief):
         weight: (3,) the part of the load that counts as weight, N, world axes.
         feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
             constant.
+        coulomb: Whether contact forces are those of Coulomb friction, without virtual sliding.
         attainable: How far the same quantities may be off if torques are chosen for each; empty:
             that was not asked.
     """
@@ -138,6 +139,7 @@ class Tolerances(Brief):
     each: tuple[Tolerance, ...]
     weight: FloatArray
     feedback: FloatArray | None
+    coulomb: bool
     attainable: tuple[AttainableTolerance, ...] = ()
 
     def of(self, quantity: Quantity | str) -> Tolerance:
@@ -155,14 +157,13 @@ class Tolerances(Brief):
         With attainable tolerances these stand beside, in the place of way and contacts.
         """
         headers, rows = self.table()
-        kept = [
-            place
-            for place, name in enumerate(headers)
-            if not self.attainable or name not in ("direction", _WHERE)
-        ]
+        left_out = ("direction", _WHERE) if self.attainable else ()
+        kept = [place for place, name in enumerate(headers) if name not in left_out]
         told = [[row[place] for place in kept] for row in rows]
         table = tabulate(told, headers=[headers[place] for place in kept])
-        return f"{table}\n{self.remark}".rstrip()
+        law = "Coulomb friction" if self.coulomb else "friction that opposes virtual sliding"
+        forces = f"contact forces are the best that {law} allows; robustness counts on none"
+        return f"{table}\n{forces}\n{self.remark}".rstrip()
 
     @property
     def remark(self) -> str:
@@ -274,7 +275,7 @@ def tolerances(
     if attainable:
         chosen = AttainableSearch(problem, weight, stiffness, how)
         found = [chosen.of(one.quantity, one.borne, given) for one in each]
-    return Tolerances(problem, given, each, nominal, stiffness, tuple(found))
+    return Tolerances(problem, given, each, nominal, stiffness, search.convex, tuple(found))
 
 
 class _Search:
