@@ -152,7 +152,7 @@ def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held
     monkeypatch, torques
 ):
     extremes = ForceExtremes(scene("rest"), torques, SolveOptions.parse())
-    assert extremes.feasibility() is Status.OPTIMAL
+    assert extremes.status is Status.OPTIMAL
 
     monkeypatch.setattr(force_bounds, "search_modes", lambda _: Status.INFEASIBLE_MODES)
     normal = extremes.component(0, 0)
@@ -169,7 +169,6 @@ def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(m
     torques = minimize_torque(problem, 0.1).torques
     bounds = contact_force_bounds(problem, torques)
     extremes = ForceExtremes(problem, torques, SolveOptions.parse())
-    extremes.feasibility()
     real, calls = extremes.largest, itertools.count()
     every = np.ones((problem.contact_count, 3), dtype=bool)
 

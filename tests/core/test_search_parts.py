@@ -123,7 +123,7 @@ def test_the_least_friction_that_counts(size, is_friction):
     x[column] = -size
     friction = reader._friction(x)
     assert friction is not None
-    contact = state.formulation.coordinates.layout.cone_contacts[1]
+    contact = state.formulation.coordinates.layout.cones.tolist()[1]
     assert tuple(friction[contact]) == ((-1, 0) if is_friction else (0, 0))
     assert not np.delete(friction, contact, axis=0).any()
     assert reader.describe(x).selection[contact] == is_friction

@@ -100,7 +100,7 @@ class _DirectionSearch:
     def __init__(self, state: SearchState) -> None:
         self.state, self._gap = state, state.options.direction_gap
         self._formulation = state.formulation
-        self._cones = self._formulation.coordinates.layout.cone_contacts
+        self._cones = self._formulation.coordinates.layout.cones.tolist()
         self.motions = SectorMotions(self._formulation.kinematics)
         required = required_contacts(self._formulation.problem, state.rules)
         self.always = np.flatnonzero(required).tolist()

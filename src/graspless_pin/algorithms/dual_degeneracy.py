@@ -132,7 +132,7 @@ class OptimalSet:
 
         Where some optimal forces have friction of that sign, the sign costs nothing.
         """
-        contacts = np.array(self._formulation.coordinates.layout.cone_contacts, dtype=int)
+        contacts = self._formulation.coordinates.layout.cones
         columns = self._formulation.cone_columns[0]
         edges = np.zeros((self.solution.problem.contact_count, 2), dtype=bool)
         if self.solution.rules.static_friction is StaticFriction.COULOMB:
@@ -178,7 +178,7 @@ class OptimalSet:
         A sign of the mode that friction is about to change has a multiplier of its own.
         """
         program, (_, given, bounds) = self._formulation.program, self._active
-        contacts = list(self._formulation.coordinates.layout.cone_contacts)
+        contacts = self._formulation.coordinates.layout.cones
         edges = self._formulation.cone_columns[0][self.mode_edges[contacts]]
         bounds = np.concatenate([bounds, edges])
         first, size = len(program.A), len(program.c)

@@ -77,9 +77,10 @@ class _Surface(NamedTuple):
 class ForceExtremes:
     """The force set of given torques, and optima of linear functions over it.
 
-    Call `feasibility` first: the other methods are of torques that some mode holds.
+    The methods are of torques that some mode holds.
 
     Attributes:
+        status: Whether some mode holds the torques.
         growing: Modes that were seen to hold a force and a free ray.
         reached: Coordinates of forces that a feasible mode holds.
         proven: Whether every search since this was last set came to its proof.
@@ -91,10 +92,9 @@ class ForceExtremes:
         torques: FloatArray,
         options: SolveOptions,
     ) -> None:
-        """Take the torques (L,), N m, and how to search; the time of all searches begins."""
+        """Look for a mode that holds the torques (L,), N m; the time of all searches begins."""
         self.limits, self.options = Limits.of(options), options
-        self.problem, self.rules, self.solver = problem, options.rules, options.solver
-        self.torques = torques
+        self.problem, self.torques = problem, torques
         self.set = formulate(problem, ForceSet(torques))
         self.rays = formulate(problem, FreeRays())
         self.coordinates = self.set.coordinates
@@ -103,14 +103,10 @@ class ForceExtremes:
         self.growing: list[SlidingMode] = []
         self.reached: list[FloatArray] = []
         self.proven = True
-
-    def feasibility(self) -> Status:
-        """Whether some mode holds the torques."""
-        status, _ = self._search(self.set)
-        if status not in FOUND and self._reach < FARTHEST:
-            self.set = formulate(self.problem, ForceSet(self.torques, farthest=True))
-            status, _ = self._search(self.set)
-        return status
+        self.status, _ = self._search(self.set)
+        if self.status not in FOUND and self._reach < FARTHEST:
+            self.set = formulate(problem, ForceSet(torques, farthest=True))
+            self.status, _ = self._search(self.set)
 
     @property
     def _reach(self) -> float:
@@ -244,10 +240,10 @@ class ForceExtremes:
     def _grows(self, c: FloatArray) -> bool:
         """Whether some mode holds a force and a ray along which -c grows."""
         alone = self.rays.with_costs(c)
-        answer = solve(alone.program, self.solver)
+        answer = solve(alone.program, self.options.solver)
         if answer.outcome is Outcome.SOLVED and answer.value > -_LEAST_RAY_GROWTH:
             return False
-        if self.rules.static_friction is StaticFriction.COULOMB:
+        if self.options.rules.static_friction is StaticFriction.COULOMB:
             self.proven = self.proven and answer.outcome is Outcome.SOLVED
             return self.proven
         if any(self._in_mode(alone, mode) < -_LEAST_RAY_GROWTH for mode in self.growing):
@@ -290,13 +286,13 @@ class ForceExtremes:
 
     def _in_mode(self, formulation: Formulation, mode: SlidingMode) -> float:
         """Optimum of a program of one set of forces in one mode, inf where it has none."""
-        answer = formulation.solve(*formulation.bounds_of(mode), self.solver, cutoff=np.inf)
+        answer = formulation.solve(*formulation.bounds_of(mode), self.options.solver, cutoff=np.inf)
         return answer.value if answer.outcome is Outcome.SOLVED else np.inf
 
     def _has_rays(self) -> bool:
         """Whether the force set without modes is unbounded."""
         answer = solve(
-            self.rays.with_costs(-self.rows.normal_rows.sum(axis=0)).program, self.solver
+            self.rays.with_costs(-self.rows.normal_rows.sum(axis=0)).program, self.options.solver
         )
         return answer.outcome is not Outcome.SOLVED or answer.value < -_LEAST_RAY_GROWTH
 
@@ -468,8 +464,7 @@ def contact_force_bounds(
     checked_problem(problem)
     given = finite_array("torques", torques, (problem.joint_count,))
     search = ForceExtremes(problem, given, how)
-    status = search.feasibility()
-    count = problem.contact_count
+    status, count = search.status, problem.contact_count
     lower, upper = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
     proven = np.zeros((count, 3), dtype=bool)
     margins = np.nan, np.nan

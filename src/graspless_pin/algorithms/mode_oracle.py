@@ -134,7 +134,7 @@ class ModeOracle:
         Of the motions that keep all contacts touching, the one whose sliding opposes the friction
         best by least squares; contacts that it leaves at rest are not selected.
         """
-        contacts = [*self.formulation.coordinates.layout.cone_contacts, *self._always_selected]
+        contacts = [*self.formulation.coordinates.layout.cones.tolist(), *self._always_selected]
         columns = self.formulation.cone_columns
         wanted = np.zeros((len(contacts), 2))
         wanted[: columns.shape[1]] = -x[columns].sum(axis=0)

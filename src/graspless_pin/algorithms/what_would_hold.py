@@ -106,26 +106,30 @@ def what_would_hold(
     """
     limits = bracket_limits(problem, 0.1, node_limit, time_limit)
     tau = finite_array("torques", torques, (problem.joint_count,))
-    return HoldingChanges(tuple(_found(problem, tau, limits)), complete=not limits.passed)
+    return HoldingChanges(
+        tuple(filter(None, _tried_changes(problem, tau, limits))), complete=not limits.passed
+    )
 
 
-def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iterator[HoldingChange]:
+def _tried_changes(
+    problem: QuasistaticProblem, tau: FloatArray, limits: Limits
+) -> Iterator[HoldingChange | None]:
     if problem.joint_count:
         excess = tau - problem.gravity_torques
-        yield from _smallest(
+        yield _smallest(
             lambda share: (problem, tau + share * excess), _TORQUE_SHARES,
             lambda share: f"contact torques {100.0 * share:.0f} % larger",
             limits,
         )  # fmt: skip
-        yield from _preload(problem, tau, limits)
-        yield from _other_torques(problem, limits)
+        yield _preload(problem, tau, limits)
+        yield _other_torques(problem, limits)
     everywhere = np.ones(problem.contact_count, dtype=bool)
     each = np.eye(problem.contact_count, dtype=bool)
     for where, place in [
         *((row, f"contact {contact}") for contact, row in enumerate(each)),
         (everywhere, "all contacts"),
     ]:
-        yield from _smallest(
+        yield _smallest(
             lambda more, where=where: (
                 problem.with_changes(
                     friction=np.minimum((1.0 + more * where) * problem.friction, LARGEST_FRICTION)
@@ -137,61 +141,59 @@ def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iter
         )  # fmt: skip
     for joint, name in enumerate(problem.joint_names):
         held = with_joints_held(problem, tau, np.array([joint], dtype=np.intp))
-        yield from _tried((held, tau), f"joint {name} under position control", limits)
+        yield _tried((held, tau), f"joint {name} under position control", limits)
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     acts = (blocks != 0.0).any(axis=1)
     for contact in np.flatnonzero(acts.sum(axis=1) > 1).tolist():
         held = with_joints_held(problem, tau, np.flatnonzero(acts[contact]))
         words = f"all joints behind contact {contact} under position control"
-        yield from _tried((held, tau), words, limits)
+        yield _tried((held, tau), words, limits)
 
 
-def _other_torques(problem: QuasistaticProblem, limits: Limits) -> Iterator[HoldingChange]:
+def _other_torques(problem: QuasistaticProblem, limits: Limits) -> HoldingChange | None:
     """Try the torques of the largest margin of which rest is the only outcome."""
     if limits.passed:
-        return
+        return None
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
     other = maximize_margin(
         problem, stability="strong", verdict_nodes=nodes, time_limit=limits.seconds_left
     )
-    if other.found:
-        words = "torques of maximize_margin with stability='strong'"
-        yield from _tried((problem, other.torques), words, limits)
+    if not other.found:
+        return None
+    words = "torques of maximize_margin with stability='strong'"
+    return _tried((problem, other.torques), words, limits)
 
 
-def _preload(
-    problem: QuasistaticProblem, tau: FloatArray, limits: Limits
-) -> Iterator[HoldingChange]:
+def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> HoldingChange | None:
     """Try torques on top that squeeze the object without load."""
     if limits.passed:
-        return
+        return None
     unloaded = problem.with_changes(
         external_wrench=np.zeros(problem.passive_count),
         gravity_torques=np.zeros(problem.joint_count),
     )
     squeeze = maximize_margin(unloaded, static_friction="coulomb", time_limit=limits.seconds_left)
     if not squeeze.found or squeeze.margin <= 1e-6 * problem.scales.force:
-        return
+        return None
     largest = float(np.linalg.norm(squeeze.contact_forces, axis=1).max())
     per_newton, load = squeeze.torques / largest, problem.scales.force
-    yield from _smallest(
+    return _smallest(
         lambda share: (problem, tau + share * load * per_newton), _TORQUE_SHARES,
         lambda share: f"a preload of up to {share * load:.3g} N at the contacts, by the torques",
         limits,
     )  # fmt: skip
 
 
-def _tried(changed: _Changed, words: str, limits: Limits) -> Iterator[HoldingChange]:
-    if limits.passed:
-        return
+def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | None:
+    """Return a change; None: it is out of the limits, or a verdict does not prove rest with it."""
     problem, torques = changed
     beyond = (torques < problem.lower_torque) | (torques > problem.upper_torque)
-    if beyond.any():
-        return
+    if limits.passed or beyond.any():
+        return None
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
     verdict = stability(problem, torques, node_limit=nodes, time_limit=limits.seconds_left)
-    if verdict.status is Stability.STRONG:
-        yield HoldingChange(words, problem, torques, verdict)
+    held = verdict.status is Stability.STRONG
+    return HoldingChange(words, problem, torques, verdict) if held else None
 
 
 def _smallest(
@@ -199,18 +201,18 @@ def _smallest(
     sizes: tuple[float, ...],
     words: Callable[[float], str],
     limits: Limits,
-) -> Iterator[HoldingChange]:
-    """Yield the smallest change found: the first size that holds, then halved towards the last."""
+) -> HoldingChange | None:
+    """Return the smallest change found: the first size that holds, halved towards the last."""
     too_small = 0.0
     for size in sizes:
-        found = next(_tried(change(size), words(size), limits), None)
+        found = _tried(change(size), words(size), limits)
         if found is None:
             too_small = size
             continue
         for _ in range(_CHANGE_BISECTIONS):
             middle = 0.5 * (too_small + size)
-            less = next(_tried(change(middle), words(middle), limits), None)
+            less = _tried(change(middle), words(middle), limits)
             too_small, size = (middle, size) if less is None else (too_small, middle)
             found = less or found
-        yield found
-        return
+        return found
+    return None

@@ -39,7 +39,6 @@ class ForceLayout:
         normal_columns: (M,) column of each contact's normal coordinate.
         tangent_columns: (M, 2) columns of t1 and t2; -1 where there is no cone.
         cones: (c,) indices of the contacts with a cone.
-        cone_contacts: The same as plain integers.
         friction_columns: (c, 2) their columns of t1 and t2.
         without_cone: (M,) bool, contacts without one.
         owner: (n,) contact of each column.
@@ -52,7 +51,6 @@ class ForceLayout:
     normal_columns: NDArray[np.int_]
     tangent_columns: NDArray[np.int_]
     cones: NDArray[np.int_]
-    cone_contacts: tuple[int, ...]
     friction_columns: NDArray[np.int_]
     without_cone: NDArray[np.bool_]
     owner: NDArray[np.int_]
@@ -89,7 +87,7 @@ def layout_of(mask: bytes) -> ForceLayout:
         "normal_rows": rows,
     }
     arrays = {name: read_only(array) for name, array in arrays.items()}
-    return ForceLayout(size, cone_contacts=tuple(cones.tolist()), **arrays)
+    return ForceLayout(size, **arrays)
 
 
 @dataclass(frozen=True, eq=False)
