@@ -57,8 +57,8 @@ class TreeSearch(Generic[Node]):
     def __iter__(self) -> Iterator[tuple[float, Node]]:
         """Yield each open node with the bound that it was added with, until none is open."""
         while self._open:
-            bound, depth, _, node = heapq.heappop(self._open)
-            self._depth = 1 - depth
+            bound, minus_depth, _, node = heapq.heappop(self._open)
+            self._depth = 1 - minus_depth
             yield bound, node
 
     def add(self, children: Iterable[Node], bound: float = 0.0) -> None:

@@ -64,7 +64,7 @@ def test_the_margin_at_worst_of_an_example_is_proven_on_any_machine(name, monkey
     monkeypatch.setattr(solve, "contact_force_bounds", lambda *_, **options: asked.append(options))
     scene = load_scene(ROOT / "examples" / f"{name}.yaml")
     solution = scene.solve()
-    solve._forces(scene, solution)
+    solve._force_bounds(scene, solution)
     del asked[0]["time_limit"]
     assert contact_force_bounds(scene.problem(), solution.torques, **asked[0]).proven.all()
 

@@ -85,8 +85,8 @@ def largest_served(
             members of larger ones with all that is off times the ratio of the sizes.
         failed: What was found for the larger size: no torques.
         sizes: The smaller one is served, and the larger one is not.
-        near: How near the two sizes that are returned have to be, and
-        relative: over the larger one.
+        near: How near each other the two sizes that are returned have to be.
+        relative: The same over the larger one; the wider of the two counts.
         limits: When to stop.
     """
     (low, high), of = sizes, sizes[1]

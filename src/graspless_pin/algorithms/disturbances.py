@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
-from graspless_pin.algorithms.robustness import LoadBracket, bracket_limits, load_bracket
+from graspless_pin.algorithms.robustness import LoadBracket, checked_limits, load_bracket
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.bounds import SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, NoSolutionError
@@ -152,7 +152,7 @@ def disturbance_margin(
         formulation = formulate(problem, Disturbance(scale * unit, held))
         if index == 0:
             # Whether some mode balances the object as it is; the direction does not matter.
-            status = search_modes(SearchState(formulation.capped(0.0), how, limits))
+            status = search_modes(SearchState(formulation.capped("multiple", 0.0), how, limits))
         if status is Status.OPTIMAL:
             status, magnitudes[index] = _largest(formulation, how, limits)
         if status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
@@ -171,7 +171,7 @@ def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tup
     """
     largest = begin = np.inf
     while begin > _SAME_MULTIPLE:
-        state = SearchState(formulation.capped(begin - _SAME_MULTIPLE), how, limits)
+        state = SearchState(formulation.capped("multiple", begin - _SAME_MULTIPLE), how, limits)
         status = search_modes(state)
         best, mode = state.best, state.mode
         if limits.passed or status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
@@ -395,7 +395,7 @@ def guaranteed_disturbance(
         >>> print(f"pushed along x it stays up to {found.guaranteed[0]:.1f} N at least")
         pushed along x it stays up to 2.4 N at least
     """
-    limits = bracket_limits(problem, precision, node_limit, time_limit)
+    limits = checked_limits(problem, precision, node_limit, time_limit)
     units, length = unit_disturbances(problem, directions, characteristic_length)
     most = 10.0 * problem.scales.force if largest is None else real_number("largest", largest, 0.0)
     verdict = stability(

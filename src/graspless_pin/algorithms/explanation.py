@@ -263,7 +263,9 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
 
 def _weaker_rules(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
     """Return the first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
-    rules, signs = solution.rules, [SignRule.DIRECTION, *list(SignRule)[:-1]]
+    rules = solution.rules
+    # Each is weaker than those before it.
+    signs = (SignRule.DIRECTION, SignRule.STRICT, SignRule.EXACT, SignRule.NONZERO)
     tried = [
         (f"sign_rule='{sign}'", replace(rules, sign=sign))
         for sign in signs[signs.index(rules.sign) + 1 :]

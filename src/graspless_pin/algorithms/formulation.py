@@ -94,10 +94,10 @@ class Formulation:
                 x[tangent[contact]] = -sector.edges @ x[tangent[contact]]
         return answer.moved(x, answer.value, answer.residual)
 
-    def capped(self, most: float) -> Formulation:
-        """Return the same with its last added column at most so large."""
+    def capped(self, column: str, most: float) -> Formulation:
+        """Return the same with an added column, given by its name, at most so large."""
         ub = self.program.ub.copy()
-        ub[-1] = most
+        ub[self.program.column(column)] = most
         return replace(self, program=self.program.bounded(self.program.lb, ub))
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:

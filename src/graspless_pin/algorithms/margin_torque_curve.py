@@ -112,18 +112,18 @@ def _lower_of_two(one: Piece, other: Piece) -> list[Piece]:
 
 def joined(pieces: list[Piece]) -> list[Piece]:
     """Return the same curve with pieces of one mode joined where they go straight on."""
-    joined: list[Piece] = []
+    whole: list[Piece] = []
     for piece in pieces:
-        last = joined[-1] if joined else None
+        last = whole[-1] if whole else None
         if last is not None and last.mode == piece.mode:
-            whole = last._replace(b=piece.b, t_b=piece.t_b)
-            steep = max(1.0, abs(whole.slope))
+            longer = last._replace(b=piece.b, t_b=piece.t_b)
+            steep = max(1.0, abs(longer.slope))
             between = (last.b, last.t_b), (piece.a, piece.t_a)
-            if max(abs(whole.at(e) - t) for e, t in between) <= SAME_TORQUE * steep:
-                joined[-1] = whole
+            if max(abs(longer.at(e) - t) for e, t in between) <= SAME_TORQUE * steep:
+                whole[-1] = longer
                 continue
-        joined.append(piece)
-    return joined
+        whole.append(piece)
+    return whole
 
 
 CURVE_TOLERANCE = 5e-7

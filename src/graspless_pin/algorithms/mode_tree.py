@@ -59,7 +59,7 @@ class ModePart:
         """Return one mode alone."""
         return cls(mode.selection, ~mode.selection, mode.signs[:, :, None] == SIGN_VALUES)
 
-    def knows(self, contact: int) -> bool:
+    def decides(self, contact: int) -> bool:
         """Whether all its modes agree on a contact: released, or selected with the same signs."""
         is_one = all(len(self.signs_along(contact, component)) == 1 for component in range(2))
         return bool(self.released[contact] or (self.selected[contact] and is_one))
@@ -180,7 +180,7 @@ class ModeTree:
         wanted = part.requirements()
         # Under `exact` a sign of 0 is read as an open one, unless no sign is open.
         rule = self.rules.sign
-        if rule is SignRule.EXACT and not all(part.knows(one.contact) for one in wanted):
+        if rule is SignRule.EXACT and not all(part.decides(one.contact) for one in wanted):
             rule = SignRule.STRICT
         verdict = self.formulation.kinematics.solve(wanted, rule)
         if not isinstance(verdict, Conflict):
@@ -234,7 +234,7 @@ class ModeTree:
 
         One at which two sets of forces oppose each other comes first.
         """
-        unknown = [c for c in range(len(size)) if not part.knows(c)]
+        unknown = [c for c in range(len(size)) if not part.decides(c)]
         if not unknown:
             return None
         friction = x[self.formulation.cone_columns]

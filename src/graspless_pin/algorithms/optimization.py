@@ -9,7 +9,7 @@ from graspless_pin.algorithms.options import (
     DEFAULT_OPTIONS,
     SolveKeywords,
     SolveOptions,
-    need_uncertainty,
+    refuse_feedback_alone,
 )
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import SlidingMode
@@ -228,7 +228,7 @@ def _solved(
 ) -> TorqueSolution | RobustSolution:
     how = SolveOptions.parse(**options) if options else DEFAULT_OPTIONS
     if uncertainty is None:
-        need_uncertainty(feedback)
+        refuse_feedback_alone(feedback)
         return solve_problem(problem, objective, how, mode=mode)
     # Loaded here: what is known exactly goes without.
     from graspless_pin.algorithms.robust_torques import solve_robust

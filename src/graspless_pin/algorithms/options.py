@@ -168,8 +168,8 @@ class SolveOptions:
 DEFAULT_OPTIONS = SolveOptions()
 
 
-def need_uncertainty(feedback: object) -> None:
-    """Refuse feedback beside what is known exactly.
+def refuse_feedback_alone(feedback: object) -> None:
+    """Refuse feedback without an uncertainty.
 
     Raises:
         ArgumentError: If there is some.

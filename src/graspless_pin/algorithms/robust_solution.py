@@ -21,7 +21,7 @@ from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution
 
-_CLOSED = 1e-6
+_AT_BOUND = 1e-6
 """Of a value, or of what the load makes: a bound that is no farther from it is reached."""
 
 
@@ -144,7 +144,7 @@ class RobustSolution(Brief):
             return status
         problem = self.members[0].problem
         unit = self.solution.objective.unit(problem, force_coordinates(problem))
-        closed = abs(self.value - self.bound) <= _CLOSED * max(abs(self.value), unit)
+        closed = abs(self.value - self.bound) <= _AT_BOUND * max(abs(self.value), unit)
         return status if closed and self.solution.found else Status.LIMIT_REACHED
 
     @property

@@ -92,7 +92,7 @@ class LoadBracket(Brief):
         return f"{message}; forces balance up to {self.possible:.4g} {unit} at least"
 
 
-def bracket_limits(
+def checked_limits(
     problem: QuasistaticProblem, precision: float, node_limit: int, time_limit: float | None
 ) -> Limits:
     """Check what every search for brackets is given, and return its limits: their time begins now.
@@ -325,7 +325,7 @@ def robustness(
         >>> robustness(stool, []).relies_on
         (0, 1, 2)
     """
-    limits = bracket_limits(problem, precision, node_limit, time_limit)
+    limits = checked_limits(problem, precision, node_limit, time_limit)
     verdict = stability(problem, torques, time_limit=limits.seconds_left)
     if verdict.status is not Stability.STRONG:
         return Robustness(verdict, complete=not limits.passed)

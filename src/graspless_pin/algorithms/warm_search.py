@@ -136,7 +136,7 @@ def _reaches(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | 
             attempt(state)
             if state.best_value <= closeness(goal) - goal:
                 return True, state.left_behind()
-    capped = replace(full.capped(goal), cutoff=-goal)
+    capped = replace(full.capped("margin", goal), cutoff=-goal)
     other = SearchState(capped, state.options, state.limits)
     status = search_modes(other)
     if other.best is not None:

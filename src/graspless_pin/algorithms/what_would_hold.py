@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.optimization import maximize_margin
-from graspless_pin.algorithms.robustness import bracket_limits
+from graspless_pin.algorithms.robustness import checked_limits
 from graspless_pin.bounds import LARGEST_FRICTION
 from graspless_pin.holding.dynamics import with_joints_held
 from graspless_pin.holding.stability import stability
@@ -104,7 +104,7 @@ def what_would_hold(
         >>> len(found.changes) > 0
         True
     """
-    limits = bracket_limits(problem, 0.1, node_limit, time_limit)
+    limits = checked_limits(problem, 0.1, node_limit, time_limit)
     tau = finite_array("torques", torques, (problem.joint_count,))
     return HoldingChanges(
         tuple(filter(None, _tried_changes(problem, tau, limits))), complete=not limits.passed

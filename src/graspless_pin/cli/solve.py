@@ -171,7 +171,7 @@ def solve_scene(
         )
         bounds = None
         if solution.found and not no_verdict:
-            bounds = _forces(loaded, solution)
+            bounds = _force_bounds(loaded, solution)
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution, note, bounds, answer))
             if answer is not None and answer.found:
@@ -293,7 +293,7 @@ def _judged_at_corners(scene: Scene, answer: RobustAnswer, nodes: int | None) ->
     return answer
 
 
-def _forces(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:
+def _force_bounds(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:
     """Return the forces that the torques can end up with, where they are had quickly."""
     if solution.rules.sign is SignRule.DIRECTION:
         return None

@@ -34,7 +34,7 @@ _DIVERGED = 1e6
 _TOLERANCE = 1e-9
 """Of the load: how far an outcome may miss the laws of contact, however large its forces are."""
 _STILL = 1e-12
-_CLOSED = 1e-6
+_NEGLIGIBLE = 1e-6
 """Contacts of an outcome that bear less of the load are open; of its slips, smaller ones stick."""
 _CREEPING = 1e-3
 """Of the accelerations that count as motion: contacts that slip slower stick."""
@@ -235,9 +235,9 @@ def outcome_record(
     a, u = dynamics.acceleration @ y, dynamics.slips(y)
     speeds = np.linalg.norm(contact_jacobian(problem)[:, 1:] @ a, axis=1)
     local = forces * dynamics.force_unit
-    opened = local[:, 0] <= _CLOSED * problem.scales.force
+    opened = local[:, 0] <= _NEGLIGIBLE * problem.scales.force
     # Where joints alone move, rounding is all that contacts do.
-    slips = np.hypot(u[:, 1], u[:, 2]) > _CLOSED * float(np.abs(u).max())
+    slips = np.hypot(u[:, 1], u[:, 2]) > _NEGLIGIBLE * float(np.abs(u).max())
     slips &= speeds > _CREEPING * dynamics.limit
     states = np.where(opened, ContactState.OPEN, ContactState.STICKING)
     states[~opened & slips] = ContactState.SLIPPING

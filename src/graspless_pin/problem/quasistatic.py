@@ -201,7 +201,8 @@ class QuasistaticProblem:
             ArgumentError: See the constructor. Other positions need another `wrench_matrix` where
                 one was given.
         """
-        own = {item.name: getattr(self, item.name) for item in fields(self)[:-2]}
+        names = [item.name for item in fields(self) if item.name not in INERTIAS]
+        own = {name: getattr(self, name) for name in names}
         limits = own.pop("lower_torque"), own.pop("upper_torque")
         values: dict[str, Any] = {**own, "torque_limits": limits}
         known = [*values, *INERTIAS]

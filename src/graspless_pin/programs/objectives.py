@@ -74,7 +74,7 @@ class Objective(ABC):
 
     @property
     def cutoff(self) -> float:
-        """A value of the program from which on there is no solution."""
+        """Program values above this mean that there is no solution."""
         return np.inf
 
     def with_figure(self, name: str, value: float) -> Objective:
@@ -126,7 +126,7 @@ class Margin(Objective):
 
     @property
     def cutoff(self) -> float:
-        """A value of the program from which on there is no solution: the margin is negative."""
+        """Program values above this mean that there is no solution: the margin is negative."""
         return 0.0 if self.regularization == 0.0 else np.inf
 
 
@@ -193,8 +193,8 @@ def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
 class Torque(Objective):
     """Algorithm 2 (45): the smallest largest |torque| of all motors at a required margin.
 
-    The program minimises t + (eps/2) |f/F|^2 with t over the largest torque that the load makes on
-    any joint. The motors' torques J^T f + g obey their limits.
+    The program minimises t + (eps/2) |f/F|^2; t is scaled by the largest torque that the load makes
+    on any joint. The motors' torques J^T f + g obey their limits.
 
     Examples:
         >>> from graspless_pin import Torque, load_scene, optimize
@@ -257,9 +257,9 @@ class TorqueShare(Torque):
         return tuple(sides)
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
-        """Return the largest share of any joint's limit that the load's torque is, at most 1.
+        """Return the largest of the load's torques, each divided by its joint's limit; at most 1.
 
-        So limits far above the load cost no digits.
+        With this as the unit, limits far above the load cost no digits.
         """
         limits = np.concatenate([problem.upper_torque, -problem.lower_torque])
         counts = np.isfinite(limits) & (limits > 0.0)

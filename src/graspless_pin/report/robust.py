@@ -29,7 +29,7 @@ _OPEN = 2e-3
 """Shares of a set that are served, and not served, are told as one where they are nearer."""
 _MOST_ROWS = 16
 """Of the table of verdicts at corners."""
-_AS_GOOD = 1e-4
+_SAME_AS_BOUND = 1e-4
 """Of a value: a bound that is nearer is told as the same."""
 
 
@@ -69,7 +69,7 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     of_which = "corners" if robust.policy is None and samples is None else "of it"
     if robust.policy is not None:
         told.append("Contact forces affine in what has no corners, or too many, prove it.")
-    if math.isfinite(bound) and abs(value - bound) > _AS_GOOD * abs(value):
+    if math.isfinite(bound) and abs(value - bound) > _SAME_AS_BOUND * abs(value):
         told.append(
             f"No torques for all {of_which} are better than {bound:.4g} {_unit(answer)} (proven)."
         )

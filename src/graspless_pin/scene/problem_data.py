@@ -108,8 +108,7 @@ def rest_problem(
 def problem_of(scene: SceneFields) -> QuasistaticProblem:
     """Return the problem of a scene: see `Scene.problem`.
 
-    The same object as before if the scene is, but for what no problem hangs on: whoever asks for
-    findings, the solution and a verdict has one.
+    Cached: scenes that differ only in `_NOT_OF_PROBLEMS` share one problem.
     """
     sources = [value for name, value in vars(scene).items() if name not in _NOT_OF_PROBLEMS]
     return scene._kept.made(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.named_objectives import objective_and_options, refuse_useless
-from graspless_pin.algorithms.options import SolveOptions, need_uncertainty
+from graspless_pin.algorithms.options import SolveOptions, refuse_feedback_alone
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import (
     ArgumentError,
@@ -259,7 +259,7 @@ class Scene(SceneFields):
 
             of = stated_by(self) if uncertainty is True else uncertainty
             return solve_uncertain(self, objective, how, of, feedback=feedback, mode=mode)
-        need_uncertainty(feedback)
+        refuse_feedback_alone(feedback)
         rest = rest_model_of(self) if how.strong else None
         found = solve_problem(self.problem(), objective, how, mode=mode, rest=rest)
         unused = [] if algorithm else [*unused_figures(self.solve_options, self._stated)]

@@ -171,8 +171,8 @@ class BoundLeaf(Record):
     """Multipliers that prove a part's bound.
 
     Attributes:
-        y: (P,) of the balance, scaled.
-        z: Of the rows, scaled.
+        y: (m,) of the equalities, scaled.
+        z: (k,) of the other rows, scaled.
         objective: Whether they bound the objective; else they prove that there are no forces.
     """
 
