@@ -3,6 +3,8 @@
 import pytest
 from cli_tools import LINES, assert_refused, solve_text, spoilt
 
+from graspless_pin.geometry.bodies.shapes import SHAPES
+
 NUMBER = "a finite number"
 SIZE = "[0.2, 0.2, 0.2]"
 BOX = "{type: box, size: [0.2, 0.2, 0.2]}"
@@ -10,7 +12,7 @@ POSE = "{position: [0, 0, 0]}"
 Q = "  q: {hinge: 0.0}"
 FRICTION = "friction: 0.3"
 ONE_HAND = LINES[LINES.index("  robot") : LINES.index("object:")]
-SHAPES = "'box', 'sphere', 'cylinder', 'capsule', 'cone', 'mesh', 'hull' or 'compound'"
+*PARTS, LAST = [f"'{name}'" for name, shape in SHAPES.items() if shape.is_bounded]
 COMPOUND = "{type: compound, parts: [{shape: {type: box, size: [0.2, 0.2, 0.2]}, pose: %s}]}"
 
 # What is replaced, by what, and the message after the file's name.
@@ -51,13 +53,14 @@ CASES = {
     "half-space as object": (
         BOX,
         "{type: half_space}",
-        ":9: object.shape: found {'type': 'half_space'}; needs a mapping with the type " + SHAPES,
+        ":9: object.shape: found {'type': 'half_space'}; needs a mapping with the type "
+        f"{', '.join([*PARTS, LAST])} or 'compound'",
     ),
     "shape of no part": (
         BOX,
         "{type: compound, parts: [{shape: {type: half_space}}]}",
         ":9: object.shape.parts[0].shape: found {'type': 'half_space'}; needs a mapping with the "
-        "type 'box', 'sphere', 'cylinder', 'capsule', 'cone', 'mesh' or 'hull'",
+        f"type {', '.join(PARTS)} or {LAST}",
     ),
     "zero quaternion of a part": (
         BOX,

@@ -136,7 +136,7 @@ def test_the_file_is_commented_and_fits_the_schema_beside_it() -> None:
     ("arguments", "message"),
     [
         (["lever_100mm", "ball"], "OBJECT: found 'ball'; needs a mesh file or one of box:X,Y,Z"),
-        (["lever_100mm", "box:0.1,0.2"], "needs box:X,Y,Z, in metres"),
+        (["lever_100mm", "box:0.1,0.2"], "needs box:X,Y,Z, lengths in metres"),
         (["lever_100mm", "sphere:1cm"], "found '1cm'; needs a number"),
         (["lever_100mm", "sphere:-1"], "radius: needs a positive number"),
         (["lever_100mm", "sphere:0.1", "--scale", "0.001"], "--scale and --decompose go with"),

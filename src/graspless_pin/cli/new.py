@@ -8,7 +8,7 @@ import re
 from dataclasses import fields
 from itertools import islice
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -46,7 +46,8 @@ def new(
         str,
         typer.Argument(
             metavar="OBJECT",
-            help=f"A mesh file (STL, OBJ, DAE, PLY, glTF), or lengths in metres: {_LENGTHS}.",
+            help="A mesh file (STL, OBJ, DAE, PLY, glTF), or a shape, lengths in metres: "
+            f"{_LENGTHS}.",
         ),
     ],
     output: Annotated[
@@ -177,18 +178,23 @@ def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
     kind, colon, rest = text.partition(":")
     if colon and kind in _PRIMITIVES:
         names = _PRIMITIVES[kind]
-        lengths = [number_of("OBJECT", length) for length in rest.split(",")]
-        if len(lengths) != len(names.split(",")):
-            raise ArgumentError("OBJECT", f"found {text!r}; needs {kind}:{names}, in metres")
+        numbers = [number_of("OBJECT", number) for number in rest.split(",")]
+        if len(numbers) != len(names.split(",")):
+            raise ArgumentError(
+                "OBJECT", f"found {text!r}; needs {kind}:{names}, lengths in metres"
+            )
         if scale != 1.0 or decompose:
             raise ArgumentError("OBJECT", f"--scale and --decompose go with a mesh, not a {kind}")
-        make, left = SHAPES[kind], iter(lengths)
-        return make(
-            *(
-                tuple(islice(left, 3)) if make.lengths().get(key.name) == 3 else next(left)
-                for key in fields(make)
-            )
-        )
+        make, left = SHAPES[kind], iter(numbers)
+        types = get_type_hints(make)
+
+        def value_of(key: str) -> Any:
+            if make.lengths().get(key) == 3:
+                return tuple(islice(left, 3))
+            number = next(left)
+            return int(number) if types[key] is int and number.is_integer() else number
+
+        return make(*(value_of(key.name) for key in fields(make)))
     if re.fullmatch(r"[-+.,\deE]+", rest):
         raise ArgumentError("OBJECT", f"{kind!r} is no shape; {names_in_words(kind, _PRIMITIVES)}")
     if not Path(text).suffix:
