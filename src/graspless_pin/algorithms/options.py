@@ -145,6 +145,10 @@ class SolveOptions:
             whole_number("verdict_nodes", verdict_nodes, 0),
         )
 
+    def for_analyses(self) -> SolveKeywords:
+        """Return what analyses share with a solve, as their keywords: the rules and the solver."""
+        return {**self.rules.options(), "solver": self.solver}
+
     @property
     def strong(self) -> bool:
         """Whether rest has to be the only outcome."""

@@ -305,11 +305,13 @@ class Scene(SceneFields):
 
         Args:
             torques: N m (N).
-            options: Those of `graspless_pin.tolerances`; others, and feedback, are as in `solve`.
+            options: Those of `graspless_pin.tolerances`; rules, solver and feedback are as in
+                `solve` unless they are given.
         """
         from graspless_pin.scene.uncertain import tolerances_of
 
-        return tolerances_of(self, torques, **options)
+        _, how = self.asked(**{name: options[name] for name in options.keys() & {"solver"}})
+        return tolerances_of(self, torques, **{**how.for_analyses(), **options})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a scene file that loads to the same problem, and return its path.

@@ -46,8 +46,6 @@ from graspless_pin.scene.uncertain_figures import by_contact_and_joint
 from graspless_pin.solution import Guarantee, Status, TorqueSolution
 from graspless_pin.tree_search import Limits
 
-_OPTIONS = ("sign_rule", "sliding_rule", "static_friction", "solver")
-
 
 def solve_uncertain(
     scene: SceneFields,
@@ -276,15 +274,14 @@ def tolerances_of(
         scene: The nominal scene.
         torques: (L,) N m (N).
         feedback: See `tolerances`; None: the stiffness that the scene's controller states.
-        options: See `tolerances`; rules and solver are the scene's unless they say otherwise.
+        options: See `tolerances`.
 
     Raises:
         ArgumentError: See `tolerances`, and `weight_of`.
         NoSolutionError: See `tolerances`.
     """
     problem = problem_of(scene)
-    own = {key: scene.solve_options[key] for key in _OPTIONS if key in scene.solve_options}
-    return tolerances(problem, torques, **{**_known_of(scene, problem, feedback), **own, **options})
+    return tolerances(problem, torques, **_known_of(scene, problem, feedback), **options)
 
 
 def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:
