@@ -87,7 +87,7 @@ def test_exit_code_1_says_why_and_writes_the_document(tmp_path):
     file = tmp_path / "solution.json"
     result = solve_text(tmp_path, HEAVY, "--json", file)
     assert result.exit_code == 1 and result.stderr == ""
-    assert "not found: infeasible: no contact forces inside the cones" in result.stdout
+    assert "not found: infeasible\n\nNo contact forces inside the cones" in result.stdout
     assert json.loads(file.read_text())["found"] is False
 
 

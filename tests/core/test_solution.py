@@ -63,7 +63,7 @@ def test_friction_use_and_state_in_the_text():
 
 def test_the_text_of_an_infeasible_solution_says_why():
     solution = minimize_torque(scene("rest"), 20.0)
-    assert str(solution).startswith(f"not found: {Status.INFEASIBLE_FORCES.message}")
+    assert str(solution).startswith(f"not found: infeasible\n\n{solution.explanation}\n\n")
 
 
 def test_a_solution_that_was_sent_to_another_process_says_why(tmp_path):

@@ -34,7 +34,7 @@ from graspless_pin.programs.analysis_objectives import LimitRelief
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
-from graspless_pin.solution.certificate import UNDECIDED
+from graspless_pin.solution.certificate import EXPLAINED, UNDECIDED
 from graspless_pin.solution.torque_solution import overload
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Outcome
 from graspless_pin.tree_search import Limits
@@ -216,7 +216,7 @@ def explain(
         return Explanation("The problem is feasible.", (), ())
     if solution.status is Status.LOAD_TOO_LARGE:
         return Explanation(f"Not solved: {overload(solution.problem)}.", (), ())
-    if solution.status not in (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES):
+    if solution.status not in EXPLAINED:
         head = "Not solved" if solution.status in UNDECIDED else "Not explained further"
         return Explanation(f"{head}: {solution.status.message}.", (), ())
     conflicts, suggestions = tuple[int, ...](), list[Suggestion]()
@@ -242,9 +242,11 @@ def explain(
     return Explanation(cause, conflicts, tuple(suggestions), not searches.cut_short)
 
 
-def explained_briefly(solution: TorqueSolution) -> Explanation:
-    """Explain why a solution was not found, where nobody asked for long searches."""
-    return explain(solution, node_limit=_BRIEF_NODES, time_limit=_BRIEF_SECONDS)
+def explained_briefly(solution: TorqueSolution) -> str:
+    """Return why a solution was not found, by short searches; empty if its status says all."""
+    if solution.status not in (*EXPLAINED, Status.LOAD_TOO_LARGE):
+        return ""
+    return str(explain(solution, node_limit=_BRIEF_NODES, time_limit=_BRIEF_SECONDS))
 
 
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:

@@ -317,6 +317,9 @@ class ForceExtremes:
 _DETERMINATE_RANGE = 1e-6
 _HEADERS = ["#", "f_n [N]", "f_t1 [N]", "f_t2 [N]"]
 _REACHED = " *"
+_NO_FORCES = (
+    "infeasible: no contact forces inside the cones balance the external wrench with these torques"
+)
 _NOTE = "* reached; no proof yet that these torques allow no wider range"
 
 
@@ -358,6 +361,12 @@ class ContactForceBounds(Brief):
         return self.status in FOUND
 
     @property
+    def message(self) -> str:
+        """The status in words: here forces have no limit, and no margin is required."""
+        is_infeasible = self.status is Status.INFEASIBLE_FORCES
+        return _NO_FORCES if is_infeasible else self.status.message
+
+    @property
     def indeterminate(self) -> NDArray[np.bool_]:
         """(M, 3) components that the torques do not determine, as far as is known."""
         return self.upper - self.lower > _DETERMINATE_RANGE * self.problem.scales.force
@@ -390,7 +399,7 @@ class ContactForceBounds(Brief):
     def __str__(self) -> str:
         """Return a readable table."""
         if not self.found:
-            return f"not found: {self.status.message}"
+            return f"not found: {self.message}"
         return f"{Table(self._rows(), _HEADERS)}\n\n{self._margins()}"
 
     def _repr_html_(self) -> str:

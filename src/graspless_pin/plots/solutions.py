@@ -66,7 +66,7 @@ def normal_force_ranges(
         'normal force $f_n$ [N]'
     """
     if not bounds.found:
-        raise NoSolutionError(f"There are no force ranges ({bounds.status.message}).")
+        raise NoSolutionError(f"There are no force ranges ({bounds.message}).")
     problem = bounds.problem
     lower, upper = bounds.lower[:, 0], bounds.upper[:, 0]
     axes = axes_for(ax, size=(6.4, 1.2 + 0.3 * len(lower)))

@@ -45,7 +45,8 @@ def robust_text(answer: RobustAnswer) -> str:
     if not answer.found:
         each = (f"- {words}" for words in conflict_words(answer.robust))
         lines[2:2] = [fill(one, COLUMNS, subsequent_indent="  ") for one in each]
-        lines += [] if answer.nominal.found else ["", answer.nominal.explanation]
+        why = answer.nominal.explanation
+        lines += ["", why] if why else []
     return "\n".join(lines)
 
 

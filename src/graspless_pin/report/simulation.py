@@ -99,7 +99,7 @@ def simulation_text(
     for link, support in simulation.model.left_out:
         parts.append(f"note: link {link} stands in support {support}: the two do not meet")
     if not bounds.found:
-        return "\n\n".join([*parts, f"no force ranges: {bounds.status.message}"])
+        return "\n\n".join([*parts, f"no force ranges: {bounds.message}"])
     forces = body_forces(simulation, bodies, bounds)
     parts += [_force_table(simulation, forces, bounds), f"ranges go {bounds.covers}"]
     parts += [*filter(None, [bounds.squeeze_words(bodies)]), *_largest_excess(simulation, forces)]

@@ -112,6 +112,8 @@ UNDECIDED = frozenset(
     {Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.LOAD_TOO_LARGE, Status.STRONG_NOT_FOUND}
 )
 """What leaves open whether there is a solution."""
+EXPLAINED = (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES)
+"""Of these `explain` tells the cause, and looks for changes that help."""
 FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED, Status.STRONG})
 
 

@@ -21,6 +21,7 @@ from graspless_pin.programs.builder import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective, ScaledProgram, scaled_program
 from graspless_pin.records import changed
 from graspless_pin.solution.certificate import (
+    EXPLAINED,
     FOUND,
     NO_EVIDENCE,
     Certificate,
@@ -185,14 +186,16 @@ class TorqueSolution:
 
     @cached_property
     def explanation(self) -> str:
-        """Why nothing is feasible and the smallest changes that would help; empty if found.
+        """Why nothing is feasible and the smallest changes that would help.
+
+        Empty if it was found, or if the status says all.
 
         Worked out when first asked for: it solves several changed problems, within 1000
         nodes for each and 10 s for all; `explain` does so within other limits.
         """
         if self.found or self._explanation is not None:
             return self._explanation or ""
-        return str(_from_algorithms("explanation", "explained_briefly")(self))
+        return _from_algorithms("explanation", "explained_briefly")(self)
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -341,8 +344,7 @@ class TorqueSolution:
             remarks: Lines that stand before the tables.
         """
         if not self.found:
-            why = f"\n\n{self.explanation}\n" if self.explanation else ""
-            return f"not found: {self.status.message}{why}\n{self._certificate_text()}"
+            return f"{self._why_not()}\n\n{self._certificate_text()}"
         parts: list[object] = ["\n".join([self._headline(), *remarks])]
         if self.problem.joint_count:
             parts.append(joint_table(self.problem, self.contact_torques))
@@ -353,22 +355,30 @@ class TorqueSolution:
         """Return what `text` does as HTML, for notebooks."""
         last = paragraph(self._certificate_text())
         if not self.found:
-            why = f"{self.status.message}\n{self.explanation}".strip()
-            return f"{paragraph(f'not found: {why}')}\n{last}"
+            return f"{paragraph(self._why_not())}\n{last}"
         parts = [paragraph(self._headline())]
         if self.problem.joint_count:
             parts.append(joint_table(self.problem, self.contact_torques).html())
         parts.append(contact_table(self.problem, self.contact_forces, self.mode).html())
         return "\n".join([*parts, last])
 
+    def _why_not(self) -> str:
+        """Return why nothing was found; what an explanation tells is not said twice."""
+        why = self.explanation
+        is_told = why and self.status in EXPLAINED
+        first = f"not found: {'infeasible' if is_told else self.status.message}"
+        return f"{first}\n\n{why}" if why else first
+
     def _headline(self) -> str:
         """Return what was solved, and the two figures that matter."""
         margin = f"at margin {self.required_margin:g} N"
         name, of_margin = self.objective.name, self.objective.of_margin
-        what = {
-            "margin": "Algorithm 1, largest margin",
-            "torque": f"Algorithm 2, smallest torque {margin}",
-        }.get(self.algorithm or "", f"largest margin {name}" if of_margin else f"{name} {margin}")
+        if self.algorithm is Algorithm.MARGIN:
+            what = "Algorithm 1, largest margin"
+        elif self.algorithm is Algorithm.TORQUE:
+            what = f"Algorithm 2, smallest torque {margin}"
+        else:
+            what = f"largest margin {name}" if of_margin else f"{name} {margin}"
         size = torque_size(self.problem, self.torques)
         value = "" if self.algorithm or of_margin else f", value = {self.value:g}"
         return (

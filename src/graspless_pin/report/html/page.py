@@ -235,7 +235,7 @@ def _ranges(
     if bounds is None:
         return {"bounds": None, "no_bounds": "they were not asked for."}
     if not bounds.found:
-        return {"bounds": None, "no_bounds": f"{bounds.status.message}."}
+        return {"bounds": None, "no_bounds": f"{bounds.message}."}
     ranges = range_rows(bounds, figure)
     at_rest = range_rows(rest_bounds, figure) if rest_bounds and rest_bounds.found else ranges
     return {
