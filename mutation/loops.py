@@ -170,7 +170,7 @@ MISTAKES = tuple(
          "(i < first_fixed) != changes"),
         (STARTS, "self.upper[q] = flags_of(top)[k]", "self.upper[q] = True"),
         (STARTS, "if not 0 <= self.contacts[k] < M:", "if False:"),
-        (CALLER, "-unit if objective.maximizes else unit", "unit"),
+        (CALLER, "objective.sign * unit", "unit"),
         (PROGRAMS, "or objective.regularization > 0.0", ""),
         (PROGRAMS, "or options.rules.by_direction", ""),
         (CALLER, "start.structure.has_rows_of(structure)", "start.structure is not structure"),

@@ -107,7 +107,7 @@ def test_tangent_cuts_find_what_clarabel_finds(number, objective):
     ours, theirs = by_clarabel(program), by_cuts(by_piqp)(program)
     assert theirs is not None
     for found in (ours, theirs):
-        bound, value, residual = program.judged(*found)
+        bound, value, residual = program.assess(*found)
         assert residual <= PRIMAL_TOLERANCE
         assert abs(value - bound) <= GAP_TOLERANCE * max(1.0, abs(value))
     assert program.value(ours[0]) == pytest.approx(program.value(theirs[0]), abs=3e-8)

@@ -66,7 +66,7 @@ def test_an_answer_whose_forbidden_friction_costs_something_is_not_the_modes_own
     relaxed = state.relax()
     assert relaxed.value < -best.margin / problem.scales.force - 1e-3
     # The relaxation's friction is not all of this mode's: its own program is solved instead.
-    assert not state.accept(relaxed, FoundMode(best.mode))
+    assert not state.offer(relaxed, FoundMode(best.mode))
     assert state.best is not None
     assert -state.best.value * problem.scales.force == pytest.approx(best.margin, abs=1e-6)
     assert (state.formulation.program.residual(state.best.x)) <= 1e-7
@@ -94,7 +94,7 @@ def test_what_a_failed_node_may_hold_stays_in_the_bound(index, monkeypatch):
         monkeypatch.setattr(searching, "_guess", lambda *_: None)
         state = state_of(problem)
         status = branch_and_bound(state)
-        bound = state.bound * state.formulation.unit
+        bound = state.bound * state.formulation.signed_unit
         assert bound >= best.margin - 1e-6
         failed_there = next(calls) > number
         assert (status is Status.OPTIMAL) == (not failed_there)
@@ -249,11 +249,11 @@ def test_no_point_of_a_box_has_a_worse_value_than_the_worst(regularization, make
     box = program.box if program.whole_box is None else program.whole_box
     ends = np.random.default_rng(0).integers(0, 2, (200, len(program.c)))
     values = [program.value(np.where(end == 1, *box)) for end in ends]
-    assert 0.0 <= max(values) <= program.worst + 1e-9 * abs(program.worst)
+    assert 0.0 <= max(values) <= program.cutoff + 1e-9 * abs(program.cutoff)
     # No larger than what each variable makes at its farther end.
     alone = [max(program.value(np.where(np.arange(len(row)) == i, end, 0.0)) for end in box)
              for i, row in enumerate(np.eye(len(program.c)))]  # fmt: skip
-    assert program.worst <= 1.01 * sum(max(one, 0.0) for one in alone) + 1e-9
+    assert program.cutoff <= 1.01 * sum(max(one, 0.0) for one in alone) + 1e-9
 
 
 def test_far_limits_leave_a_box_for_proofs_within_that_of_all_forces():

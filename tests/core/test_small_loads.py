@@ -13,7 +13,7 @@ import pytest
 from graspless_pin import QuasistaticProblem, Status, explain, maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import is_too_small
-from graspless_pin.programs.answers import asked, clipped, elastic
+from graspless_pin.programs.answers import call_solver, clipped, elastic
 from graspless_pin.programs.program import LARGEST_FIGURE, Program
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -139,7 +139,7 @@ def program(**changes) -> Program:
 def test_no_solver_is_given_figures_that_it_does_not_bear(name, shape, figure):
     if name == "b" and np.isnan(figure):
         return  # no side of a problem is no number
-    assert asked(fails, program(**{name: np.full(shape, figure)})) is None
+    assert call_solver(fails, program(**{name: np.full(shape, figure)})) is None
 
 
 @pytest.mark.parametrize("figure", [1e16, 1e300])

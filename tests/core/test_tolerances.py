@@ -156,7 +156,7 @@ def test_an_answer_near_the_optimum_is_brought_to_rounding(apart):
         rough = z + 1e-6 * rng.normal(size=16) * (z > 0.0)
         found = polished(one, (optimum + 1e-6 * rng.normal(size=8), y + 1e-6, rough))
         assert found is not None
-        bound, value, residual = one.judged(*found)
+        bound, value, residual = one.assess(*found)
         assert residual <= 2e-15
         assert abs(value - bound) <= 2e-13
 
@@ -174,7 +174,7 @@ def test_multipliers_between_rows_that_say_the_same_take_nothing_from_a_proof(si
     nearer = polished(twice, found)
     assert nearer is not None
     assert proven(twice, nearer, "", np.inf).outcome is Outcome.SOLVED
-    bound, value, _ = twice.judged(*nearer)
+    bound, value, _ = twice.assess(*nearer)
     assert abs(value - bound) <= 10.0 * off
 
 
@@ -209,6 +209,6 @@ def test_rows_that_pass_by_an_optimum_are_told_from_those_that_hold_it(near, see
     near_by = optimum + 1e-6 * rng.normal(size=8), y + 3e-3 * rng.normal(size=3), rough
     found = polished(one, near_by)
     assert found is not None
-    bound, value, residual = one.judged(*found)
+    bound, value, residual = one.assess(*found)
     assert residual <= 1e-9
     assert abs(value - bound) <= 1e-9

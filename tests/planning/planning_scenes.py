@@ -57,8 +57,8 @@ def shifted(T: np.ndarray, step) -> np.ndarray:
 def solved_alone(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What is added to as states are solved by a search, and not by loops."""
     alone: list[Any] = []
-    solved = StateSolver.solved
+    solved = StateSolver.solve
     monkeypatch.setattr(
-        StateSolver, "solved", lambda *a, **how: alone.append(a) or solved(*a, **how)
+        StateSolver, "solve", lambda *a, **how: alone.append(a) or solved(*a, **how)
     )
     return alone

@@ -58,7 +58,7 @@ def test_what_is_carried_over_is_what_a_solver_finds(seed, contacts, slope, size
     near = active_set_of(first, answer)
     assert near is not None
     # As `solve` has it: a bound above all that the box allows counts as infeasible.
-    found = solved_on(second, near, second.worst)
+    found = solved_on(second, near, second.cutoff)
     if found is None:
         return
     known, onward = found

@@ -50,7 +50,7 @@ def test_a_warm_optimum_is_the_optimum(name, objective):
     seen = 0
     for _ in range(12):
         q = nearby(evaluator, rng, 2e-4)
-        answer = solver.solved(q, None, None)
+        answer = solver.solve(q, None, None)
         if not isinstance(answer._found, WarmAnswer):
             continue
         seen += 1
@@ -58,7 +58,7 @@ def test_a_warm_optimum_is_the_optimum(name, objective):
         optimum, solution = answer._found.optimum, answer.solution
         cold = solve_problem(full, objective)
         assert solution.value == pytest.approx(cold.value, abs=2e-7)
-        assert abs(optimum.gap) <= 1e-8 * abs(optimum.unit)
+        assert abs(optimum.gap) <= 1e-8 * abs(optimum.signed_unit)
         document = solution_document(solution)
         assert verify_document(document).proven
     assert seen >= 3
@@ -102,7 +102,7 @@ def test_a_warm_optimum_is_scaled_as_its_problem(turn):
     found = warm_optimum(twisted, Margin(), SolveOptions(), (start,))
     assert found is not None
     assert twisted.scales.force > 1.5 * turn
-    assert abs(found[0].unit) == pytest.approx(twisted.scales.force, rel=1e-12)
+    assert abs(found[0].signed_unit) == pytest.approx(twisted.scales.force, rel=1e-12)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

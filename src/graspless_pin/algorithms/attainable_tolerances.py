@@ -70,7 +70,7 @@ class ServedSize(Brief):
 
 
 def largest_served(
-    solved: Callable[[float], RobustSolution],
+    solve_size: Callable[[float], RobustSolution],
     failed: RobustSolution,
     sizes: tuple[float, float],
     *,
@@ -81,7 +81,7 @@ def largest_served(
     """Return how large a set may be, between two sizes.
 
     Args:
-        solved: Returns what is found for the set of a size. Sets are nested, and contain the
+        solve_size: Returns what is found for the set of a size. Sets are nested, and contain the
             members of larger ones with all that is off times the ratio of the sizes.
         failed: What was found for the larger size: no torques.
         sizes: The smaller one is served, and the larger one is not.
@@ -109,7 +109,7 @@ def largest_served(
             # Others may be in conflict there, one after the other: every second time by halves.
             trial = 0.5 * (low + trial) if halves and trial > low + apart() else trial
             halves = not halves
-        found = solved(trial)
+        found = solve_size(trial)
         if found.found:
             low, best = trial, found
         elif found.status is Status.NOT_FOUND_IN_LIMIT and limits.passed:
@@ -179,27 +179,27 @@ def served_share(
     """
     how = SolveOptions.parse(**options)
 
-    def solved(share: float) -> RobustSolution:
+    def solve_share(share: float) -> RobustSolution:
         return solve_robust(problem, objective, uncertainty.scaled(share), how, feedback=feedback)
 
-    whole = solved(1.0)
-    return 1.0 if whole.found else largest_share(solved, whole).served
+    whole = solve_share(1.0)
+    return 1.0 if whole.found else largest_share(solve_share, whole).served
 
 
 def largest_share(
-    solved: Callable[[float], RobustSolution],
+    solve_share: Callable[[float], RobustSolution],
     whole: RobustSolution,
     limits: Limits = NO_LIMITS,
 ) -> ServedSize:
     """Return the largest share of a set that is served, see `served_share`.
 
     Args:
-        solved: Returns what is found for the set with its figures times a share.
+        solve_share: Returns what is found for the set with its figures times a share.
         whole: What was found for the whole set: no torques.
         limits: When to stop.
     """
-    found = largest_served(solved, whole, (0.0, 1.0), near=_SHARE, limits=limits)
-    if found.served == 0.0 and not limits.passed and not solved(0.0).found:
+    found = largest_served(solve_share, whole, (0.0, 1.0), near=_SHARE, limits=limits)
+    if found.served == 0.0 and not limits.passed and not solve_share(0.0).found:
         return replace(found, served=nan)
     return found
 
@@ -341,7 +341,7 @@ class AttainableSearch:
         """Return how large a set may be, from a size that is served on."""
         begin: list[int] = []
 
-        def solved(size: float) -> RobustSolution:
+        def solve_size(size: float) -> RobustSolution:
             members = sets.members(size)
             found = torques_for_members(
                 members, Torque(0.0), self.options, self.limits, directions=self.directions,
@@ -354,11 +354,11 @@ class AttainableSearch:
             stated = Uncertainty(**({sets.figure: size} if sets.figure else {}))
             return replace(found, uncertainty=stated, weight=self.weight, feedback=self.stiffness)
 
-        found = solved(sets.largest)
+        found = solve_size(sets.largest)
         if found.found:
             return ServedSize(sets.largest, inf, found, ())
         return largest_served(
-            solved, found, (served, sets.largest),
+            solve_size, found, (served, sets.largest),
             near=_NEAR * sets.unit, relative=_CLOSE, limits=self.limits,
         )  # fmt: skip
 

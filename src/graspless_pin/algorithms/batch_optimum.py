@@ -67,7 +67,8 @@ class WarmOptimum(NamedTuple):
 
     Attributes:
         forces: (M, 3) contact forces, N.
-        unit: Factor from the program's value to the objective's; negative if it is maximised.
+        signed_unit: Factor from the program's value to the objective's; negative if that is
+            maximised.
         reach: See `Certificate.force_reach`.
         x: (n,) the solution of the scaled program, as the mode admits it.
         value: Of the scaled program.
@@ -81,7 +82,7 @@ class WarmOptimum(NamedTuple):
     """
 
     forces: FloatArray
-    unit: float
+    signed_unit: float
     reach: float
     x: FloatArray
     value: float
@@ -96,7 +97,7 @@ class WarmOptimum(NamedTuple):
     @property
     def gap(self) -> float:
         """Distance between the optimum and its proven bound, in the objective's unit."""
-        return (self.value - self.bound) * abs(self.unit)
+        return (self.value - self.bound) * abs(self.signed_unit)
 
 
 def warm_optimum(
@@ -137,7 +138,7 @@ def _as_optimum(
     selection[contacts] = True
     return WarmOptimum(
         forces=forces,
-        unit=-unit if objective.maximizes else unit,
+        signed_unit=objective.sign * unit,
         reach=max(problem.max_normal_force.tolist()),
         x=x,
         value=value,
@@ -283,7 +284,7 @@ def solution_of_optimum(
     certificate = Certificate(
         primal_residual=found.residual,
         duality_gap=found.value - found.bound,
-        bound=found.bound * found.unit,
+        bound=found.bound * found.signed_unit,
         gap=found.gap,
         infeasibility=0.0,
         force_reach=found.reach,

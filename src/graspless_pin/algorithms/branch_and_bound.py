@@ -37,7 +37,7 @@ from graspless_pin.solvers import Answer, Outcome
 
 _GUESS_EVERY = 8
 """A mode is guessed at the first conflict and at each so many after it."""
-_GUESSES = 3
+_GUESSES = 2
 
 
 def branch_and_bound(state: SearchState) -> Status:
@@ -69,8 +69,9 @@ def _guess(state: SearchState, answer: Answer) -> None:
     An interior-point optimum has friction everywhere, so where many forces are optimal its own
     friction is rarely the one that a motion stands behind.
     """
+    x = answer.x
     for _ in range(_GUESSES):
-        found = state.oracle.heuristic_mode(answer.x)
+        found = state.oracle.heuristic_mode(x)
         if found is None or found.mode == state.mode:
             return  # it is the best already
         guess = state.solve(*state.formulation.bounds_of(found.mode))
@@ -79,7 +80,7 @@ def _guess(state: SearchState, answer: Answer) -> None:
         state.keep(guess, found)
         if state.closed(answer.bound):
             return
-        answer = guess
+        x = guess.x
 
 
 def _split(
@@ -93,7 +94,7 @@ def _split(
     found = state.oracle.mode_for(x, state.near)
     state.modes_examined += 1
     if isinstance(found, FoundMode):
-        if state.accept(answer, found):
+        if state.offer(answer, found):
             return fathomed
         found = None
     elif state.modes_examined % _GUESS_EVERY == 1:
@@ -105,7 +106,7 @@ def _split(
     split = tree.split(part, x, conflict)
     if split is None:
         # It is one mode, which has a motion behind it, and the answer is its own program's.
-        state.accept(answer, FoundMode(part.mode), x)
+        state.offer(answer, FoundMode(part.mode), x)
         return fathomed
     children = split[1]
     if state.rules.sign is SignRule.EXACT:
@@ -131,7 +132,7 @@ def search_exhaustively(state: SearchState) -> Status:
         return unsolved(answer, Status.INFEASIBLE_FORCES)
     found = state.oracle.mode_for(answer.x)
     state.modes_examined = 1
-    if isinstance(found, FoundMode) and state.accept(answer, found):
+    if isinstance(found, FoundMode) and state.offer(answer, found):
         return state.ended()
     smallest = np.inf
     modes = feasible_modes(

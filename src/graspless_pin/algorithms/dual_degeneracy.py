@@ -242,7 +242,7 @@ class OptimalSet:
         own[joint] = 1.0
         found = dict(point.multipliers)
         found["torque_upper"] = found["torque_upper"] + own
-        sign = -1.0 if self._formulation.unit < 0.0 else 1.0
+        sign = self._formulation.objective.sign
         return replace(point, multipliers={name: sign * one for name, one in found.items()})
 
     def _in_units(self, point: _Point, unit: float | None = None) -> OptimalPoint:
@@ -259,12 +259,12 @@ class OptimalSet:
         found = marginals(
             (program.blocks, program.bounded_blocks),
             (np.concatenate([y, z]), reduced),
-            abs(formulation.unit) if unit is None else unit,
+            abs(formulation.signed_unit) if unit is None else unit,
             own,
         )
         return OptimalPoint(
             forces=formulation.coordinates.forces(x),
-            value=formulation.unit * formulation.program.value(x),
+            value=formulation.signed_unit * formulation.program.value(x),
             multipliers=found,
         )
 

@@ -38,7 +38,8 @@ class Formulation:
         program: The relaxation; every mode differs from it in bounds only.
         kinematics: The virtual motions.
         cutoff: A larger objective value is as bad as infeasible.
-        unit: Factor from the program's value to the objective's; negative if it is maximised.
+        signed_unit: Factor from the program's value to the objective's; negative if that is
+            maximised.
         layers: First columns of each set of forces in the program; one mode rules them all.
     """
 
@@ -48,7 +49,7 @@ class Formulation:
     program: Program
     kinematics: VirtualKinematics
     cutoff: float
-    unit: float
+    signed_unit: float
     layers: tuple[int, ...]
 
     @property
@@ -67,8 +68,7 @@ class Formulation:
 
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
         """Solve the program under other bounds; values above the cutoff count as infeasible."""
-        cutoff = min(cutoff, self.cutoff)
-        return solve(self.program.bounded(lb, ub, cutoff), solver, cutoff=cutoff)
+        return solve(self.program.bounded(lb, ub, min(cutoff, self.cutoff)), solver)
 
     def solve_along(
         self, friction: Mapping[int, Sector | None], solver: str, *, cutoff: float
@@ -221,7 +221,7 @@ def formulate(
             known.pop(next(iter(known)), None)
         known[objective] = made
     coordinates, program, unit = made
-    unit = -unit if objective.maximizes else unit
     return Formulation(
-        problem, objective, coordinates, program, shared.kinematics, objective.cutoff, unit, layers
-    )
+        problem, objective, coordinates, program, shared.kinematics, objective.cutoff,
+        objective.sign * unit, layers,
+    )  # fmt: skip

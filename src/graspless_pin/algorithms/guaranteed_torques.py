@@ -91,7 +91,7 @@ def guaranteed(
     if unknown:
         return _none_found(best, [(best, undecided_verdict(best.problem, best.torques, unknown))])
     search = _Search(best, optimum, options, limits, rest)
-    verdict = search.judged(best, options.verdict_nodes)
+    verdict = search.ask_verdict(best, options.verdict_nodes)
     if rest.is_kept(verdict):
         return _certified(best, best, verdict, 1)
     if verdict.joints_held:
@@ -103,8 +103,8 @@ def guaranteed(
         found = [] if again is None else [again]
     if not found:
         return _none_found(best, search.tried)
-    sign = 1.0 if best.objective.maximizes else -1.0
-    candidate, verdict = max(found, key=lambda one: sign * one[0].value)
+    sign = best.objective.sign
+    candidate, verdict = min(found, key=lambda one: sign * one[0].value)
     if not search.motions:  # else they are the best ones with some reserve
         candidate, verdict = search.improved(candidate, verdict)
     return _certified(best, candidate, verdict, len(search.tried))
@@ -130,7 +130,7 @@ class _Search:
     rest: RestModel
     tried: list[Tried] = field(default_factory=list)
 
-    def judged(self, candidate: TorqueSolution, nodes: int = FIRST_NODES) -> StabilityVerdict:
+    def ask_verdict(self, candidate: TorqueSolution, nodes: int = FIRST_NODES) -> StabilityVerdict:
         """Return the verdict on a candidate's torques, after so many sets of outcomes at most."""
         verdict = self.rest.verdict(
             self.best.problem,
@@ -144,7 +144,7 @@ class _Search:
     def first(self, candidates: Iterable[TorqueSolution], nodes: int = FIRST_NODES) -> Tried | None:
         """Return the first candidate whose torques are guaranteed."""
         for candidate in candidates:
-            verdict = self.judged(candidate, nodes)
+            verdict = self.ask_verdict(candidate, nodes)
             if self.rest.is_kept(verdict):
                 return candidate, verdict
             if self.limits.passed:
@@ -194,11 +194,11 @@ class _Search:
         for _ in range(_HALVINGS):
             middle = 0.5 * (known + far)
             candidate = self._at(middle)
-            judged = None if candidate is None else self.judged(candidate)
-            if candidate is None or judged is None or not self.rest.is_kept(judged):
+            asked = None if candidate is None else self.ask_verdict(candidate)
+            if candidate is None or asked is None or not self.rest.is_kept(asked):
                 far = middle
             else:
-                known, found, verdict = middle, candidate, judged
+                known, found, verdict = middle, candidate, asked
         return found, verdict
 
     @cached_property
@@ -324,8 +324,7 @@ def half_space(
 def _certified(
     best: TorqueSolution, found: TorqueSolution, verdict: StabilityVerdict, tried: int
 ) -> TorqueSolution:
-    sign = 1.0 if best.objective.maximizes else -1.0
-    gap = max(sign * (best.value - found.value), 0.0)
+    gap = max(-best.objective.sign * (best.value - found.value), 0.0)
     guarantee = Guarantee(verdict, best.value, gap, tried)
     if found is best:
         return replace(best, guarantee=guarantee)
@@ -339,12 +338,11 @@ def bounded_by(best: TorqueSolution, found: TorqueSolution) -> TorqueSolution:
         best: The best case.
         found: Other torques, of the same problem and objective.
     """
-    sign = 1.0 if best.objective.maximizes else -1.0
     certificate = replace(
         best.certificate,
         primal_residual=found.certificate.primal_residual,
         duality_gap=np.inf,
-        gap=sign * (best.certificate.bound - found.value),
+        gap=-best.objective.sign * (best.certificate.bound - found.value),
     )
     evidence = Evidence(
         relaxation=best.evidence.relaxation,

@@ -65,7 +65,7 @@ def common_mode(
         own,
         kinematics=common_motions(own.problem, count),
         program=whole.program,
-        unit=whole.unit,
+        signed_unit=whole.signed_unit,
         layers=tuple(size * number for number in range(count)),
     )
     state = SearchState(layered, options, Limits.of(options))

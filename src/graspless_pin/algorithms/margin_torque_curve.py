@@ -412,7 +412,7 @@ def margin_torque_curve(
     torque_scale = choice(TorqueScale, "scale", scale)
     formulation = formulate(problem, Tradeoff(torque_objective(0.0, torque_scale)))
     status, pieces = CurveSearch(formulation, how, Limits.of(how)).run()
-    units = formulation.coordinates.force_scale, formulation.unit
+    units = formulation.coordinates.force_scale, formulation.signed_unit
     return MarginTorqueCurve(
         status,
         read_only(units[0] * np.array([[p.a, p.b] for p in pieces]).reshape(-1, 2)),

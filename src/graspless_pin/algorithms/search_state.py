@@ -104,10 +104,10 @@ class SearchState:
         if self.relaxation is not None:
             return self.relaxation
         program = self.formulation.program
-        return self.relaxed(self.solve(program.lb, program.ub))
+        return self.store_relaxation(self.solve(program.lb, program.ub))
 
-    def relaxed(self, answer: Answer) -> Answer:
-        """Keep the answer to the relaxation, the first node, and what it proves."""
+    def store_relaxation(self, answer: Answer) -> Answer:
+        """Keep the answer to the relaxation, the first node, and what it proves; return it."""
         self.relaxation = answer
         self.nodes += 1
         self.bound = answer.bound
@@ -115,8 +115,8 @@ class SearchState:
             self.infeasibility = answer.proof
         return answer
 
-    def accept(self, answer: Answer, found: FoundMode, admitted: FloatArray | None = None) -> bool:
-        """Keep an answer that a feasible mode admits, if it is the best so far.
+    def offer(self, answer: Answer, found: FoundMode, admitted: FloatArray | None = None) -> bool:
+        """Keep what a feasible mode admits of an answer, if that is the best so far.
 
         The friction that the mode forbids is below the threshold of the oracle and is cut off;
         where that breaks the balance the mode's own program is solved instead.

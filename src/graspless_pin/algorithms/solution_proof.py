@@ -95,7 +95,7 @@ class ModeProver:
         excluded = None if part is None else self.tree.exclusion(part)
         if excluded is not None:
             return excluded, []
-        answer = self.solved(part)
+        answer = self.solve(part)
         if answer.outcome is Outcome.FAILED:
             return "a program stayed without an answer", []
         refuting = answer.outcome is Outcome.INFEASIBLE
@@ -110,7 +110,7 @@ class ModeProver:
         split = self.tree.split(part, x, self.oracle.conflict_for(x, part))
         return split or ("a mode with a virtual motion seems better than the bound", [])
 
-    def solved(self, part: ModePart | None, cutoff: float | None = None) -> Answer:
+    def solve(self, part: ModePart | None, cutoff: float | None = None) -> Answer:
         """Return the answer to the program of a part.
 
         Args:
@@ -199,7 +199,7 @@ def written_multipliers(solution: TorqueSolution) -> DualVariables:
 
 def _of_found(solution: TorqueSolution) -> SolutionProof:
     formulation = formulate(solution.problem, solution.objective)
-    target = solution.certificate.bound / formulation.unit
+    target = solution.certificate.bound / formulation.signed_unit
     if not np.isfinite(target):
         return SolutionProof(ModeProof((), "the search ended without a bound"), solution.motion)
     own = ModePart.one_mode(solution.mode)
@@ -214,7 +214,7 @@ def _of_found(solution: TorqueSolution) -> SolutionProof:
     tree = prover.prove(root if has_modes else None, known)
     in_mode = None
     if not tree.complete and has_modes:
-        answer = prover.solved(own, np.inf)
+        answer = prover.solve(own, np.inf)
         if answer.outcome is Outcome.SOLVED:
             bounded = formulation.program.bounded(*prover.tree.bounds(own))
             in_mode = sharpened(bounded, answer.y, answer.z)

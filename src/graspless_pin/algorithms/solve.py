@@ -222,7 +222,8 @@ def threshold_optima(
     same = (_SAME_OPTIMUM + 2.0 * gap) * (max(1.0, abs(own)) if np.isfinite(own) else 1.0)
     if all(value == own or abs(value - own) <= same for value in values):
         return None
-    slow, fast = (formulation.unit * value if np.isfinite(value) else np.nan for value in values)
+    unit = formulation.signed_unit
+    slow, fast = (unit * value if np.isfinite(value) else np.nan for value in values)
     return slow, fast
 
 
@@ -259,8 +260,8 @@ def solution_of(
     certificate = Certificate(
         primal_residual=np.inf if best is None else best.residual,
         duality_gap=np.inf if best is None else best.gap,
-        bound=state.bound * formulation.unit,
-        gap=np.inf if best is None else (best.value - state.bound) * abs(formulation.unit),
+        bound=state.bound * formulation.signed_unit,
+        gap=np.inf if best is None else (best.value - state.bound) * abs(formulation.signed_unit),
         infeasibility=state.infeasibility,
         force_reach=force_reach(formulation.problem, formulation.coordinates),
         threshold_optima=optima,

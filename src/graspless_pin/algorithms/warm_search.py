@@ -167,7 +167,7 @@ class _WarmState(SearchState):
         """Return the relaxation's answer, by the earlier one's active set where that tells it."""
         program = self.formulation.program
         answer, self.without_mode = self.solve_near(program.lb, program.ub, self.start.relaxation)
-        return self.relaxed(answer)
+        return self.store_relaxation(answer)
 
     def solve_near(
         self, lb: FloatArray, ub: FloatArray, active: ActiveSet | None
@@ -222,11 +222,11 @@ def _keep_relaxation_if_admitted(state: _WarmState) -> None:
     if before is not None and near is not None and _fits(state, before):
         again = state.oracle.mode_still_admitting(relaxation.x, before, near)
         if again is not None:
-            state.accept(relaxation, *again)
+            state.offer(relaxation, *again)
             return
     found = state.oracle.mode_for(relaxation.x, near)
     if isinstance(found, FoundMode):
-        state.accept(relaxation, found)
+        state.offer(relaxation, found)
 
 
 def _keep_optimum_of_start_mode(state: _WarmState) -> None:
@@ -297,7 +297,7 @@ class ContactStarts:
             self._starts = (starts[place], *starts[:place], *starts[place + 1 :])
         return optimum
 
-    def searched(
+    def search(
         self,
         problem: QuasistaticProblem,
         objective: Objective,
@@ -316,7 +316,7 @@ class ContactStarts:
         self.learn(learned)
         return solution
 
-    def solved(
+    def solve(
         self,
         problem: QuasistaticProblem,
         objective: Objective,
@@ -325,11 +325,11 @@ class ContactStarts:
     ) -> TorqueSolution:
         """Return the solution: by a warm start if one leads to it, else by a search.
 
-        The arguments are those of `searched`.
+        The arguments are those of `search`.
         """
         found = self.optimum(problem, objective, options)
         if found is None:
-            return self.searched(problem, objective, options, rest)
+            return self.search(problem, objective, options, rest)
         return solution_of_optimum(problem, objective, options.rules, found)
 
     def learn(self, learned: WarmStart) -> None:

@@ -184,7 +184,7 @@ def solve_scene(
     raise typer.Exit(exit_code(solution))
 
 
-def solved(
+def solution_and_answer(
     scene: Scene, algorithm: str | None = None, **options: Any
 ) -> tuple[TorqueSolution, RobustAnswer | None]:
     """Return the solution of a scene, and what was found for all that it says is not known.
@@ -223,13 +223,13 @@ def solved_scene(
         path: The scene file.
         algorithm: See `Scene.solve`.
         controller: See `opened_scene`.
-        options: See `solved`.
+        options: See `solution_and_answer`.
 
     Raises:
         typer.Exit: If there are no torques.
     """
     scene = opened_scene(path, controller)
-    solution, answer = solved(scene, algorithm, **options)
+    solution, answer = solution_and_answer(scene, algorithm, **options)
     emit(*solution.findings)
     show_findings()
     if not solution.found:
@@ -256,12 +256,12 @@ def judged_solution(
         algorithm: See `Scene.solve`.
         verdict_nodes: Sets of outcomes that each verdict may look at; None: the default.
         no_verdict: Whether to leave out verdicts, and the check of the proof.
-        options: See `solved`.
+        options: See `solution_and_answer`.
 
     Returns:
-        What `solved` returns, the verdict, if there is one, and what is said of it.
+        What `solution_and_answer` returns, the verdict, if there is one, and what is said of it.
     """
-    solution, answer = solved(scene, algorithm, verdict_nodes=verdict_nodes, **options)
+    solution, answer = solution_and_answer(scene, algorithm, verdict_nodes=verdict_nodes, **options)
     verdict, note = None, ""
     if answer is not None and not no_verdict:
         answer = proven_answer(answer)

@@ -183,7 +183,7 @@ cdef class ColdOptima(WarmOptima):
                     k += 1
         self.side_count = k
 
-    cdef bint solved(self) noexcept:
+    cdef bint converge(self) noexcept:
         """Find an optimum by the predictor-corrector method; whether it converged.
 
         mu is the mean complementarity product, sigma its share that the corrector aims at.
@@ -252,7 +252,7 @@ cdef class ColdOptima(WarmOptima):
 
         Its mode is read from the friction, and the motion guessed, as a search does first.
         """
-        if not self.solved():
+        if not self.converge():
             return None
         cdef Py_ssize_t M = self.contact_count, s = 0, i, c, k
         cdef double* pair

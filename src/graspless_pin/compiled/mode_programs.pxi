@@ -184,7 +184,7 @@ cdef class ModePrograms(LoadedStates):
                 self.covers.insert(0, self.covers.pop(place))
             memcpy(self.point, self.best_point, (self.coordinate_count + 1) * sizeof(double))
             memset(self.multipliers, 0, self.row_count * sizeof(double))
-            self.judged()
+            self.assess()
             self.bound = bound
             return (
                 self.residual <= close and self.residual * self.strict <= self.close
@@ -211,7 +211,7 @@ cdef class ModePrograms(LoadedStates):
                     sign = sliding_sign(signs, self.axes[c])
                     self.bounds[c] = 0.0 if sign <= 0.0 else -INFINITY
                     self.bounds[n1 + c] = 0.0 if sign >= 0.0 else INFINITY
-            self.judged()
+            self.assess()
             for c in range(self.coordinate_count):
                 if self.axes[c] % 3:
                     self.bounds[c], self.bounds[n1 + c] = -INFINITY, INFINITY

@@ -365,8 +365,8 @@ cdef class PaperPrograms(KeptArrays):
         for c in range(n + 1):
             slope[c] += weights[self.row_count + c]
 
-    cdef void judged(self) noexcept:
-        """Find what point and multipliers prove, see `Program.judged`."""
+    cdef void assess(self) noexcept:
+        """Find what point and multipliers prove, see `Program.assess`."""
         cdef Py_ssize_t n = self.coordinate_count, c, i
         cdef double* slope = self.slope
         cdef double weight, at, total = 0.0, bound = 0.0, residual = 0.0, last = self.point[n]

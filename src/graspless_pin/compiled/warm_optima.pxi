@@ -132,7 +132,7 @@ cdef class WarmOptima(PaperPrograms):
     cdef bint is_proven(self) noexcept:
         """Whether point and multipliers are an optimum and its proof."""
         cdef double close
-        self.judged()
+        self.assess()
         close = self.exact * max(1.0, fabs(self.value))
         return (
             self.residual <= close and fabs(self.value - self.bound) <= close

@@ -164,7 +164,7 @@ class Evaluation(Brief):
         found = self._found
         if isinstance(found, WarmAnswer):
             optimum = found.optimum
-            bound = optimum.bound * optimum.unit
+            bound = optimum.bound * optimum.signed_unit
             return len(optimum.forces), bound, optimum.gap, optimum.residual
         if found is None or isinstance(found, TorqueSolution):
             problem, proof = self.solution.problem, self.solution.certificate

@@ -332,7 +332,7 @@ def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
     found = StateFigures.empty(states.total, len(names))
 
     def alone(number: int, clear: bool) -> None:
-        found.put(number, solver.solved(*states.one(number), clear=clear), names)
+        found.put(number, solver.solve(*states.one(number), clear=clear), names)
 
     solver.loops.optima_of_states(_looped(solver, states), solver.objective, found, alone)
     return found

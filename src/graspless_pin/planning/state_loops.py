@@ -120,9 +120,9 @@ def refusals(
         yield StateStatus.OVERLAP, deep
 
 
-def is_reached(value: float, unit: float, margin: float) -> bool:
+def is_reached(value: float, signed_unit: float, margin: float) -> bool:
     """Return whether a margin is reached, N, by the value of Algorithm 1's program and its unit."""
-    goal = margin / abs(unit)
+    goal = margin / abs(signed_unit)
     return value <= closeness(goal) - goal
 
 
@@ -248,7 +248,7 @@ class StateLoops:
         answer = self.answer(states, Margin())
         if answer is None:
             return None
-        return is_reached(answer.optimum.value, answer.optimum.unit, margin)
+        return is_reached(answer.optimum.value, answer.optimum.signed_unit, margin)
 
     def _sound(
         self,

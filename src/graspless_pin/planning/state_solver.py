@@ -101,7 +101,7 @@ class StateSolver:
         other.configurations = self.configurations.with_scene(scene)
         return other
 
-    def solved(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:
+    def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:
         """Solve for one state, with as few records as can be: see `Evaluator.evaluate`.
 
         Of an object that moves with a link, vectors are in no particular axes; ``clear`` is that of
@@ -165,7 +165,7 @@ class StateSolver:
         if isinstance(found, TorqueSolution):
             force = found.problem.scales.force
             return status_of_margin(found, force, found.certificate.bound, required)
-        enough = is_reached(found.value, found.unit, required)
+        enough = is_reached(found.value, found.signed_unit, required)
         status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
         return shared.margin_of(found.forces), status
 
@@ -205,7 +205,7 @@ class StateSolver:
         starts = self._starts.for_contacts(scene.contacts.bodies, shared, objective)
         found = starts.optimum(shared, objective, options)
         if found is not None:
-            return is_reached(found.value, found.unit, margin)
+            return is_reached(found.value, found.signed_unit, margin)
         reached, learned = reaches_margin(shared, margin, options, starts.best, self._rest(scene))
         starts.learn(learned)
         self.loops.learn(scene, problem)
@@ -296,7 +296,7 @@ class StateSolver:
         found = starts.optimum(problem, objective, self.options)
         if found is not None:
             return found
-        solution = starts.searched(problem, objective, self.options, self._rest(scene))
+        solution = starts.search(problem, objective, self.options, self._rest(scene))
         self.loops.learn(scene, problem)
         return solution
 

@@ -182,7 +182,7 @@ class UncertainStateSolver(StateSolver):
         given = self.configurations, objective, self.options, self.checks
         return UncertainStateSolver(*given, self._set)
 
-    def solved(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
+    def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
         """Solve for one state: there are no records to do without."""
         return self.evaluate(q, T_world_object, twist)
 

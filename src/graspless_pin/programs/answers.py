@@ -303,7 +303,7 @@ def _tried(
     program: Program, near: Program, factor: float, backend: Backend, name: str, cutoff: float
 ) -> Answer:
     """Ask a solver for a program rescaled by a factor, and hold its answer against the program."""
-    raw = asked(backend, near if factor == 1.0 else rescaled(near, factor))
+    raw = call_solver(backend, near if factor == 1.0 else rescaled(near, factor))
     if raw is None:
         return failed(-np.inf)
     x, y, z = raw
@@ -346,7 +346,7 @@ def _breaks_limits(
     return program.infeasibility_bound(*multipliers, strictly=True) > _LEAST_VIOLATION
 
 
-def asked(backend: Backend, program: Program) -> Multipliers | None:
+def call_solver(backend: Backend, program: Program) -> Multipliers | None:
     """Return what a solver finds of a program, None if that is nothing or not to be reckoned with.
 
     No solver of a `Program` is asked but here, and none is given figures that it does not bear.
@@ -378,7 +378,7 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
     x, y, z = found
     if program.strict is not None:
         x = np.clip(x, program.lb, program.ub)  # limits that are bounds hold exactly
-    bound, value, residual = program.judged(x, y, z)
+    bound, value, residual = program.assess(x, y, z)
     if program.boxes_are_stated and residual <= PRIMAL_TOLERANCE:
         _check_boxes(program, x, y, z)
     if _is_above(program, bound, cutoff, y, z):
@@ -468,7 +468,7 @@ def _elastic_multipliers(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Multipliers that prove the smallest common violation of all rows, by the elastic program."""
     relaxed = elastic(program)
-    raw = asked(backend, relaxed)
+    raw = call_solver(backend, relaxed)
     if raw is None:
         return None
     found = raw, polished(relaxed, raw) or raw

@@ -68,6 +68,11 @@ class Objective(ABC):
         return 1.0
 
     @property
+    def sign(self) -> float:
+        """-1 where it is maximised, 1 elsewhere: the program minimises its value times this."""
+        return -1.0 if self.maximizes else 1.0
+
+    @property
     def of_margin(self) -> bool:
         """Whether its value is the margin e, N."""
         return self.algorithm is Algorithm.MARGIN

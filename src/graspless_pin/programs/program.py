@@ -203,9 +203,10 @@ class Program:
             ub: (n,) upper bounds.
             cutoff: A value above which solutions are of no interest.
         """
-        if lb is self.lb and ub is self.ub and cutoff >= self.worst:
+        if lb is self.lb and ub is self.ub and cutoff >= self.cutoff:
             return self
-        return changed(self, "reach", **self._shared, lb=lb, ub=ub, worst=min(self.worst, cutoff))
+        cutoff = min(self.cutoff, cutoff)
+        return changed(self, "reach", **self._shared, lb=lb, ub=ub, cutoff=cutoff)
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
@@ -318,7 +319,7 @@ class Program:
         return np.maximum(box[0], self.lb), np.minimum(box[1], self.ub)
 
     @cached_property
-    def worst(self) -> float:
+    def cutoff(self) -> float:
         """A proven bound above it means infeasible: `highest`, or a cutoff below it."""
         return self.highest
 
@@ -370,7 +371,7 @@ class Program:
         reach = self.whole_reach if whole else self.reach
         return self._smallest(slope, reach, curved=not self.is_linear) + constant
 
-    def judged(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
+    def assess(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
         """Return `dual_bound`, `value` and `residual` of a solution and its multipliers.
 
         What is not finite proves nothing.

@@ -91,11 +91,11 @@ def robust_answer(
     """
     unknown = stated_by(scene)
 
-    def solved(share: float = 1.0, **further: Any) -> RobustSolution:
+    def solve_share(share: float = 1.0, **further: Any) -> RobustSolution:
         asked = {**options, **further}
         return scene.solve(algorithm, uncertainty=unknown.scaled(share), **asked)
 
-    robust, weak = solved(), RequiredStability.WEAK.value
+    robust, weak = solve_share(), RequiredStability.WEAK.value
     nominal = scene.solve(algorithm, **options)
     if robust.found:
         _, how = scene.asked(algorithm, **options)
@@ -103,7 +103,7 @@ def robust_answer(
     share, unserved, with_feedback = math.nan, math.nan, None
     if robust.status not in (Status.NOT_FOUND_IN_LIMIT, Status.STRONG_NOT_FOUND):
         # Which part is served is a question of forces; rest is asked of torques for all of it.
-        of_part = partial(solved, stability=weak)
+        of_part = partial(solve_share, stability=weak)
         share, unserved = _share_of(of_part, robust, share_time, options.get("time_limit"))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
             with_feedback = of_part(feedback=STIFFNESS)
@@ -111,7 +111,7 @@ def robust_answer(
 
 
 def _share_of(
-    solved: Callable[..., RobustSolution],
+    solve_share: Callable[..., RobustSolution],
     robust: RobustSolution,
     seconds: float,
     each: float | None,
@@ -119,7 +119,7 @@ def _share_of(
     """Return the shares of a set that are served and not served, as near as time allows.
 
     Args:
-        solved: Returns what is found for a share of it.
+        solve_share: Returns what is found for a share of it.
         robust: What was found for all of it: no torques.
         seconds: For all searches.
         each: For one; None: all of them.
@@ -127,7 +127,7 @@ def _share_of(
     limits = Limits.from_now(None, seconds)
 
     def within(share: float) -> RobustSolution:
-        return solved(
+        return solve_share(
             share, time_limit=min(one for one in (limits.seconds_left, each) if one is not None)
         )
 

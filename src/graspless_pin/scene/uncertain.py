@@ -76,28 +76,28 @@ def solve_uncertain(
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
     known = {**_known_of(scene, problem, feedback), "slopes": _slopes(scene, uncertainty)}
 
-    def solved(
+    def solve_set(
         problem: QuasistaticProblem, objective: Objective, options: SolveOptions
     ) -> RobustSolution:
         return solve_robust(problem, objective, uncertainty, options, mode=mode, **known)
 
     if not options.strong:
-        return solved(problem, objective, options)
+        return solve_set(problem, objective, options)
     if any(figures_in(uncertainty.contact_position)):
         raise ArgumentError(
             "contact_position",
             "is sampled, and stability='strong' proves rest at vertices of the set only; leave "
             "out one of the two",
         )
-    return _strong_for_members(scene, objective, options, solved)
+    return _strong_for_members(scene, objective, options, solve_set)
 
 
-Solved = Callable[[QuasistaticProblem, Objective, SolveOptions], RobustSolution]
+SolveSet = Callable[[QuasistaticProblem, Objective, SolveOptions], RobustSolution]
 """Finds the best torques for the set about another problem, for another objective."""
 
 
 def _strong_for_members(
-    scene: SceneFields, objective: Objective, options: SolveOptions, solved: Solved
+    scene: SceneFields, objective: Objective, options: SolveOptions, solve_set: SolveSet
 ) -> RobustSolution:
     """Return torques for a set of which rest is the only outcome at each vertex of it.
 
@@ -111,7 +111,7 @@ def _strong_for_members(
         scene: The nominal scene.
         objective: What is optimised.
         options: How; `verdict_nodes` bound each verdict, and `time_limit` the whole call.
-        solved: Finds the best torques for the set.
+        solve_set: Finds the best torques for the set.
 
     Returns:
         What was found, with the verdicts in `rest`: with status STRONG, with that of the best
@@ -122,7 +122,7 @@ def _strong_for_members(
 
     limits, problem = Limits.of(options), problem_of(scene)
     options = replace(options, stability=RequiredStability.WEAK)
-    best = solved(problem, objective, options)
+    best = solve_set(problem, objective, options)
     if not best.found:
         return best
     scene = under_feedback(scene, best.feedback)
@@ -131,7 +131,7 @@ def _strong_for_members(
     def is_lost(verdict: StabilityVerdict) -> bool:
         return not verdict.keeps_rest(lasting=lasting)
 
-    def judged(torques: FloatArray, order: list[int], nodes: int) -> RestAtCorners:
+    def verdicts_at_corners(torques: FloatArray, order: list[int], nodes: int) -> RestAtCorners:
         """Return verdicts in an order of corners, up to the first where rest is lost."""
         members = [best.members[number] for number in order]
         found = verdicts_under(
@@ -150,7 +150,7 @@ def _strong_for_members(
         yield best.torques, FIRST_NODES
         guesses = weaker_supports(problem, objective) if best.policy is None else ()
         for weaker, aim in guesses:
-            found = solved(weaker, aim, limits.within(options))
+            found = solve_set(weaker, aim, limits.within(options))
             if found.found and found.policy is None:
                 yield found.torques, FIRST_NODES
         if options.verdict_nodes > FIRST_NODES:
@@ -159,7 +159,7 @@ def _strong_for_members(
                     yield torques, options.verdict_nodes
 
     for torques, nodes in candidates():
-        rest = judged(torques, order, nodes)
+        rest = verdicts_at_corners(torques, order, nodes)
         tried.append((torques, rest))
         held = _held(best, torques, options, len(tried)) if rest.kept else None
         if held is not None:

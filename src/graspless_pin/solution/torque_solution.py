@@ -234,7 +234,7 @@ class TorqueSolution:
         """The objective's value in its own unit; with a regularisation, that of both together."""
         coordinates, program, unit = self.program
         x = np.concatenate([coordinates.scaled(self.contact_forces), self.added_columns])
-        return (-unit if self.objective.maximizes else unit) * program.value(x)
+        return self.objective.sign * unit * program.value(x)
 
     @cached_property
     def multipliers(self) -> Marginals:

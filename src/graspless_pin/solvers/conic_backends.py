@@ -20,7 +20,7 @@ import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.answers import Backend, Multipliers, asked, without_far_limits
+from graspless_pin.programs.answers import Backend, Multipliers, call_solver, without_far_limits
 from graspless_pin.programs.program import MatrixInequality, Program
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
@@ -206,7 +206,7 @@ def by_cuts(solver: Backend) -> Backend:
         for _ in range(_CUT_ROUNDS):
             rows = np.einsum("pi,pin->pn", planes, cones[owner])
             sides = np.einsum("pi,pi->p", planes, apex[owner])
-            found = asked(solver, _cut(program, rows, sides))
+            found = call_solver(solver, _cut(program, rows, sides))
             if found is None:
                 return None
             x, y, z = found
@@ -215,7 +215,7 @@ def by_cuts(solver: Backend) -> Backend:
             z = np.concatenate([z[:flat], weights.ravel()])
             inside = cones @ x - apex
             outside = np.flatnonzero(np.hypot(*inside[:, 1:].T) - inside[:, 0] > _CONE_TOLERANCE)
-            if not len(outside) or program.dual_bound(y, z) > program.worst:
+            if not len(outside) or program.dual_bound(y, z) > program.cutoff:
                 return x, y, z
             touching = _planes(np.arctan2(inside[outside, 2], inside[outside, 1]))
             planes, owner = np.vstack([planes, touching]), np.append(owner, outside)

@@ -104,7 +104,7 @@ class _Engine:
         self._settings.max_iter = _FIRST_ITERATIONS + len(program.c) // _COLUMNS_PER_ITERATION
         status, result = self._piqp.solve(), self._piqp.result
         if status == piqp.PIQP_MAX_ITER_REACHED and not (
-            program.dual_bound(result.y, result.z_u - result.z_l) > program.worst
+            program.dual_bound(result.y, result.z_u - result.z_l) > program.cutoff
         ):
             self._settings.max_iter = _MOST_ITERATIONS
             self._piqp.solve()

@@ -72,7 +72,7 @@ def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf)
     Returns:
         A solved, infeasible or failed answer; never an unchecked one.
     """
-    cutoff = min(cutoff, program.worst)
+    cutoff = min(cutoff, program.cutoff)
     best_bound = -np.inf
     names = _in_turn(solver, program.cone_count > 0)
     # Of what cannot be resolved nothing is solved: it is infeasible, or nobody can tell.

@@ -383,7 +383,7 @@ def _solution(scene: Scene, starts: StartsByContacts | None) -> TorqueSolution:
     objective, how = scene.asked()
     problem, rest = scene.problem(), rest_model_of(scene) if how.strong else None
     known = starts.for_contacts((how.rules, *scene.contacts.bodies), problem, objective)
-    return known.solved(problem, objective, how, rest).of_source(scene)
+    return known.solve(problem, objective, how, rest).of_source(scene)
 
 
 def _analyses(study: Study, scene: Scene, solution: TorqueSolution) -> Row:
