@@ -56,6 +56,17 @@ def test_the_first_line_names_bodies_with_another_outcome():
     assert first == "held: the object stays (soft bodies: crept)"
 
 
+def test_the_first_line_names_bodies_that_bear_nothing_where_some_force_is_proven():
+    scene = load_scene(CUBOID)
+    found = simulate(scene, scene.solve().torques, seconds=0.01)
+    stiff, soft = found.runs
+    finger, *_ = scene.contacts.bodies
+    left = {name: force for name, force in soft.normal_forces.items() if name != finger}
+    lost = replace(found, runs=(stiff, replace(soft, normal_forces=left)))
+    first = simulated_words(scene, lost).splitlines()[0]
+    assert first == f"held: the object stays; but in the end {finger} bears nothing (soft bodies)"
+
+
 def test_options_change_the_outcome():
     assert run("simulate", CUBOID, "--friction-factor", "0.02", *BRIEFLY).exit_code == 1
     pushed = run("simulate", CUBOID, "--push", "-30,0,30", *BRIEFLY)

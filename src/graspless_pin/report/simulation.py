@@ -101,6 +101,7 @@ def simulation_text(
     if not bounds.found:
         return "\n\n".join([*parts, f"no force ranges: {bounds.message}"])
     forces = body_forces(simulation, bodies, bounds)
+    parts[0] += _lost_words(simulation, forces)
     parts += [_force_table(simulation, forces, bounds), f"ranges go {bounds.covers}"]
     parts += [*filter(None, [bounds.squeeze_words(bodies)]), *_largest_excess(simulation, forces)]
     return "\n\n".join(parts)
@@ -114,6 +115,18 @@ def _headline(simulation: Simulation) -> str:
         if run.outcome is not simulation.outcome
     ]
     return _WORDS[simulation.outcome] + (f" ({', '.join(others)})" if others else "")
+
+
+def _lost_words(simulation: Simulation, forces: Sequence[BodyForce]) -> str:
+    """Return which bodies bear nothing in the end though some force of theirs is proven."""
+    least = _SAME_FORCE * simulation.problem.scales.force
+    told = []
+    for k, run in enumerate(simulation.runs):
+        lost = [one.body for one in forces if one.lower > least and one.simulated[k] == 0.0]
+        if lost:
+            bear = "bears" if len(lost) == 1 else "bear"
+            told.append(f"{', '.join(lost)} {bear} nothing ({run.contact_model.name} bodies)")
+    return f"; but in the end {'; '.join(told)}" if told else ""
 
 
 def _runs(simulation: Simulation) -> list[list[object]]:
