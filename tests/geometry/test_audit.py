@@ -8,8 +8,9 @@ import trimesh
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.cli.robots import robot_text
-from graspless_pin.errors import RobotError
+from graspless_pin.errors import MeshError, RobotError
 from graspless_pin.findings import FindingCode
+from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.inspection import audit_urdf, list_robots
 from graspless_pin.geometry.robots.files import robot_names
 
@@ -112,6 +113,29 @@ def test_meshes(tmp_path):
     ]
     assert "is 100 m large" in report.findings[0].message
     assert "package_dirs" in report.findings[1].advice
+
+
+@pytest.mark.parametrize(
+    ("written", "advice"),
+    [
+        ("package://my_hand/meshes/fingr.stl", "did you mean 'finger.stl'?"),
+        ("package://my_hand/mesh/finger.stl", "did you mean 'meshes'?"),
+        ("package://my_hnd/meshes/finger.stl", "did you mean 'my_hand'?"),
+        ("ros/my_hand/meshes/fingr.stl", "did you mean 'finger.stl'?"),
+        ("package://my_hand/meshes/thumb_base.obj", "put the file there or correct the path"),
+        ("package://other/finger.stl", "give package_dirs, the folder that holds the package"),
+    ],
+)
+def test_what_to_do_about_a_missing_mesh(tmp_path, written, advice):
+    meshes = tmp_path / "ros" / "my_hand" / "meshes"
+    meshes.mkdir(parents=True)
+    (meshes / "finger.stl").touch()
+    file = write_urdf(tmp_path, link("a", MESH.format(written)))
+    report = audit_urdf(file, package_dirs=[tmp_path / "ros"])
+    first = report.findings[0]
+    assert (first.code, first.advice) == (FindingCode.MISSING_MESH, advice)
+    with pytest.raises(MeshError, match=re.escape(f"; {advice}")):
+        Hand.from_urdf(file, package_dirs=[tmp_path / "ros"])
 
 
 def test_lengths_in_millimetres(tmp_path):

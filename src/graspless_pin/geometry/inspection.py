@@ -26,9 +26,14 @@ from graspless_pin.geometry.hand.assembly import (
 )
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
+from graspless_pin.geometry.hand.link_meshes import (
+    is_flat,
+    load_link_mesh,
+    looked_for,
+    what_to_do,
+)
 from graspless_pin.geometry.hand.reading import URDF, read_robot
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
-from graspless_pin.geometry.hand.tree import is_flat, load_link_mesh, looked_for
 from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, robot_names
 from graspless_pin.intake.files import check_file, read_bytes
@@ -220,9 +225,7 @@ def _audit_mesh(
             FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
             f"{mesh.written!r} is missing (looked for {looked_for(mesh.looked)}); {grave}",
-            "give package_dirs, the folder that holds the package"
-            if mesh.written.startswith("package://")
-            else "put the file there or correct the path",
+            what_to_do(mesh),
         )
         return
     if use == "visual":

@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
@@ -23,7 +22,6 @@ from graspless_pin.geometry.bodies.decomposition import Cut, convex_pieces
 from graspless_pin.geometry.bodies.meshes import (
     DENSE_MESH,
     hull_corners,
-    scaled_mesh,
     warn_of_scale,
 )
 from graspless_pin.geometry.bodies.shape import convex_geometry
@@ -35,6 +33,7 @@ from graspless_pin.geometry.hand.coupling import (
     limits_that_agree,
     resolve_couplings,
 )
+from graspless_pin.geometry.hand.link_meshes import is_flat, load_link_mesh
 from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel, warn_of_lengths
 from graspless_pin.geometry.hand.work_space import (
     Kinematics,
@@ -45,15 +44,6 @@ from graspless_pin.geometry.hand.work_space import (
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.records import Brief, Record
-
-if TYPE_CHECKING:
-    import trimesh
-
-
-_MOST_PLACES = 3
-"""That a message names, of those where a mesh was looked for."""
-FLATNESS = 1e-7
-"""Thickness over length below which a mesh (single-precision vertices) has no volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,42 +423,3 @@ def _mesh_pieces(label: str, link: str, mesh: LinkMesh, cut: Cut | None) -> tupl
         points[0], found = hull_corners(points[0], what)
         emit(*found)
     return tuple(convex_geometry(corners, what) for corners in points)
-
-
-def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
-    """Read a link's collision mesh in metres; do not change what is returned.
-
-    Args:
-        label: The robot's file, for the message.
-        link: The link.
-        mesh: The mesh.
-
-    Raises:
-        MeshError: If it is missing or cannot be read.
-    """
-    if mesh.file is None:
-        package = mesh.written.startswith("package://")
-        hint = "; give package_dirs, the folder that holds the package" if package else ""
-        raise MeshError(
-            f"{label}: link {link!r} needs the collision mesh {mesh.written!r}, which is missing "
-            f"(looked for {looked_for(mesh.looked)}){hint}"
-        )
-    try:
-        return scaled_mesh(mesh.file, mesh.scale, upright=False)
-    except MeshError as error:
-        raise MeshError(
-            f"{label}: the collision mesh {mesh.file} of link {link!r}: {error}"
-        ) from error
-
-
-def looked_for(places: Sequence[Path]) -> str:
-    """Return where a mesh was looked for, in words: the likeliest places."""
-    more = len(places) - _MOST_PLACES
-    named = ", ".join(str(file) for file in places[:_MOST_PLACES]) or "nowhere"
-    return named if more <= 0 else f"{named} and {more} more places"
-
-
-def is_flat(vertices: FloatArray) -> bool:
-    """Return whether (V, 3) vertices lie in one plane; coal would crash on their hull."""
-    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    return len(extents) < 3 or bool(extents[2] <= FLATNESS * extents[0])
