@@ -58,6 +58,7 @@ class FindingCode(StrEnum):
     ANGLE_IN_RADIANS = "angle-in-radians", Severity.WARNING
     UNLIKELY_SIZE = "unlikely-size", Severity.WARNING
     UNLIKELY_DENSITY = "unlikely-density", Severity.WARNING
+    UNLIKELY_INERTIA = "unlikely-inertia", Severity.WARNING
     CENTER_OUTSIDE = "center-of-mass-outside", Severity.WARNING
     UNLIKELY_LOAD = "unlikely-load", Severity.WARNING
     UNLIKELY_GRAVITY = "unlikely-gravity", Severity.WARNING
@@ -141,7 +142,8 @@ class Finding:
 
 _UNITS = frozenset({
     FindingCode.ANGLE_IN_DEGREES, FindingCode.ANGLE_IN_RADIANS, FindingCode.UNLIKELY_SIZE,
-    FindingCode.UNLIKELY_DENSITY, FindingCode.UNLIKELY_GRAVITY, FindingCode.MESH_SCALE,
+    FindingCode.UNLIKELY_DENSITY, FindingCode.UNLIKELY_INERTIA, FindingCode.UNLIKELY_GRAVITY,
+    FindingCode.MESH_SCALE,
 })  # fmt: skip
 """What is found where a figure is in another unit than was meant."""
 

@@ -9,7 +9,7 @@ from hand_tools import joint, link, write_urdf
 
 from graspless_pin.cli.robots import robot_text
 from graspless_pin.errors import MeshError, RobotError
-from graspless_pin.findings import FindingCode
+from graspless_pin.findings import FindingCode, capture
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.inspection import audit_urdf, list_robots
 from graspless_pin.geometry.robots.files import robot_names
@@ -153,6 +153,76 @@ def test_lengths_in_millimetres(tmp_path):
     assert "the box of link 'a' is 40 m long or wide; l" in str(audit(tmp_path, body).findings[0])
     good = audit(tmp_path, body.replace(" 40 ", " 0.04 "))
     assert FindingCode.UNLIKELY_SIZE not in dict(found(good))
+
+
+INERTIA = '<inertia ixx="6e-6" ixy="0" ixz="0" iyy="6e-6" iyz="0" izz="2e-6"/>'
+FINGER = """<link name="{name}"><inertial><origin xyz="0 0 0.02"/><mass value="0.03"/>{inertia}
+</inertial><collision><origin xyz="0 0 0.02" rpy="0 0 3.1416"/><geometry>
+<box size="0.02 0.02 0.04"/></geometry></collision></link>"""
+SOUND = (
+    link("palm", '<box size="0.08 0.08 0.02"/>', 0.2)
+    + FINGER.format(name="a", inertia=INERTIA)
+    + FINGER.format(name="b", inertia=INERTIA)
+    + joint("i", "palm", "a", limit='lower="-0.6" upper="0.8" effort="2"', axis="0 1 0")
+    + joint("k", "a", "b", extra='<mimic joint="i" multiplier="-1.5"/>', axis="0 1 0",
+            limit='lower="-1.2" upper="0.9" effort="2"', origin='xyz="0 0 0.04"')
+)  # fmt: skip
+FAR = 'origin xyz="0 0 0.02"/>'
+UNITS = {
+    # what is replaced, by what, the code, what is said, what to do
+    "mass in grams": ('value="0.03"', 'value="30"', "unlikely-density",
+                      "link 'a' has 30 kg in a box of 20 x 20 x 40 mm, which is",
+                      "in a file in grams this is 0.03 kg"),
+    "centre of mass in mm": (FAR, 'origin xyz="0 0 20"/>', "unlikely-size",
+                             "the centre of mass of link 'a' is 20 m from its origin",
+                             "in a file in millimetres this is 0.02 m"),
+    "centre of mass a little in mm": (FAR, 'origin xyz="0 0 2"/>', "unlikely-size",
+                                      "the centre of mass of link 'a' is 2 m", "this is 0.002 m"),
+    "shape in mm": ('xyz="0 0 0.02" rpy', 'xyz="0 0 20" rpy', "unlikely-size",
+                    "a shape of link 'a' is 20 m from its origin", "this is 0.02 m"),
+    "limits in degrees": ('lower="-0.6" upper="0.8"', 'lower="-34" upper="46"', "angle-in-degrees",
+                          "the limits [-34, 46] rad of joint 'i' are more than 2 turns",
+                          "[-34, 46] degrees are [-0.5934, 0.8029] rad"),
+    "joint turned in degrees": ('"0 0 0.04"', '"0 0 0.04" rpy="0 0 180"', "angle-in-degrees",
+                                "the angles [0, 0, 180] rad of joint 'k' are more than a turn",
+                                "[0, 0, 180] degrees are [0, 0, 3.1416] rad"),
+    "shape turned in degrees": ("0 0 3.1416", "0 0 180", "angle-in-degrees",
+                                "the angles [0, 0, 180] rad of link 'a'", "3.1416] rad"),
+    "inertia in g mm^2": ('ixx="6e-6"', 'ixx="6000"', "unlikely-inertia",
+                          "link 'a' of 0.03 kg has the moments of inertia 2e-06, 6e-06, 6e+03",
+                          "1 g mm^2 is 1e-9 kg m^2"),
+    "negative inertia": ('izz="2e-6"', 'izz="-2e-6"', "unlikely-inertia",
+                         "no body has a negative one", "about the centre of mass"),
+    "inertia of no body": ('izz="2e-6"', 'izz="2e-5"', "unlikely-inertia",
+                           "more than the sum of the others", "about the centre of mass"),
+    "no inertia": (INERTIA, "", "unlikely-inertia",
+                   "link 'a' has a mass and no <inertia>, and others have one", "add it"),
+    "degrees for radians": ('"-1.5"', '"57.3"', "angle-in-degrees",
+                            "joint 'k' follows joint 'i' times 57.3, which is 180/pi",
+                            "radians per radian"),
+    "radians for degrees": ('"-1.5"', '"-0.01745"', "angle-in-degrees",
+                            "times -0.01745, which is pi/180", "radians per radian"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "code", "said", "advice"), UNITS.values(), ids=UNITS)
+def test_another_unit_in_a_robot(tmp_path, old, new, code, said, advice):
+    """`inspect` tells it, and so does whatever loads the robot."""
+    assert found(audit(tmp_path, SOUND)) == []
+    file = write_urdf(tmp_path, SOUND.replace(old, new, 1))
+    one = {item.code: item for item in audit_urdf(file).findings}[FindingCode(code)]
+    assert said in one.message and advice in one.advice
+    with capture() as told:
+        Hand.from_urdf(file)
+    assert one in told
+
+
+def test_units_of_a_whole_file(tmp_path):
+    """Of each kind one figure is told, with the number of others."""
+    one = audit(tmp_path, SOUND.replace('value="0.03"', 'value="30"')).findings[0]
+    assert one.message.endswith("more than any metal has, and 1 more such links")
+    one = audit(tmp_path, SOUND.replace(INERTIA, "")).findings[0]
+    assert one.message.endswith("and no <inertia>, and others have one, and 1 more such links")
 
 
 def test_a_mesh_that_its_hull_fills_out_by_far(tmp_path):

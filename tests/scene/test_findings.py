@@ -401,7 +401,7 @@ def test_findings_are_sorted_and_said_once():
     shuffled = causes_first([*reversed(all_codes), *all_codes])
     units = {FindingCode(code) for code in (
         "angle-in-degrees", "angle-in-radians", "unlikely-size", "unlikely-density",
-        "unlikely-gravity", "mesh-scale",
+        "unlikely-inertia", "unlikely-gravity", "mesh-scale",
     )}  # fmt: skip
     assert {one.code for one in shuffled[: len(units)]} == units
     weights = [list(Severity).index(one.severity) for one in shuffled[len(units) :]]

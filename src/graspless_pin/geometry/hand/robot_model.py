@@ -15,8 +15,6 @@ import numpy as np
 
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import RobotError
-from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.meshes import LARGEST_MESH
 from graspless_pin.geometry.bodies.shape import Shape
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.text import fault_of_name
@@ -395,37 +393,3 @@ def links_below(
     while below := {child for parent, child in ends if parent in kept} - kept:
         kept |= below
     return kept
-
-
-def warn_of_lengths(robot: RobotModel) -> None:
-    """Warn of a robot with joints farther apart, or primitive shapes larger, than 5 m.
-
-    Warns:
-        GrasplessPinWarning: If there are any: a file in millimetres has them.
-    """
-    found = [
-        (length, f"joint {joint.name!r} is {{}} m from the origin of link {joint.parent!r}")
-        for joint in robot.joints
-        if (length := float(np.linalg.norm(joint.T_parent_joint[:3, 3]))) > LARGEST_MESH
-    ]
-    found += [
-        (length, f"the {item.shape.kind} of link {link.name!r} is {{}} m long or wide")
-        for link in robot.links
-        for item in link.collisions
-        if isinstance(item.shape, Shape)
-        for key in item.shape.lengths()
-        for length in np.atleast_1d(getattr(item.shape, key)).tolist()
-        if length > LARGEST_MESH
-    ]
-    if found:
-        length, words = found[0]
-        more = f", and {len(found) - 1} more such lengths" if len(found) > 1 else ""
-        emit(
-            Finding(
-                FindingCode.UNLIKELY_SIZE,
-                robot.label,
-                f"{robot.label}: {words.format(f'{length:.4g}')}{more}",
-                f"lengths are metres: in a file in millimetres this is {1e-3 * length:.3g} m",
-                ("hand",),
-            )
-        )

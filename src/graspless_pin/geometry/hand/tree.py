@@ -34,7 +34,8 @@ from graspless_pin.geometry.hand.coupling import (
     resolve_couplings,
 )
 from graspless_pin.geometry.hand.link_meshes import is_flat, load_link_mesh
-from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel, warn_of_lengths
+from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel
+from graspless_pin.geometry.hand.robot_units import unit_findings
 from graspless_pin.geometry.hand.work_space import (
     Kinematics,
     WorkSpace,
@@ -327,10 +328,8 @@ def build_tree(
 
     Warns:
         GrasplessPinWarning: If a mimic joint follows a joint that does not exist, its limits
-            keep one that it follows from moving, or a robot looks as if it were in millimetres.
+            keep one that it follows from moving; or if figures of a robot look like another unit.
     """
-    for robot, _ in robots if with_shapes else ():
-        warn_of_lengths(robot)
     model, bases = pinocchio_model(robots)
     joints = {joint.name: joint for robot, _ in robots for joint in robot.joints}
     joint_names = tuple(model.names)[1:]
@@ -348,15 +347,16 @@ def build_tree(
         for index, frame in enumerate(model.frames)
         if frame.type == pin.FrameType.BODY
     }
+    geometries: list[LinkGeometry] = []
+    for robot, _ in robots if with_shapes else ():
+        own = link_geometries(model, robot, link_frames, cuts)
+        emit(*unit_findings(robot, _boxes(model, own, link_frames)))
+        geometries += own
     return KinematicTree(
         pinocchio_model=model,
         joint_names=joint_names,
         link_frames=link_frames,
-        geometries=tuple(
-            shape
-            for robot, _ in robots
-            for shape in (link_geometries(model, robot, link_frames, cuts) if with_shapes else ())
-        ),
+        geometries=tuple(geometries),
         coupling=coupling,
         lower=lower,
         upper=upper,
@@ -423,3 +423,19 @@ def _mesh_pieces(label: str, link: str, mesh: LinkMesh, cut: Cut | None) -> tupl
         points[0], found = hull_corners(points[0], what)
         emit(*found)
     return tuple(convex_geometry(corners, what) for corners in points)
+
+
+def _boxes(
+    model: Any, shapes: Iterable[LinkGeometry], link_frames: Mapping[str, int]
+) -> dict[str, FloatArray]:
+    """Return the boxes around the shapes of links, see `unit_findings`."""
+    corners: dict[str, list[FloatArray]] = {}
+    for one in shapes:
+        one.shape.computeLocalAABB()
+        box = one.shape.aabb_local
+        ends = np.array([box.min_, box.max_])[np.indices((2, 2, 2)).reshape(3, -1).T, range(3)]
+        T_link_joint = model.frames[link_frames[one.link]].placement.inverse().homogeneous
+        T = T_link_joint @ one.T_joint_geometry
+        corners.setdefault(one.link, []).append(ends @ T[:3, :3].T + T[:3, 3])
+    joined = {link: np.concatenate(parts) for link, parts in corners.items()}
+    return {link: np.array([own.min(axis=0), own.max(axis=0)]) for link, own in joined.items()}

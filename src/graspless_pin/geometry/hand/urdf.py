@@ -6,8 +6,9 @@ shapes and capsules out, opens what files name and crashes on some meshes that a
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +29,15 @@ from graspless_pin.geometry.hand.robot_model import (
     links_below,
     root_of_tree,
 )
+from graspless_pin.geometry.hand.robot_units import gathered
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.robots.description import JointCoupling, RobotDescription
 from graspless_pin.intake.files import is_file
 from graspless_pin.problem.checks import FloatArray
 
 _PRIMITIVES = ("box", "sphere", "cylinder", "capsule")
+_MOST_ANGLE = 6.3
+"""A turn as files round it, rad; larger angles are taken for degrees."""
 
 
 def robot_of_urdf(
@@ -51,7 +55,8 @@ def robot_of_urdf(
             rotor that is kept is malformed.
 
     Warns:
-        GrasplessPinWarning: A collision shape of size zero is left out.
+        GrasplessPinWarning: A collision shape of size zero is left out. Angles are more than a
+            turn, or masses have no inertia.
     """
     path, root_link = described.urdf_path, described.root_link
     links, joints = root.findall("link"), root.findall("joint")
@@ -66,7 +71,44 @@ def robot_of_urdf(
     rotors = _rotor_inertias(path, root, kept_joints)
     of_joints = tuple(_joint(path, joint, rotors) for joint in joints)
     of_links = tuple(_link(described, link, with_shapes=with_shapes) for link in links)
+    if with_shapes:
+        emit(*_doubtful(str(path), links, joints))
     return RobotModel(str(path), top, of_links, of_joints)
+
+
+def _doubtful(
+    label: str, links: Sequence[ET.Element], joints: Sequence[ET.Element]
+) -> Iterator[Finding]:
+    """Find angles in degrees, and masses without an inertia beside others that have one.
+
+    Args:
+        label: The file.
+        links: Those that are kept, whose figures have been read.
+        joints: Likewise.
+    """
+    turned = []
+    for one in (*links, *joints):
+        for origin in one.iter("origin"):
+            angles = [float(word) for word in origin.get("rpy", "0").split()]
+            if max(map(abs, angles)) > _MOST_ANGLE:
+                given = ", ".join(f"{angle:g}" for angle in angles)
+                radians = ", ".join(f"{math.radians(angle):.5g}" for angle in angles)
+                turned.append((
+                    f"the angles [{given}] rad of {one.tag} {one.get('name')!r} are more than a "
+                    "turn",
+                    f"give angles in radians: [{given}] degrees are [{radians}] rad",
+                ))  # fmt: skip
+    yield from gathered(FindingCode.ANGLE_IN_DEGREES, label, "such angles", turned)
+    stated = [link for link in links if link.find("inertial/inertia") is not None]
+    lacking = [
+        (
+            f"link {link.get('name')!r} has a mass and no <inertia>, and others have one",
+            "add it, kg m^2: where the link turns, it counts as a point",
+        )
+        for link in links
+        if stated and link.find("inertial/mass") is not None and link not in stated
+    ]
+    yield from gathered(FindingCode.UNLIKELY_INERTIA, label, "such links", lacking)
 
 
 def _end(joint: ET.Element, end: str) -> str:
