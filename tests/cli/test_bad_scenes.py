@@ -253,3 +253,16 @@ def test_a_hybrid_finger_with_two_contacts(tmp_path):
     text = spoilt(FRICTION, f"friction: 0.3\ncontacts:{contacts}")
     result = solve_text(tmp_path, spoilt(Q, "  control: {finger: hybrid}", text))
     assert_refused(result, "scene.yaml: hybrid finger 'finger' touches the object at several")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cause"),
+    [
+        (BOX, "{type: box, size: [80, 60, 40]}", "looks like millimetres"),
+        (POSE, "{position: [0, 0, 0], rpy: [0, 30, 0]}", "are more than a turn"),
+    ],
+)
+def test_what_explains_an_error_stands_above_it(tmp_path, old, new, cause):
+    told = solve_text(tmp_path, spoilt(old, new)).stderr
+    assert "overlap by" in told.partition("error: ")[2]
+    assert cause in told.partition("error: ")[0]

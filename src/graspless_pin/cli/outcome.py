@@ -194,9 +194,10 @@ _PRINTED: ContextVar[_Printed] = ContextVar("printed")
 
 
 def echo_error(message: str) -> None:
-    """Print an error on standard error, cut to a few lines."""
+    """Print an error on standard error, cut to a few lines, below the findings that explain it."""
     text = f"error: {shortened(message, _ERROR_BYTES)}"
     _PRINTED.get().room -= len(text.encode())
+    show_findings()
     typer.echo(text, err=True)
 
 
