@@ -168,6 +168,16 @@ def test_heavy_light_and_large_objects_that_exist_are_no_finding(tmp_path, chang
     assert not odd.intersection(found(scene))
 
 
+def test_tolerances_and_inertias_that_fit_the_object_are_no_finding(tmp_path):
+    """Nor is what a file leaves out, beside whatever object."""
+    odd = {FindingCode.UNLIKELY_INERTIA, FindingCode.UNLIKELY_SIZE}
+    stated = ("friction: 0.3", "friction: 0.3\ncontact_tolerance: 0.0199\nmax_penetration: 0.0199")
+    own = ("mass: 1.0", "mass: 1.0\n  inertia: [0.0299, 0.0299, 0.0299]")
+    assert not odd.intersection(found(loaded(tmp_path, stated, own)))
+    thin = ("[0.2, 0.2, 0.2]", "[0.2, 0.2, 0.002]")
+    assert not odd.intersection(found(loaded(tmp_path, thin)))
+
+
 def test_a_palm_that_misses_is_not_to_be_closed():
     allegro = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
     palm = next(one for one in hand_of(allegro).placed_bodies if one.name == "palm_link")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -130,10 +130,12 @@ _POSSIBLE_DENSITIES = 1.0, 30_000.0  # kg/m^3; a balloon, more than osmium
 LARGEST_OBJECT = 5.0
 """Of what hands move, m."""
 _USUAL_OBJECT = 0.1  # m, of most
+_LARGEST_TOLERANCE = 0.1
+"""Of the object's smallest extent."""
 
 
 def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[Finding]:
-    """Find a density that no material has, and a size that no hand holds.
+    """Find a density of no material, a size that no hand holds, and an inertia of no such body.
 
     Args:
         target: The object.
@@ -160,6 +162,46 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
             f"give the mass in kilograms and lengths in metres{_meant(target, density, size)}",
             ("object", "mass"),
         )
+
+    if target.inertia is not None:
+        moment = float(np.linalg.eigvalsh(target.inertia)[2])
+        most = target.mass * reach_of(target) ** 2
+        if moment > most:
+            yield Finding(
+                FindingCode.UNLIKELY_INERTIA,
+                target.name,
+                f"the inertia of object '{target.name}' has a moment of {moment:.3g} kg m^2, and "
+                f"{target.mass:g} kg inside its shape have at most {most:.3g}",
+                "give it about the centre of mass in kg m^2 (1 g mm^2 is 1e-9 kg m^2), or leave "
+                "it out: shape and mass tell it",
+                ("object", "inertia"),
+            )
+
+
+def tolerance_findings(
+    target: ManipulatedObject, tolerances: Mapping[str, float]
+) -> Iterator[Finding]:
+    """Find lengths that pass for contact and are not small beside the object.
+
+    What is as it would be if the file left it out is none.
+
+    Args:
+        target: The object.
+        tolerances: m, by key of the scene.
+    """
+    low, high = box_around(target)
+    smallest = float((high - low).min())
+    for key, length in tolerances.items():
+        is_given = length != SceneEntry.model_fields[key].default
+        if is_given and length > _LARGEST_TOLERANCE * smallest:
+            yield Finding(
+                FindingCode.UNLIKELY_SIZE,
+                target.name,
+                f"{key} is {length:g} m, and the smallest extent of object '{target.name}' is "
+                f"{smallest:.3g} m",
+                f"give it in metres: {length:g} mm are {1e-3 * length:g} m",
+                (key,),
+            )
 
 
 def box_around(target: ManipulatedObject) -> tuple[FloatArray, FloatArray]:

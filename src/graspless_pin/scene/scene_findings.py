@@ -32,6 +32,7 @@ from graspless_pin.scene.entry_findings import (
     MOST_ANGLE,
     box_around,
     meant_lengths,
+    tolerance_findings,
     unit_findings,
 )
 from graspless_pin.scene.fields import SceneFields, StatedFields
@@ -182,6 +183,8 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
     """Find figures that look like another unit or a placeholder."""
     target, gravity = scene.object, float(np.linalg.norm(scene.gravity))
     yield from unit_findings(target, beside_hand=scene.hand is not None)
+    lengths = {key: getattr(scene, key) for key in ("contact_tolerance", "max_penetration")}
+    yield from tolerance_findings(target, lengths)
     lowest, highest = box_around(target)
     slack = 1e-6 * (highest - lowest)
     center = target.center_of_mass
