@@ -12,7 +12,7 @@ from tests.cli.cli_tools import LINES, spoilt
 from graspless_pin import Scene, Uncertainty, load_scene
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, SceneError
 from graspless_pin.findings import Finding, FindingCode, Severity, capture, causes_first, emit
-from graspless_pin.geometry import Box, Sphere, Support
+from graspless_pin.geometry import Box, Sphere, Support, unwanted_overlaps
 from graspless_pin.records import changed
 from graspless_pin.report import scene_solution_text, solution_document
 from graspless_pin.report.reading import read_solution
@@ -195,6 +195,47 @@ def test_a_palm_that_misses_is_not_to_be_closed():
 def test_what_touches_or_is_far_away_is_not_missed(tmp_path, gap):
     scene = loaded(tmp_path, (FLOOR, f"pose: {{position: [0, 0, {-0.1 - gap}]}}"))
     assert FindingCode.SUPPORT_MISSED not in found(scene)
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "advice"),
+    [
+        ((FLOOR, "pose: {position: [0, 0, -0.0951]}"), ("supports", 0, "pose"), "settle"),
+        ((HAND, "position: [-0.1, -0.097, 0.0]"), ("hand", "q"), "open the finger"),
+    ],
+)
+def test_an_overlap_stands_where_it_is_mended(tmp_path, change, key, advice):
+    one = found(loaded(tmp_path, change))[FindingCode.DEEP_OVERLAP]
+    assert one.key == key and advice in one.advice
+
+
+def test_a_palm_in_the_object_is_moved_away():
+    allegro = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+    palm = next(one for one in hand_of(allegro).placed_bodies if one.name == "palm_link")
+    T = np.eye(4)
+    T[:3, 3] = (palm.T_world_geometry @ [-0.0204 - 0.01 + 0.002, 0, 0, 1])[:3]
+    ball = replace(allegro.object, shape=Sphere(0.01)).with_pose(T)
+    one = found(allegro.with_changes(object=ball, supports=()))[FindingCode.DEEP_OVERLAP]
+    assert "'palm_link' and object" in one.message
+    assert one.key == ("hand", "base_pose") and "move the hand away" in one.advice
+
+
+def test_a_hand_in_itself_is_one_finding():
+    """The deepest pair is told, and how many others there are."""
+    allegro = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+    bent = {"joint_0.0": -0.47, "joint_4.0": 0.0, "joint_8.0": 0.47} | {
+        f"joint_{n}.0": 1.6 for n in (1, 2, 3, 5, 6, 7, 9, 10, 11)
+    }
+    hand = hand_of(allegro).with_configuration({**hand_of(allegro).q, **bent})
+    deep = unwanted_overlaps(hand, tolerance=0.005)
+    assert len(deep) > 2
+    told = [
+        one
+        for one in allegro.with_changes(hand=hand).findings
+        if one.code is FindingCode.HAND_THROUGH_ITSELF
+    ]
+    worst = max(deep, key=lambda one: one.depth)
+    assert [one.message for one in told] == [f"{worst}, and {len(deep) - 1} more pairs less deep"]
 
 
 def test_deeper_overlaps_may_be_allowed(tmp_path):

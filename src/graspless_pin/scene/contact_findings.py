@@ -197,15 +197,24 @@ def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
     deepest: dict[str, float] = {}
     for body, gap in zip(touching.bodies, touching.distances, strict=True):
         deepest[body] = min(deepest.get(body, 0.0), gap)
+    supports = [support.name for support in scene.supports]
     for body, gap in deepest.items():
         if gap < -(1.0 + _GAP_ROUNDING) * scene.contact_tolerance:
+            if body in supports:
+                way = "settle the object (graspless-pin settle) or correct the pose"
+                key = ("supports", supports.index(body), "pose")
+            elif scene.hand is not None and scene.hand.finger_of(body) is not None:
+                way = "open the finger (q), then close it (graspless-pin close)"
+                key = ("hand", "q")
+            else:
+                way, key = "move the hand away (base_pose)", ("hand", "base_pose")
             yield Finding(
                 FindingCode.DEEP_OVERLAP,
                 body,
                 f"'{body}' and object '{scene.object.name}' overlap by {in_mm(-gap)}",
-                "move them apart (settle, close_fingers); max_penetration is the overlap that "
-                "passes for contact",
-                ("max_penetration",),
+                f"{way}; up to max_penetration ({in_mm(scene.max_penetration)}) it passes for "
+                "contact",
+                key,
             )
     others = [*(() if scene.hand is None else scene.hand.placed_bodies)]
     others += [piece for support in scene.supports for piece in support.placed_bodies]

@@ -81,7 +81,7 @@ def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tupl
     """
     if scene.hand is None:
         return ()
-    found = [_of_overlap(one) for one in hand_overlaps(scene)] if checks.collisions else []
+    found = [*_serious(hand_overlaps(scene))] if checks.collisions else []
     if checks.need_hand and not _hand_touches(scene):
         found.append(
             Finding(
@@ -117,17 +117,33 @@ def _hand_touches(scene: SceneFields) -> bool:
         raise
 
 
-def _of_overlap(one: Overlap) -> Finding:
-    on_support = one.kind is BodyKind.SUPPORT
-    return Finding(
-        FindingCode.HAND_THROUGH_SUPPORT if on_support else FindingCode.HAND_THROUGH_ITSELF,
-        one.link,
-        str(one),
-        "move the hand (base_pose, q): it cannot stand there"
-        if on_support
-        else "change q; if only the collision shapes are too wide, disable the pair in an SRDF",
-        ("hand",),
-    )
+def _serious(overlaps: Iterable[Overlap]) -> Iterator[Finding]:
+    """Find the hand in supports, and in itself: one serious finding of each."""
+    for kind, (deepest, words) in _deepest(overlaps).items():
+        on_support = kind is BodyKind.SUPPORT
+        yield Finding(
+            FindingCode.HAND_THROUGH_SUPPORT if on_support else FindingCode.HAND_THROUGH_ITSELF,
+            deepest.link,
+            words,
+            "move the hand (base_pose, q): it cannot stand there"
+            if on_support
+            else "change q; if only collision shapes are too wide, disable their pairs in an SRDF",
+            ("hand",),
+        )
+
+
+def _deepest(overlaps: Iterable[Overlap]) -> dict[BodyKind, tuple[Overlap, str]]:
+    """Return the deepest overlap with supports and of links, each in words with the others."""
+    by_kind: dict[BodyKind, list[Overlap]] = {}
+    for one in overlaps:
+        by_kind.setdefault(one.kind, []).append(one)
+    told = {}
+    for kind, own in by_kind.items():
+        deepest = max(own, key=lambda one: one.depth)
+        pairs = "pair" if len(own) == 2 else "pairs"
+        more = f", and {len(own) - 1} more {pairs} less deep" if len(own) > 1 else ""
+        told[kind] = deepest, f"{deepest}{more}"
+    return told
 
 
 def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
@@ -324,19 +340,19 @@ def _joints(hand: Hand) -> Iterator[Finding]:
 
 def _overlaps(scene: SceneFields, hand: Hand) -> Iterator[Finding]:
     """Find where the hand is in itself or in a support; not all is so deep that it is serious."""
-    touching, deepest = scene.contact_tolerance, scene.max_penetration
-    for one in unwanted_overlaps(hand, scene.supports, tolerance=min(touching, deepest)):
-        if one.depth > deepest:
-            yield _of_overlap(one)
-        elif one.depth > touching:
-            yield Finding(
-                FindingCode.DEEP_OVERLAP,
-                one.link,
-                str(one),
-                "move them apart (base_pose, q); nothing pushes back between them, and more than "
-                f"max_penetration ({in_mm(deepest)}) is serious",
-                ("max_penetration",),
-            )
+    touching, most = scene.contact_tolerance, scene.max_penetration
+    found = unwanted_overlaps(hand, scene.supports, tolerance=min(touching, most))
+    yield from _serious(one for one in found if one.depth > most)
+    slight = _deepest(one for one in found if touching < one.depth <= most)
+    for deepest, words in slight.values():
+        yield Finding(
+            FindingCode.DEEP_OVERLAP,
+            deepest.link,
+            words,
+            "move them apart (base_pose, q); nothing pushes back between them, and more than "
+            f"max_penetration ({in_mm(most)}) is serious",
+            ("hand",),
+        )
 
 
 def _touching(scene: SceneFields) -> Iterator[Finding]:
