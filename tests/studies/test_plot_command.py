@@ -82,7 +82,7 @@ def test_columns_can_be_chosen(results, tmp_path):
         ),
         (["--y", "object.mass_kg"], "error: --y: goes with --kind map and boundary alone"),
         (["--kind", "squeeze", "--x", "mass"], "error: --x: goes with a study's table alone"),
-        (["-o", "picture.txt"], "error: picture.txt: cannot be written (Format 'txt'"),
+        (["-o", "picture.txt"], "error: --output: picture.txt is no name of a picture; end"),
     ],
 )
 def test_bad_input_is_told(results, tmp_path, monkeypatch, options, message):

@@ -81,11 +81,12 @@ def _with_near_choice(message: str) -> str:
 
 
 class _Command(TyperCommand):
-    """A command that tells its errors which options were given."""
+    """A command that knows which options were given, and which files it reads and writes."""
 
     def make_context(self, *args: Any, **further: Any) -> Any:
         """Read the arguments, and remember the options until the command has ended."""
         from graspless_pin.cli.outcome import GIVEN_OPTIONS
+        from graspless_pin.cli.outputs import files_of_command
 
         context = super().make_context(*args, **further)
         given = {
@@ -94,6 +95,7 @@ class _Command(TyperCommand):
             if (source := context.get_parameter_source(one.name)) and source.name == "COMMANDLINE"
         }
         context.call_on_close(partial(GIVEN_OPTIONS.reset, GIVEN_OPTIONS.set(given)))
+        context.with_resource(files_of_command())
         return context
 
 

@@ -14,6 +14,12 @@ import typer
 
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.cli.outcome import ExitCode, echo_note, number_of, plain_errors
+from graspless_pin.cli.outputs import (
+    OutputKind,
+    OverwriteOption,
+    check_inputs_stay,
+    check_output,
+)
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, capture, emit
 from graspless_pin.geometry.bodies.shapes import SHAPES, MeshShape, Shape
@@ -91,9 +97,7 @@ def new(
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a scene file of that name.")
-    ] = False,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Write a first scene of a robot and an object, complete and commented.
 
@@ -107,6 +111,7 @@ def new(
         graspless-pin new allegro_right mug.stl --mass 0.3 --support slope:20deg
     """
     with plain_errors():
+        check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
         shape = _shape(obj, scale, decompose=decompose)
         limits = dict(map(_limit, effort or []))
         slope = _slope(support)
@@ -131,6 +136,7 @@ def new(
                         root_link=root_link,
                     )
                 )
+            check_inputs_stay()
             emit(*emitted)
             found.extend(emitted)
             return made[0].text

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from graspless_pin.cli.outputs import check_inputs_stay
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import Finding, Severity, capture, causes_first, emit, is_serious
 from graspless_pin.intake.text import printable
@@ -74,36 +75,17 @@ def _of_options(message: str) -> str:
 
 
 def loaded_scene(path: Path) -> Scene:
-    """Load a scene, and say so where it takes long: a mesh may have a million triangles."""
+    """Load a scene, and say so where it takes long: a mesh may have a million triangles.
+
+    Raises:
+        ArgumentError: If an output of the command is a file that the scene reads.
+    """
     from graspless_pin.scene import load_scene
 
     with waiting_for(f"loading {path}"):
-        return load_scene(path)
-
-
-def check_output(option: str, file: str | Path | None, *suffixes: str) -> None:
-    """Refuse to replace a file of another kind: a scene, a robot or a document may be lost so.
-
-    Args:
-        option: That names the file.
-        file: The file to write; ``-`` or None: none.
-        suffixes: Of files that may be replaced, besides names without one.
-
-    Raises:
-        ArgumentError: If it is there and its name has another suffix.
-    """
-    if file is None or str(file) == "-":
-        return
-    try:
-        is_there = Path(file).is_file()
-    except OSError:  # no file can have such a name, which whoever writes it says
-        return
-    if is_there and Path(file).suffix.lower() not in ("", *suffixes):
-        raise ArgumentError(
-            option,
-            f"{file} is there already and may be another kind of file; choose a name with "
-            f"{' or '.join(suffixes)}",
-        )
+        loaded = load_scene(path)
+    check_inputs_stay(path)
+    return loaded
 
 
 ControllerOption = Annotated[

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from graspless_pin.cli.outcome import ExitCode, echo_note, loaded_scene, plain_errors, three_numbers
+from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
@@ -75,9 +76,7 @@ def place(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes on this machine; default: all cores.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file of that name.")
-    ] = False,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Find where the hand holds the object, and write that scene.
 
@@ -93,6 +92,7 @@ def place(
     with plain_errors():
         if carry and press:
             raise ArgumentError("--carry", "and --press ask for different places; give one of them")
+        check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
         loaded = loaded_scene(scene)
         if loaded.hand is not None and len(loaded.hand.mounts) > 1 and not together:
             echo_note("each mount is placed by itself; --together moves all as one body")

@@ -11,6 +11,7 @@ import typer
 
 from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import ControllerOption, plain_errors
+from graspless_pin.cli.outputs import OutputKind, check_output
 from graspless_pin.cli.solve import solved_scene
 from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, GrasplessPinError, optional_import
@@ -107,6 +108,12 @@ def plot(
         if y is not None and kind is PlotKind.LINE:
             raise ArgumentError("--y", "goes with --kind map and boundary alone")
         figure = _figure()
+        pictures = figure.canvas.get_supported_filetypes()
+        if output.suffix.lower().removeprefix(".") not in pictures:
+            raise ArgumentError(
+                "--output", f"{output} is no name of a picture; end it with .png, .svg or .pdf"
+            )
+        check_output("--output", output, OutputKind.PICTURE)
         if kind is PlotKind.SQUEEZE:
             _draw_squeeze(*solved_scene(results, controller=controller), figure)
         elif kind is PlotKind.TOLERANCES:
@@ -157,7 +164,9 @@ def _draw_study(
     """Draw a result of a study."""
     if results.suffix.lower() in (".yaml", ".yml"):
         raise ArgumentError(
-            "RESULTS", "is a scene: ask for --kind squeeze or tolerances, or give a study's table"
+            "TABLE|SCENE",
+            f"{results} is no table: of a scene ask for --kind squeeze or tolerances, of a study "
+            "give the table that it wrote",
         )
     x, y, value = columns
     table = read_results(results)

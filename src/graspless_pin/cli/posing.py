@@ -9,6 +9,7 @@ import numpy as np
 import typer
 
 from graspless_pin.cli.outcome import ExitCode, loaded_scene, plain_errors
+from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
 from graspless_pin.findings import emit
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene, close_fingers, settle
@@ -17,7 +18,6 @@ _Source = Annotated[Path, typer.Argument(help="Scene file (YAML).")]
 _Output = Annotated[
     Path, typer.Option("--output", "-o", metavar="FILE", help="The scene file to write.")
 ]
-_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a file of that name.")]
 
 
 def close_scene(
@@ -30,7 +30,7 @@ def close_scene(
     wrap: Annotated[
         bool, typer.Option("--wrap", help="Go on with the joints beyond a link that touches.")
     ] = False,
-    overwrite: _Overwrite = False,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Close fingers until they touch the object or reach their limits, and write that scene.
 
@@ -41,6 +41,7 @@ def close_scene(
         graspless-pin close scene.yaml -o closed.yaml --finger index --wrap
     """
     with plain_errors():
+        check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
         loaded = loaded_scene(scene)
         with waiting_for("closing the fingers"):
             closed = close_fingers(loaded, fingers=finger, wrap=wrap)
@@ -48,13 +49,14 @@ def close_scene(
     raise typer.Exit(ExitCode.FOUND if closed.closing.all_touch else ExitCode.INFEASIBLE)
 
 
-def settle_scene(scene: _Source, output: _Output, overwrite: _Overwrite = False) -> None:
+def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = False) -> None:
     """Move the object along gravity until it rests on a support, and write that scene.
 
     Examples:
         graspless-pin settle scene.yaml -o settled.yaml
     """
     with plain_errors():
+        check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
         loaded = loaded_scene(scene)
         rested = settle(loaded)
         way = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]

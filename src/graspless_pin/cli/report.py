@@ -14,12 +14,17 @@ from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import (
     ControllerOption,
     ExitCode,
-    check_output,
     echo_error,
     echo_note,
     exit_code,
     opened_scene,
     plain_errors,
+)
+from graspless_pin.cli.outputs import (
+    OutputKind,
+    OverwriteOption,
+    check_inputs_stay,
+    check_output,
 )
 from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import (
@@ -110,6 +115,7 @@ def report(
             "the former is told anyway.",
         ),
     ] = False,
+    overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
     """Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.
@@ -127,7 +133,7 @@ def report(
         graspless-pin report solution.json --scene scene.yaml
     """
     with plain_errors():
-        check_output("--output", output, ".html", ".htm")
+        check_output("--output", output, OutputKind.PAGE, overwrite=overwrite)
         asked = {"algorithm": algorithm, "verdict_nodes": verdict_nodes, **figures}
         if source.suffix.lower() == ".json":
             of_scenes = {"controller": controller, "no_verdict": no_verdict or None, **asked}
@@ -200,6 +206,7 @@ def _documented_case(source: Path, scene_file: Path | None, of_scenes: Mapping[s
             option = f"--{name.replace('_', '-')}"
             raise ArgumentError(option, "goes with a scene alone: a document has its own")
     document = read_document(source)
+    check_inputs_stay()
     try:
         return case_of_document(document, scene_file)
     except ArgumentError as error:

@@ -13,10 +13,10 @@ from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.cli.outcome import (
     ControllerOption,
     ExitCode,
-    check_output,
     plain_errors,
     three_numbers,
 )
+from graspless_pin.cli.outputs import MODEL_MARK, OutputKind, OverwriteOption, check_output
 from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.stability import stability
@@ -70,6 +70,7 @@ def simulate_scene(
     export: Annotated[
         Path | None, typer.Option(metavar="FILE|-", help="Write the MuJoCo model (MJCF).")
     ] = None,
+    overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
     """Simulate a scene's rest with MuJoCo: does the object stay under constant torques?
@@ -86,7 +87,11 @@ def simulate_scene(
         force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
-        check_output("--export", export, ".xml", ".mjcf")
+        as_page = save is not None and save.suffix.lower() == ".html"
+        check_output(
+            "--save", save, OutputKind.PAGE if as_page else OutputKind.PICTURE, overwrite=overwrite
+        )
+        check_output("--export", export, OutputKind.MODEL, overwrite=overwrite)
         loaded, solution = solved_scene(scene, algorithm, controller, stability=required, **figures)
         with waiting_for("simulating"):
             found = simulate(
@@ -98,11 +103,11 @@ def simulate_scene(
                 protocol=protocol,
             )
         if export is not None:
-            write_text(found.model.xml, export, kind="model")
+            write_text(MODEL_MARK + found.model.xml, export, kind="model")
         text = f"{simulated_words(loaded, found)}\n\nverdict: {_verdict(loaded, found)}"
         if str(export) != "-":
             typer.echo(text)
-        if save is not None and save.suffix.lower() == ".html":
+        if save is not None and as_page:
             write_text(time_lapse_html(time_lapse(loaded, found, text)), save, kind="page")
         elif save is not None:
             write_video(found, save)

@@ -16,12 +16,12 @@ from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, TorqueSc
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.cli.outcome import (
     ControllerOption,
-    check_output,
     exit_code,
     opened_scene,
     plain_errors,
     show_findings,
 )
+from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, NODE_LIMIT, StabilityVerdict
@@ -139,6 +139,7 @@ def solve_scene(
             "check the proof.",
         ),
     ] = False,
+    overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
     """Solve a scene: which joint torques, how robust, and does it hold.
@@ -152,7 +153,7 @@ def solve_scene(
         graspless-pin solve scene.yaml --json solution.json
     """
     with plain_errors():
-        check_output("--json", json_file, ".json")
+        check_output("--json", json_file, OutputKind.SOLUTION, overwrite=overwrite)
         loaded = opened_scene(scene, controller)
         given: dict[str, Any] = {
             "sign_rule": sign_rule,

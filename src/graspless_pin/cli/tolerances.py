@@ -11,7 +11,8 @@ import typer
 from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.tolerances import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
-from graspless_pin.cli.outcome import ControllerOption, ExitCode, check_output, plain_errors
+from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors
+from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
 from graspless_pin.cli.solve import asking_by_name, solved_scene
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
@@ -38,6 +39,7 @@ def tolerances_of_scene(
         str | None,
         typer.Option("--json", metavar="FILE|-", help="Write the torques and figures as JSON, SI."),
     ] = None,
+    overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
     """Report how far mass, pushes, friction and torques may be off, each by itself.
@@ -54,7 +56,7 @@ def tolerances_of_scene(
         graspless-pin tolerances scene.yaml --attainable
     """
     with plain_errors():
-        check_output("--json", json_file, ".json")
+        check_output("--json", json_file, OutputKind.TOLERANCES, overwrite=overwrite)
         loaded, solution = solved_scene(scene, algorithm, controller, **figures)
         off = tolerances_under(loaded, solution, attainable=attainable)
         if json_file is not None:

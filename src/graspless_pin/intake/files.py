@@ -7,6 +7,7 @@ import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -121,6 +122,29 @@ _SPECIAL = (
 )
 
 
+FileIdentity = tuple[int, int]
+"""Device and number of a file, whatever its path is."""
+
+
+def identity_of(state: os.stat_result) -> FileIdentity:
+    """Return which file it is that `os.stat` tells of."""
+    return state.st_dev, state.st_ino
+
+
+_READ: ContextVar[set[FileIdentity] | None] = ContextVar("read", default=None)
+
+
+@contextmanager
+def files_read() -> Iterator[set[FileIdentity]]:
+    """Collect which files are read within the block by `read_bytes` and what calls it."""
+    read = set[FileIdentity]()
+    token = _READ.set(read)
+    try:
+        yield read
+    finally:
+        _READ.reset(token)
+
+
 @dataclass(frozen=True)
 class FileKind:
     """A kind of file: what messages call it, how large it may be, what its errors are.
@@ -156,8 +180,11 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
         # A pipe may have taken the file's place by now; without O_NONBLOCK it would be waited for.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         with os.fdopen(handle, "rb") as file:
-            _check_regular(path, os.fstat(handle).st_mode, kind)
+            state = os.fstat(handle)
+            _check_regular(path, state.st_mode, kind)
             content = file.read(most + 1)
+            if (read := _READ.get()) is not None:
+                read.add(identity_of(state))
     except GrasplessPinError:
         raise
     except FileNotFoundError:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError, optional_import
+from graspless_pin.intake.files import FileKind, kind_of_file, read_bytes, refuse_other_kind
 from graspless_pin.studies.journal import Journal
 from graspless_pin.studies.sample_evaluation import (
     FINDINGS,
@@ -72,6 +73,8 @@ _TYPES = {
     ),
 }  # fmt: skip
 """Types of columns; all others hold numbers."""
+_FORMATS = {".parquet": "parquet", ".pq": "parquet", ".csv": "csv"}
+_TABLE = FileKind("table of results", 64, StudyError)
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 CSV_MARK = f"# {KEY} "
@@ -97,13 +100,12 @@ def format_of(output: Path) -> str:
     Raises:
         StudyError: If it is neither.
     """
-    known = {".parquet": "parquet", ".pq": "parquet", ".csv": "csv"}
-    if output.suffix.lower() not in known:
+    if output.suffix.lower() not in _FORMATS:
         raise StudyError(
             f"{output}: {output.suffix or 'no ending'!r} is no known format; end the name with "
             ".parquet or .csv"
         )
-    return known[output.suffix.lower()]
+    return _FORMATS[output.suffix.lower()]
 
 
 def check_columns(study: Study) -> None:
@@ -305,6 +307,8 @@ def results_about(path: str | Path) -> dict[str, Any]:
     """
     require_tables()
     file = Path(path)
+    if file.suffix.lower() not in _FORMATS:
+        refuse_other_kind(file, _TABLE, kind_of_file(file, read_bytes(file, _TABLE)))
     kind = format_of(file)
     if not file.is_file():
         raise StudyError(f"{file}: there is no such file; check the path")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, MeshSha
 from graspless_pin.geometry.hand.link_meshes import is_flat
 from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape
 from graspless_pin.geometry.poses import invert, rigid
-from graspless_pin.intake.files import is_file
+from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -83,6 +84,7 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
                 "look whether it matters for kinematics, shapes or limits",
             )
         )
+    _note_included(path)
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited == 1)
     widest = float(np.rad2deg(np.ptp(model.jnt_range[hinges], axis=1)).max(initial=0.0))
     if spec.compiler.degree and 0.0 < widest <= 2.0 * np.pi:
@@ -96,6 +98,21 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
             )
         )
     return MjcfSource(mujoco, path, spec, model)
+
+
+def _note_included(path: Path) -> None:
+    """Read the files that MuJoCo has included, for `files_read` to know them."""
+    left, known = [path], {path}
+    while left:
+        for name in _INCLUDED.findall(read_bytes(left.pop(), _MODEL)):
+            file = path.parent / name.decode(errors="replace")
+            if file not in known and is_file(file):
+                known.add(file)
+                left.append(file)
+
+
+_INCLUDED = re.compile(rb"""<include\s+file\s*=\s*["']([^"']+)["']""")
+_MODEL = FileKind("MuJoCo model", 64, RobotError)
 
 
 def _load_mujoco(path: Path) -> Any:
