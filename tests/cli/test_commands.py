@@ -238,6 +238,29 @@ def test_a_json_file_is_the_same_document_beside_the_tables(tmp_path):
     assert stat.S_IMODE(file.stat().st_mode) == stat.S_IMODE(other.stat().st_mode)
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("solve", "--no-verdict"),
+        ("robustness",),
+        ("tolerances",),
+        ("tolerances", "--json", "-"),
+        ("report", "--no-verdict", "--no-ranges"),
+        ("simulate", "--seconds", "0.1"),
+        ("plot", "--kind", "tolerances", "-o", "x.png"),
+        ("settle", "-o", "settled.yaml"),
+    ],
+)
+def test_no_command_ends_with_0_where_a_finding_is_serious(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(spoilt("position: [-0.1, -0.1, 0.0]", "position: [-0.6, -0.1, 0.0]"))
+    name, *options = command
+    result = run(name, scene, *options)
+    assert "[hand-touches-nothing]" in result.stderr
+    assert result.exit_code == 4, result.output
+
+
 def test_bad_input_leaves_the_json_file_alone(tmp_path):
     file = tmp_path / "solution.json"
     file.write_text("old")

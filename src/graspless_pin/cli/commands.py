@@ -98,6 +98,21 @@ class _Command(TyperCommand):
         context.with_resource(files_of_command())
         return context
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; it does not end as if all were well where a finding is serious."""
+        from graspless_pin.cli.outcome import EMITTED, ExitCode
+        from graspless_pin.findings import is_serious
+
+        token = EMITTED.set(found := [])
+        try:
+            super().invoke(ctx)
+        except typer.Exit as end:
+            if end.exit_code != ExitCode.FOUND:
+                raise
+        finally:
+            EMITTED.reset(token)
+        raise typer.Exit(ExitCode.DOUBTFUL if is_serious(found) else ExitCode.FOUND)
+
 
 def _summary(name: str) -> str:
     """Return the first line of a command's docstring: its module is parsed, not loaded."""

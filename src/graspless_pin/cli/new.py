@@ -104,7 +104,8 @@ def new(
     The object rests on the support; the hand stands clear of it: graspless-pin place puts it there.
     Effort limits that are missing from the robot's files stay unset, unless --effort gives them.
 
-    Exit code 0: written; 2: bad input; 4: written, and no hand holds an object of that size.
+    Exit code 0: written; 2: bad input; 4: written, and no hand holds an object of that size, or
+    something else is seriously wrong.
 
     Examples:
         graspless-pin new hand.urdf box:0.06,0.04,0.06 --effort 0.5 -o scene.yaml

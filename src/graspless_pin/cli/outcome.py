@@ -36,7 +36,7 @@ class ExitCode(IntEnum):
     BAD_INPUT = 2
     NOT_PROVEN = 3
     DOUBTFUL = 4
-    """Found, and something serious is wrong with the scene: it answers another question."""
+    """Found or done, and something serious is wrong: the answer is one to another question."""
 
 
 _MOST_LINES = 8
@@ -61,11 +61,16 @@ def plain_errors() -> Iterator[None]:
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         finally:
             show_findings()
+            EMITTED.get([]).extend(found)
             _PRINTED.reset(token)
 
 
 GIVEN_OPTIONS: ContextVar[Mapping[str, str]] = ContextVar("given_options")
 """Options of the command line by the argument that each becomes."""
+
+
+EMITTED: ContextVar[list[Finding]] = ContextVar("emitted")
+"""What was found so far by the command that runs."""
 
 
 def _of_options(message: str) -> str:

@@ -70,7 +70,7 @@ class _Files:
     outputs: list[tuple[str, Path, OutputKind, FileIdentity]] = field(default_factory=list)
 
 
-_FILES: ContextVar[_Files] = ContextVar("files")
+_FILES: ContextVar[_Files | None] = ContextVar("files", default=None)
 
 
 @contextmanager
@@ -121,7 +121,8 @@ def check_output(
             option,
             f"{file} is there already{what}; choose another name, or replace it (--overwrite)",
         )
-    _FILES.get().outputs.append((option, path, kind, identity_of(state)))
+    if (files := _FILES.get()) is not None:
+        files.outputs.append((option, path, kind, identity_of(state)))
 
 
 def check_inputs_stay(scene: Path | None = None) -> None:
@@ -133,7 +134,8 @@ def check_inputs_stay(scene: Path | None = None) -> None:
     Raises:
         ArgumentError: If there is one.
     """
-    files = _FILES.get()
+    if (files := _FILES.get()) is None:
+        return
     for option, path, kind, identity in files.outputs:
         if kind is OutputKind.SCENE and scene is not None and path.samefile(scene):
             continue

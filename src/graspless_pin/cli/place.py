@@ -83,7 +83,8 @@ def place(
     Open hands are brought to the object and closed. The best that holds it is written.
     The same seed finds the same places.
 
-    Exit code 0: written; 1: no place was found, and why; 2: bad input.
+    Exit code 0: written; 1: no place was found, and why; 2: bad input; 4:
+    written, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin place scene.yaml -o placed.yaml

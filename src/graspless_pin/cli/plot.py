@@ -90,7 +90,8 @@ def plot(
     Of a study: a line, a map, or the boundary of what is found.
     Of a scene: the window of squeeze, or which pushes and shifts are borne.
 
-    Exit code 0: drawn; 1: there are no torques; 2: bad input.
+    Exit code 0: drawn; 1: there are no torques; 2: bad input; 4: drawn, and something serious is
+    wrong with the scene.
 
     Examples:
         graspless-pin plot results.parquet -o margin.png

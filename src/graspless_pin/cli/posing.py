@@ -34,7 +34,8 @@ def close_scene(
 ) -> None:
     """Close fingers until they touch the object or reach their limits, and write that scene.
 
-    Exit code 0: each of them touches; 1: not all do; 2: bad input.
+    Exit code 0: each of them touches; 1: not all do; 2: bad input; 4: they do, and something
+    serious is wrong with the scene.
 
     Examples:
         graspless-pin close scene.yaml -o closed.yaml
@@ -51,6 +52,8 @@ def close_scene(
 
 def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = False) -> None:
     """Move the object along gravity until it rests on a support, and write that scene.
+
+    Exit code 0: written; 2: bad input; 4: written, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin settle scene.yaml -o settled.yaml

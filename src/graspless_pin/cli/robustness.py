@@ -43,7 +43,7 @@ def robustness_scene(
     """Report which torque errors and lost contacts rest survives, or what would help.
 
     Exit code 0: rest is the only outcome; 1: it is not, or not proven, or there are no torques;
-    2: bad input.
+    2: bad input; 4: it is, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin robustness scene.yaml

@@ -48,7 +48,8 @@ def tolerances_of_scene(
     They stay as they are; contact forces are the best under plain Coulomb friction. With
     --attainable stands beside how far each may be off if torques are chosen for it alone.
 
-    Exit code 0: each figure is told; 1: there are no torques; 2: bad input.
+    Exit code 0: each figure is told; 1: there are no torques; 2: bad input; 4:
+    told, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin tolerances scene.yaml
