@@ -222,7 +222,7 @@ def test_friction_by_directions(tmp_path):
         assert line == f"rule of directions, round cones: inner value {value}, outer {value} N"
     refused = run("solve", SPHERE, "--sign-rule", "direction", "--json", "-")
     assert_refused(refused, "--sign-rule: is 'direction', but a document needs the signs of a mode")
-    refused = run("solve", SPHERE, "--direction-gap", "1e-9")
+    refused = run("solve", SPHERE, "--sign-rule", "direction", "--direction-gap", "1e-9")
     assert_refused(refused, "--direction-gap: is 1e-09; it must be a finite number >= 1e-06")
 
 
@@ -236,6 +236,33 @@ def test_a_json_file_is_the_same_document_beside_the_tables(tmp_path):
     other = tmp_path / "other"
     other.touch()
     assert stat.S_IMODE(file.stat().st_mode) == stat.S_IMODE(other.stat().st_mode)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--no-verdict", "--verdict-nodes", "5"), "--verdict-nodes: would change nothing beside"),
+        (("--no-verdict", "--controller", "5"), "--controller: would change nothing beside"),
+        (("--direction-gap", "0.1"), "--direction-gap: would change nothing beside this sign rule"),
+        (
+            ("--static-friction", "coulomb", "--sign-rule", "exact"),
+            "--sign-rule: would change nothing beside --static-friction coulomb",
+        ),
+        (
+            ("--static-friction", "coulomb", "--search", "enumerate"),
+            "--search: would change nothing beside --static-friction coulomb",
+        ),
+    ],
+)
+def test_options_that_would_change_nothing_are_refused(options, told):
+    assert_refused(run("solve", PAPER / "cuboid_at_rest.yaml", *options), told)
+
+
+def test_options_that_the_scene_gives_a_meaning_are_taken(tmp_path):
+    """What stands in the scene file is never refused."""
+    text = f"{LINES}solve: {{sign_rule: exact, direction_gap: 0.1, stability: strong}}\n"
+    given = "--no-verdict", "--verdict-nodes", "5", "--controller", "5"
+    assert solve_text(tmp_path, text, *given, "--static-friction", "coulomb").exit_code != 2
 
 
 @pytest.mark.parametrize(

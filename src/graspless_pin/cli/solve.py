@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +49,9 @@ _FIGURES: dict[str, tuple[Any, str]] = {
     "regularization": (float, "Epsilon of the regularised program."),
 }
 """Type and help of the figures of Algorithms 1 and 2; those of others have theirs with them."""
+
+_DEPENDED_ON = "stability", "sign_rule"
+"""Options that may make others idle; the scene may state them."""
 
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
@@ -167,6 +170,7 @@ def solve_scene(
             "stability": stability,
             **figures,
         }
+        _refuse_idle(loaded, given, verdict_nodes, controller, no_verdict=no_verdict)
         solution, answer, verdict, note = judged_solution(
             loaded, algorithm, verdict_nodes, no_verdict=no_verdict, **given
         )
@@ -183,6 +187,41 @@ def solve_scene(
 
             write_document(solution_document(solution, loaded, verdict, answer=answer), json_file)
     raise typer.Exit(exit_code(solution))
+
+
+def _refuse_idle(
+    scene: Scene,
+    given: Mapping[str, Any],
+    verdict_nodes: int | None,
+    controller: str | None,
+    *,
+    no_verdict: bool,
+) -> None:
+    """Refuse options of the command line that change nothing beside the others.
+
+    Raises:
+        ArgumentError: Naming the first, and what makes it idle.
+    """
+    asked = {name: given[name] or scene.solve_options.get(name) for name in _DEPENDED_ON}
+    is_strong = asked["stability"] == RequiredStability.STRONG
+    is_coulomb = given["static_friction"] == StaticFriction.COULOMB
+    idle = [
+        ("--verdict-nodes", verdict_nodes is not None and no_verdict and not is_strong,
+         "--no-verdict; leave one out"),
+        ("--controller",
+         controller is not None and no_verdict and not is_strong and scene.uncertainty is None,
+         "--no-verdict; leave one out"),
+        ("--direction-gap",
+         given["direction_gap"] is not None and asked["sign_rule"] != SignRule.DIRECTION,
+         "this sign rule; ask for --sign-rule direction, or leave it out"),
+        ("--sign-rule", given["sign_rule"] is not None and is_coulomb,
+         "--static-friction coulomb, which drops the rule on signs; leave one out"),
+        ("--search", given["search"] == Search.ENUMERATE and is_coulomb,
+         "--static-friction coulomb, which leaves one mode; leave one out"),
+    ]  # fmt: skip
+    for option, is_idle, beside in idle:
+        if is_idle:
+            raise ArgumentError(option, f"would change nothing beside {beside}")
 
 
 def solution_and_answer(
