@@ -259,3 +259,18 @@ def test_the_trajectory_reads_back():
     assert profile.torque_names == ("panda_finger_joint1",)
     assert efforts["panda_finger_joint1"] == profile.torques[0, 0] < 0.0
     assert efforts["panda_joint1"] == 0.0
+
+
+def test_a_configuration_is_a_waypoint_without_a_time():
+    scene = example("trihand_pivot_box")
+    name = Evaluator(scene).joint_names[0]
+    at = float(Evaluator(scene).configuration()[0])
+    bare = evaluate_path(scene, [{name: at}, {name: at + 1e-4}])
+    stated = evaluate_path(scene, [Waypoint({name: at}), Waypoint({name: at + 1e-4})])
+    assert bare.found == stated.found
+    np.testing.assert_array_equal(bare.positions, stated.positions)
+    np.testing.assert_array_equal(
+        evaluate_path(scene, bare.positions.tolist()).positions, bare.positions
+    )
+    with pytest.raises(ArgumentError, match="q: is 'x'"):
+        evaluate_path(scene, ["x"])

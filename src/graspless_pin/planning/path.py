@@ -151,7 +151,7 @@ class PathProfile(Brief):
 
 def evaluate_path(
     evaluator: Evaluator | Scene,
-    waypoints: Sequence[Waypoint],
+    waypoints: Sequence[Waypoint | Configuration],
     *,
     regularization: float = PATH_REGULARIZATION,
 ) -> PathProfile:
@@ -164,7 +164,7 @@ def evaluate_path(
 
     Args:
         evaluator: An evaluator, or a scene for one with the scene's own options.
-        waypoints: At least one.
+        waypoints: At least one; a configuration stands for a waypoint without a time.
         regularization: Epsilon of the QP, see `maximize_margin`; it replaces the evaluator's. Of
             equally good torques the QP picks those with the smallest contact forces, so that
             torques are continuous as long as the contacts are. 0 solves the bare LPs.
@@ -194,6 +194,7 @@ def evaluate_path(
     evaluator = evaluator.with_regularization(regularization)
     if not len(waypoints):
         raise ArgumentError("waypoints", "is empty; a path has at least one")
+    waypoints = [item if isinstance(item, Waypoint) else Waypoint(item) for item in waypoints]
     times = _times(waypoints)
     own = evaluator.scene.object.T_world_object
     given = [own if item.T_world_object is None else item.T_world_object for item in waypoints]
