@@ -106,6 +106,14 @@ def test_infeasible_and_failed_samples_are_rows(tmp_path):
     assert table["reason"][0].count("\n") >= 1 and "N m" in table["reason"][0]
 
 
+def test_figures_that_are_equal_are_told_once(tmp_path):
+    compute = {"algorithm": "torque", "margin": 0.1}
+    table = run(study({"object.mass": {"values": [1.0, 2.0]}}, compute=compute), tmp_path / "o.csv")
+    text = results_summary(table)
+    assert "\nmargin 0.1 N at all samples found\n" in text
+    assert "largest margin" not in text and "largest max |torque|" in text
+
+
 def test_guaranteed_torques_and_verdicts_have_their_column(tmp_path):
     vary = {"friction": {"values": [0.3]}}
     made = study(vary, compute={"stability": "strong", "verdict": True, "verdict_nodes": 400})

@@ -429,8 +429,14 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     if asked:
         lines.append(f"torques for all that is not known exactly: {served} of {asked} found")
     for column, (what, unit) in _EXTREMES.items():
-        for word in ("largest", "smallest"):
-            if (row := named.get(f"{word} {column}")) is not None:
+        told = {word: named.get(f"{word} {column}") for word in ("largest", "smallest")}
+        figures = {f"{row[column]:.4g}" for row in told.values() if row is not None}
+        if len(figures) == 1 and found - serious > 1:
+            without = " without serious findings" if serious else ""
+            lines.append(f"{what} {figures.pop()} {unit} at all samples found{without}")
+            continue
+        for word, row in told.items():
+            if row is not None:
                 names = row.index[1 : row.index.get_loc("status")]
                 values = ", ".join(f"{name} {_short(row[name])}" for name in names)
                 figure = f"{word} {what} {row[column]:.4g} {unit}"
