@@ -239,3 +239,16 @@ def test_what_has_no_gradient():
         optimum_gradients(maximize_margin(lifted))
     with pytest.raises(ArgumentError, match="regularisation"):
         optimum_gradients(maximize_margin(scene("sphere"), regularization=1e-4))
+
+
+def test_gradients_print_as_a_small_table():
+    found = optimum_gradients(maximize_margin(problem_of("rest")))
+    lines = str(found).splitlines()
+    assert lines[0] == "derivatives of the largest margin, N"
+    values = {line.split()[0]: line.split()[1:] for line in lines[4:]}
+    assert set(values) == {one.name for one in fields(Gradients)}
+    friction = found.values.friction
+    largest = friction[np.abs(friction).argmax()]
+    assert float(values["friction"][0]) == pytest.approx(largest, abs=1e-3)
+    assert values["required_margin"] == ["0", "N", "yes"]
+    assert len(str(found.values).splitlines()) == len(lines) - 2

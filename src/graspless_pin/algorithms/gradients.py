@@ -27,6 +27,7 @@ from graspless_pin.programs.builder import Marginals
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
+from graspless_pin.solution.tables import Table
 
 _SAME_DERIVATIVE = 1e-6
 _DERIVATIVE_ROUNDING = 1e-9
@@ -67,6 +68,33 @@ class Gradients(Brief):
     max_normal_force: FloatArray
     required_margin: FloatArray
 
+    def __str__(self) -> str:
+        """Return the largest derivative by each quantity, and of which entry it is."""
+        return str(Table(self.rows, _COLUMNS))
+
+    @property
+    def rows(self) -> list[list[object]]:
+        """What a table tells of each quantity: its largest derivative and where that is."""
+        rows: list[list[object]] = []
+        for name, unit in _UNITS.items():
+            values = getattr(self, name)
+            if values.size:
+                place = np.unravel_index(np.abs(values).argmax(), values.shape)
+                index = ", ".join(map(str, map(int, place)))
+                is_zero = abs(values[place]) <= _DERIVATIVE_ROUNDING
+                shown = "0" if is_zero else f"{values[place]:+.4g}"
+                rows.append([name, shown, unit, "" if is_zero else f"[{index}]"])
+        return rows
+
+
+_UNITS = {
+    "positions": "m", "normals": "rad", "spins": "rad", "friction": "1",
+    "external_wrench": "N (N m)", "jacobian": "1 (m)", "gravity_torques": "N m (N)",
+    "upper_torque": "N m (N)", "lower_torque": "N m (N)", "max_normal_force": "N",
+    "required_margin": "N",
+}  # fmt: skip
+_COLUMNS = ["by", "largest derivative", "per", "entry"]
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OptimumGradients(Brief):
@@ -90,6 +118,19 @@ class OptimumGradients(Brief):
     solution: TorqueSolution
     point: OptimalPoint
     alternatives: tuple[OptimalPoint, ...]
+
+    def __str__(self) -> str:
+        """Return the largest derivative by each quantity, and whether all of that are unique."""
+        optimum = (
+            "largest margin, N"
+            if self.solution.algorithm is Algorithm.MARGIN
+            else "smallest torque, in the unit of its objective"
+        )
+        rows = [
+            [*row, "yes" if self.unique[str(row[0])].all() else "not all"]
+            for row in self.values.rows
+        ]
+        return f"derivatives of the {optimum}\n\n{Table(rows, [*_COLUMNS, 'unique'])}"
 
     @property
     def degenerate(self) -> bool:
