@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -12,6 +13,7 @@ from graspless_pin import Stability, load_scene
 from graspless_pin.cli.commands import app
 from graspless_pin.errors import ArgumentError
 from graspless_pin.scene.scene_stability import hand_support_contacts
+from graspless_pin.simulation import simulation_model
 
 ROOT = Path(__file__).parents[2]
 CUBOID = str(ROOT / "examples/paper/cuboid_at_rest.yaml")
@@ -80,3 +82,23 @@ def test_a_massless_link_costs_the_verdict_and_not_the_solution(
     result = CliRunner().invoke(app, report)
     assert result.exit_code == 0
     assert result.stderr == f"note: {lines[1]}\n"
+
+
+def test_torques_may_be_given_by_joint() -> None:
+    """As solutions tell them; each joint is needed."""
+    scene = load_scene(CUBOID)
+    solution = scene.solve()
+    by_joint: dict[str, float] = dict(reversed([*solution.torques_by_joint.items()]))
+    np.testing.assert_array_equal(scene.stability(by_joint).torques, solution.torques)
+    np.testing.assert_array_equal(
+        simulation_model(scene, by_joint).commands,
+        simulation_model(scene, solution.torques).commands,
+    )
+    borne = [str(scene.tolerances(one)) for one in (by_joint, solution.torques)]
+    assert borne[0] == borne[1]
+    for wrong, told in (
+        ({"thumb": 1.0}, "torques: unknown joint 'thumb'; known: finger_1/hinge"),
+        ({"finger_1/hinge": 1.0}, "torques: has none of 'finger_6/hinge'; give one for each joint"),
+    ):
+        with pytest.raises(ArgumentError, match=re.escape(told)):
+            scene.stability(wrong)

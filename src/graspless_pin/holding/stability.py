@@ -63,7 +63,7 @@ from graspless_pin.holding.verdict_words import NO_FINGERS, finger_words, strong
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,
-    finite_array,
+    motor_torques,
     read_only,
     real_number,
     whole_number,
@@ -162,7 +162,7 @@ _MORE = 10
 
 def stability(
     problem: QuasistaticProblem,
-    torques: ArrayLike,
+    torques: ArrayLike | Mapping[str, float],
     *,
     acceleration_resolution: float = 1e-3,
     node_limit: int = NODE_LIMIT,
@@ -176,7 +176,7 @@ def stability(
     Args:
         problem: Contacts, load and joints, with `object_inertia` and `joint_inertia`; without them
             only what holds for every inertia is used.
-        torques: (L,) the motors' torques, as solutions give them, N m (N).
+        torques: (L,) the motors' torques, as solutions give them, or by joint, N m (N).
         acceleration_resolution: Points of the object that accelerate by less than this share of
             load over mass count as at rest; 1e-6 to 0.01.
         node_limit: Sets of outcomes that are looked at; earlier proofs close others.
@@ -210,7 +210,7 @@ def counterexamples(verdict: StabilityVerdict, most: int) -> list[DynamicOutcome
 
 def undecided_verdict(
     problem: QuasistaticProblem,
-    torques: ArrayLike,
+    torques: ArrayLike | Mapping[str, float],
     message: str,
     *,
     acceleration_resolution: float = 1e-3,
@@ -228,14 +228,14 @@ def undecided_verdict(
 
 def _asked(
     problem: QuasistaticProblem,
-    torques: ArrayLike,
+    torques: ArrayLike | Mapping[str, float],
     acceleration_resolution: float,
     node_limit: int,
     time_limit: float | None,
 ) -> tuple[StabilityVerdict, Limits]:
     """Return the verdict of which nothing is decided yet, and the limits; all checked."""
     checked_problem(problem)
-    tau = finite_array("torques", torques, (problem.joint_count,))
+    tau = motor_torques(problem.joint_names, torques)
     resolution = real_number("acceleration_resolution", acceleration_resolution, FINEST_RESOLUTION)
     if resolution > COARSEST_RESOLUTION:
         raise ArgumentError(

@@ -27,6 +27,7 @@ from graspless_pin.problem.checks import (
     JointUnit,
     choice,
     finite_array,
+    motor_torques,
     read_only,
     real_number,
     unknown_name,
@@ -196,7 +197,7 @@ class SqueezeWindow(Brief):
 
 def squeeze_window(
     subject: Scene | QuasistaticProblem,
-    torques: ArrayLike,
+    torques: ArrayLike | Mapping[str, float],
     direction: ArrayLike | Mapping[str, float] | None = None,
     *,
     other_joints: OtherJoints | str = OtherJoints.FOLLOW,
@@ -213,7 +214,7 @@ def squeeze_window(
 
     Args:
         subject: A scene, or a problem; at rest.
-        torques: (L,) the motors' torques, N m (N).
+        torques: (L,) the motors' torques, or by joint, N m (N).
         direction: (L,) change of torques, or by the names of joints; None: the torques of the
             internal contact forces, those of the rest's forces that balance each other, so that
             the amount -1 takes the squeeze away and 1 doubles it.
@@ -240,7 +241,7 @@ def squeeze_window(
         ('slips', 'grows')
     """
     problem = subject.problem() if isinstance(subject, Scene) else checked_problem(subject)
-    given = finite_array("torques", torques, (problem.joint_count,))
+    given = motor_torques(problem.joint_names, torques)
     how = choice(OtherJoints, "other_joints", other_joints)
     share = real_number("precision", precision, 0.0)
     nodes = whole_number("node_limit", node_limit, 0)

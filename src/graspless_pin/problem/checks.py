@@ -6,7 +6,7 @@ And the units of generalised forces: not every column of J is a turning joint's,
 from __future__ import annotations
 
 import operator
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -100,6 +100,28 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ArgumentError(name, f"is {array[index]} at index {index}; it must be finite")
     return array
+
+
+def motor_torques(names: Sequence[str], given: ArrayLike | Mapping[str, float]) -> FloatArray:
+    """Return (L,) torques of joints that are given in their order, or by their names.
+
+    Args:
+        names: L names of the joints.
+        given: N m (N); by name, of each of them.
+
+    Raises:
+        ArgumentError: If one is unknown or missing, or they are no L finite numbers.
+    """
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in names:
+                raise unknown_name("torques", "joint", name, names)
+        if missing := [name for name in names if name not in given]:
+            raise ArgumentError(
+                "torques", f"has none of {', '.join(map(repr, missing))}; give one for each joint"
+            )
+        given = [given[name] for name in names]
+    return finite_array("torques", given, (len(names),))
 
 
 def all_true(flags: NDArray[np.bool_]) -> bool:

@@ -40,7 +40,13 @@ from graspless_pin.holding.small_motions import (
     extreme_forces,
     lyapunov_matrix,
 )
-from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, read_only, real_number
+from graspless_pin.problem.checks import (
+    FloatArray,
+    JointUnit,
+    motor_torques,
+    read_only,
+    real_number,
+)
 from graspless_pin.problem.inertias import hybrid_contacts, moving_joints
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
@@ -112,7 +118,11 @@ class _Found(NamedTuple):
 
 
 def minimum_stiffness(
-    scene: SceneFields, torques: ArrayLike, *, armature: float = ARMATURE, damping: float = DAMPING
+    scene: SceneFields,
+    torques: ArrayLike | Mapping[str, float],
+    *,
+    armature: float = ARMATURE,
+    damping: float = DAMPING,
 ) -> MinimumStiffness:
     """Find the smallest position feedback with which a scene's rest is stable to second order.
 
@@ -163,7 +173,7 @@ def minimum_stiffness(
     )
 
 
-def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
+def small_motions(scene: SceneFields, torques: ArrayLike | Mapping[str, float]) -> SmallMotions:
     """Return what becomes of small motions under the scene's controller, or why nobody knows.
 
     Args:
@@ -297,7 +307,7 @@ def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: Float
 
 
 def _by_surface(
-    scene: SceneFields, torques: ArrayLike, armature: float
+    scene: SceneFields, torques: ArrayLike | Mapping[str, float], armature: float
 ) -> tuple[QuasistaticProblem, Mapping[str, _Found]]:
     """Return a scene's problem at rest, and its small motions by how meshes are taken.
 
@@ -309,7 +319,7 @@ def _by_surface(
     """
     scene = scene.with_changes(motion=None)
     problem = problem_of(scene)
-    torque = finite_array("torques", torques, (problem.joint_count,))
+    torque = motor_torques(problem.joint_names, torques)
     problem = rest_problem(scene, problem, torque)
     found = balance(problem, torque)
     if found is None or not found.is_rest:

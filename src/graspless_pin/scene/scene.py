@@ -283,8 +283,10 @@ class Scene(SceneFields):
         refuse_useless([key for key, value in options.items() if value is not None], name)
         return asked
 
-    def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
-        """Tell whether the object stays with motor torques (L,): see `graspless_pin.stability`.
+    def stability(
+        self, torques: ArrayLike | Mapping[str, float], **options: Any
+    ) -> StabilityVerdict:
+        """Tell whether the object stays with motor torques (L,), or by joint: see `stability`.
 
         Where a link that torques move touches a support, nothing is decided: the problem does not
         have that force.
@@ -300,11 +302,11 @@ class Scene(SceneFields):
         """
         return verdicts_of_members(self, robust, **options)
 
-    def tolerances(self, torques: ArrayLike, **options: Any) -> Tolerances:
+    def tolerances(self, torques: ArrayLike | Mapping[str, float], **options: Any) -> Tolerances:
         """Tell how far mass, pushes, friction and the like may be off with motor torques (L,).
 
         Args:
-            torques: N m (N).
+            torques: N m (N), or by joint.
             options: Those of `graspless_pin.tolerances`; rules, solver and feedback are as in
                 `solve` unless they are given.
         """

@@ -5,7 +5,7 @@ And verdicts on the corners of what a scene may be: does its object stay in each
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
@@ -27,7 +27,7 @@ from graspless_pin.holding.verdict import (
     StabilityVerdict,
 )
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray, finite_array, motor_torques
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.problem.members import Member, feedback_torques, under_commands
 from graspless_pin.programs.objectives import Margin
@@ -81,7 +81,7 @@ def hand_support_contacts(scene: SceneFields) -> tuple[tuple[str, str], ...]:
 
 def verdict_of(
     scene: SceneFields,
-    torques: ArrayLike,
+    torques: ArrayLike | Mapping[str, float],
     *,
     friction: FloatArray | None = None,
     **options: Unpack[StabilityKeywords],
@@ -104,7 +104,7 @@ def verdict_of(
     problem, why = problem_of(scene), unknown_of(scene)
     if friction is not None:
         problem = problem.with_changes(friction=friction)
-    given = finite_array("torques", torques, (problem.joint_count,))
+    given = motor_torques(problem.joint_names, torques)
     if why:
         return known_of_scene(scene, undecided_verdict(problem, given, why, **options))
     problem = rest_problem(scene, problem, given)

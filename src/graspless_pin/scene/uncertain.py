@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -27,7 +27,7 @@ from graspless_pin.geometry.hand.joint_columns import STILL
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, motor_torques
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.problem.members import Member, feedback_torques, joined
 from graspless_pin.programs.analysis_objectives import AtTorques
@@ -266,13 +266,16 @@ def stated_by(scene: SceneFields) -> Uncertainty:
 
 
 def tolerances_of(
-    scene: SceneFields, torques: ArrayLike, feedback: Feedback | None = None, **options: Any
+    scene: SceneFields,
+    torques: ArrayLike | Mapping[str, float],
+    feedback: Feedback | None = None,
+    **options: Any,
 ) -> Tolerances:
     """Return how far each thing may be off: see `Scene.tolerances`.
 
     Args:
         scene: The nominal scene.
-        torques: (L,) N m (N).
+        torques: (L,) N m (N), or by joint.
         feedback: See `tolerances`; None: the stiffness that the scene's controller states.
         options: See `tolerances`.
 
@@ -281,7 +284,8 @@ def tolerances_of(
         NoSolutionError: See `tolerances`.
     """
     problem = problem_of(scene)
-    return tolerances(problem, torques, **_known_of(scene, problem, feedback), **options)
+    given = motor_torques(problem.joint_names, torques)
+    return tolerances(problem, given, **_known_of(scene, problem, feedback), **options)
 
 
 def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:

@@ -23,7 +23,7 @@ from graspless_pin.geometry.posing.finger_joints import bent_hand
 from graspless_pin.holding.controller import ARMATURE, Controller, gain_shares
 from graspless_pin.holding.dynamics import contact_jacobian
 from graspless_pin.problem import ControlMode, QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray, motor_torques
 from graspless_pin.records import Record
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.fields import label_of
@@ -216,7 +216,7 @@ class SimulationModel(Record):
 
 def simulation_model(
     scene: Scene,
-    torques: ArrayLike,
+    torques: ArrayLike | Mapping[str, float],
     *,
     controller: Controller | float | None = None,
     friction_factor: float = 1.0,
@@ -231,7 +231,8 @@ def simulation_model(
 
     Args:
         scene: The scene, without a declared motion.
-        torques: (L,) the motors' torques, as solutions of the scene's problem give them.
+        torques: (L,) the motors' torques, as solutions of the scene's problem give them, or by
+            joint (`torques_by_joint`), N m (N).
         controller: What runs on the free joints beside the torques, or the stiffness of its
             position feedback, N m/rad; None: the scene's. Joints keep their own damping.
         friction_factor: What all coefficients of friction are multiplied by.
@@ -257,7 +258,7 @@ def simulation_model(
             f"{label_of(scene)}: cone: is {problem.cone!r}, and the simulation has Coulomb's law; "
             "use 'edges' or 'round'"
         )
-    given = finite_array("torques", torques, (problem.joint_count,))
+    given = motor_torques(problem.joint_names, torques)
     feedback = scene.controller if controller is None else Controller.of("controller", controller)
     document = Mjcf(scene.name)
     write_options(document, scene, contact_model)

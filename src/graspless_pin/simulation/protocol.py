@@ -17,7 +17,13 @@ from graspless_pin.geometry import ManipulatedObject
 from graspless_pin.geometry.poses import pose_matrix, transformed
 from graspless_pin.holding.controller import Controller, gain_shares
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
+from graspless_pin.problem.checks import (
+    FloatArray,
+    choice,
+    finite_array,
+    motor_torques,
+    real_number,
+)
 from graspless_pin.records import Record
 from graspless_pin.scene import Scene
 from graspless_pin.simulation.mjcf import OBJECT
@@ -278,7 +284,7 @@ class Simulation:
 
 def simulate(
     scene: Scene,
-    torques: ArrayLike,
+    torques: ArrayLike | Mapping[str, float],
     *,
     controller: Controller | float | None = None,
     push: ArrayLike = (0.0, 0.0, 0.0),
@@ -299,7 +305,8 @@ def simulate(
 
     Args:
         scene: The scene, without a declared motion.
-        torques: (L,) the motors' torques, as solutions of the scene's problem give them.
+        torques: (L,) the motors' torques, as solutions of the scene's problem give them, or by
+            joint (`torques_by_joint`), N m (N).
         controller: What runs on the joints that move beside the torques, or the stiffness of its
             position feedback, N m/rad; None: the scene's.
         push: (3,) force on the object's centre of mass, world axes, N.
@@ -336,7 +343,7 @@ def simulate(
         friction=factor * problem.friction,
         external_wrench=problem.external_wrench + np.concatenate([force, np.zeros(3)]),
     )
-    given = finite_array("torques", torques, (problem.joint_count,))
+    given = motor_torques(problem.joint_names, torques)
     start = np.zeros(6 + problem.joint_count)
     if displacement is not None:
         start = finite_array("displacement", displacement, start.shape)
