@@ -208,3 +208,11 @@ def test_samples_are_a_number_of_them_or_amounts(samples) -> None:
             [1.0],
             samples=2.0,  # pyright: ignore[reportArgumentType]
         )
+
+
+def test_an_end_within_the_precision_is_told_as_zero() -> None:
+    """The joint is at its limit but for rounding: there is nothing above."""
+    limit = 0.2 * (1.0 + 1e-5)
+    window = squeeze_window(pressed_block(limit), [0.2], [1.0], samples=4)
+    assert window.upper is not None and 0.0 < window.upper.amount < 1e-5
+    assert " to 0 times the given direction" in str(window)

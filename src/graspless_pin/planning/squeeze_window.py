@@ -50,7 +50,7 @@ _SHARE_HALVINGS = 8
 _MOST_NAMED = 3
 _FARTHEST_AMOUNT = 100.0
 """Multiples of the direction that are looked at where no effort limit ends them."""
-_ROUNDING = 1e-9  # of the other end
+_ROUNDING = 1e-3  # of the width, as ends are precise to
 _FINEST_END = 1e-6
 """Of the width that is looked at: ends are told no finer, however narrow the window is."""
 
@@ -182,7 +182,7 @@ class SqueezeWindow(Brief):
             if self.of_internal_forces:
                 way = "those of the internal forces\n(-1 takes the squeeze away, +1 doubles it)"
             ends = self.lower.amount, self.upper.amount
-            rounding = _ROUNDING * max(map(abs, ends))
+            rounding = _ROUNDING * (ends[1] - ends[0])
             least, most = ("0" if abs(end) <= rounding else f"{end:+.3g}" for end in ends)
             lines = [
                 f"holds{with_what} while torques change by {least} to {most} times {way}",
