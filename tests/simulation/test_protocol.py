@@ -152,3 +152,13 @@ def test_without_mujoco_the_message_names_the_extra(monkeypatch):
 def test_a_simulation_that_gets_out_of_hand_is_said():
     with pytest.raises(GrasplessPinError, match=r"no finite state any more at"):
         simulate(block(0.5).with_changes(max_normal_force=1e3), (), push=(1e14, 0.0, 0.0))
+
+
+def test_what_is_printed_is_short():
+    scene = load_scene(PAPER / "sphere_on_slope.yaml")
+    found = simulate(scene, scene.solve().torques_by_joint, seconds=0.1)
+    lines = str(found).splitlines()
+    assert lines[0].startswith("held: the object stays") and len(lines) == 6
+    assert str(found.runs[0]).split()[-4:] == lines[4].split()
+    for one in (found, found.runs[0]):
+        assert len(repr(one)) < 600

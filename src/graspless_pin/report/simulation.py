@@ -76,13 +76,6 @@ def body_forces(
 
 
 _SAME_FORCE = 1e-2  # of the load: a difference that says nothing
-_WORDS = {
-    SimulatedOutcome.HELD: "held: the object stays",
-    SimulatedOutcome.SHIFTED: "shifted: the object moves, and then stays where it is",
-    SimulatedOutcome.CREPT: "crept: the object neither stays nor moves away",
-    SimulatedOutcome.MOVED: "moved: the object does not stay",
-}
-_RUNS = ["bodies", "outcome", "displacement [mm]", "rotation [deg]", "moved after [s]"]
 
 
 def simulation_text(
@@ -95,7 +88,8 @@ def simulation_text(
         bodies: (M,) names of what touches at the problem's contacts.
         bounds: Force ranges for the same problem and torques.
     """
-    parts = [_headline(simulation), str(Table(_runs(simulation), _RUNS))]
+    headline, _, runs = str(simulation).partition("\n\n")
+    parts = [headline, runs]
     for link, support in simulation.model.left_out:
         parts.append(f"note: link {link} stands in support {support}: the two do not meet")
     if not bounds.found:
@@ -105,16 +99,6 @@ def simulation_text(
     parts += [_force_table(simulation, forces, bounds), f"ranges go {bounds.covers}"]
     parts += [*filter(None, [bounds.squeeze_words(bodies)]), *_largest_excess(simulation, forces)]
     return "\n\n".join(parts)
-
-
-def _headline(simulation: Simulation) -> str:
-    """Return the outcome, and with which bodies it is another one."""
-    others = [
-        f"{run.contact_model.name} bodies: {run.outcome}"
-        for run in simulation.runs
-        if run.outcome is not simulation.outcome
-    ]
-    return _WORDS[simulation.outcome] + (f" ({', '.join(others)})" if others else "")
 
 
 def _lost_words(simulation: Simulation, forces: Sequence[BodyForce]) -> str:
@@ -127,19 +111,6 @@ def _lost_words(simulation: Simulation, forces: Sequence[BodyForce]) -> str:
             bear = "bears" if len(lost) == 1 else "bear"
             told.append(f"{', '.join(lost)} {bear} nothing ({run.contact_model.name} bodies)")
     return f"; but in the end {'; '.join(told)}" if told else ""
-
-
-def _runs(simulation: Simulation) -> list[list[object]]:
-    return [
-        [
-            run.contact_model.name,
-            str(run.outcome),
-            f"{run.displacement * 1e3:.3f}",
-            f"{np.degrees(run.rotation):.3f}",
-            "" if run.moved_after is None else f"{run.moved_after:.2f}",
-        ]
-        for run in simulation.runs
-    ]
 
 
 def _force_table(

@@ -24,7 +24,7 @@ from graspless_pin.problem.checks import (
     motor_torques,
     real_number,
 )
-from graspless_pin.records import Record
+from graspless_pin.records import Brief, Record
 from graspless_pin.scene import Scene
 from graspless_pin.simulation.mjcf import OBJECT
 from graspless_pin.simulation.model import (
@@ -37,6 +37,7 @@ from graspless_pin.simulation.model import (
     SimulationModel,
     simulation_model,
 )
+from graspless_pin.solution.tables import Table
 
 FIXTURE_TIME = 0.3
 """s in which the object is held; the load grows during the first two thirds."""
@@ -229,8 +230,8 @@ class SimulatedOutcome(StrEnum):
     """It goes beyond 5 mm or 2 degrees."""
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedRun(Record):
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedRun(Brief, Record):
     """One run with one hardness of the bodies. See the example of `simulate`.
 
     Attributes:
@@ -256,9 +257,33 @@ class SimulatedRun(Record):
     T_world_object: FloatArray
     joint_moves: FloatArray
 
+    def __str__(self) -> str:
+        """Return what the object does, and how far it goes, as a table."""
+        return str(Table([self.row], _COLUMNS))
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+    @property
+    def row(self) -> list[object]:
+        """What a table of runs tells of it."""
+        return [
+            self.contact_model.name,
+            str(self.outcome),
+            f"{self.displacement * 1e3:.3f}",
+            f"{np.degrees(self.rotation):.3f}",
+            "" if self.moved_after is None else f"{self.moved_after:.2f}",
+        ]
+
+
+_COLUMNS = ["bodies", "outcome", "displacement [mm]", "rotation [deg]", "moved after [s]"]
+_WORDS = {
+    SimulatedOutcome.HELD: "held: the object stays",
+    SimulatedOutcome.SHIFTED: "shifted: the object moves, and then stays where it is",
+    SimulatedOutcome.CREPT: "crept: the object neither stays nor moves away",
+    SimulatedOutcome.MOVED: "moved: the object does not stay",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Brief):
     """What MuJoCo says of a scene's rest under constant torques.
 
     See the example of `simulate`.
@@ -280,6 +305,16 @@ class Simulation:
         """Moved if the object moves in any run; else what it does with stiff bodies."""
         outcomes = [run.outcome for run in self.runs]
         return SimulatedOutcome.MOVED if SimulatedOutcome.MOVED in outcomes else outcomes[0]
+
+    def __str__(self) -> str:
+        """Return the outcome, with which bodies it is another one, and a table of the runs."""
+        others = [
+            f"{run.contact_model.name} bodies: {run.outcome}"
+            for run in self.runs
+            if run.outcome is not self.outcome
+        ]
+        headline = _WORDS[self.outcome] + (f" ({', '.join(others)})" if others else "")
+        return f"{headline}\n\n{Table([run.row for run in self.runs], _COLUMNS)}"
 
 
 def simulate(
