@@ -275,7 +275,6 @@ def test_options_that_the_scene_gives_a_meaning_are_taken(tmp_path):
         ("report", "--no-verdict", "--no-ranges"),
         ("simulate", "--seconds", "0.1"),
         ("plot", "--kind", "tolerances", "-o", "x.png"),
-        ("settle", "-o", "settled.yaml"),
     ],
 )
 def test_no_command_ends_with_0_where_a_finding_is_serious(command, tmp_path, monkeypatch):
@@ -286,6 +285,13 @@ def test_no_command_ends_with_0_where_a_finding_is_serious(command, tmp_path, mo
     result = run(name, scene, *options)
     assert "[hand-touches-nothing]" in result.stderr
     assert result.exit_code == 4, result.output
+
+
+def test_settling_an_object_is_done_before_the_hand_is_placed(tmp_path):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(spoilt("position: [-0.1, -0.1, 0.0]", "position: [-0.6, -0.1, 0.0]"))
+    settled = run("settle", scene, "-o", tmp_path / "settled.yaml")
+    assert settled.exit_code == 0 and settled.stderr == ""
 
 
 def test_bad_input_leaves_the_json_file_alone(tmp_path):

@@ -48,15 +48,28 @@ class _LoadedWhenCalled(TyperGroup):
     """A group whose list of commands loads none of them."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; say so where it is interrupted, and what a wrong choice is near to."""
+        """Run the command: it does not end as if all were well where a finding is serious.
+
+        Say so where it is interrupted, and what a wrong choice is near to.
+        """
+        from graspless_pin.cli.outcome import EMITTED, ExitCode
+        from graspless_pin.findings import is_serious
+
+        token = EMITTED.set(found := [])
         try:
-            return super().invoke(ctx)
+            super().invoke(ctx)
+        except typer.Exit as end:
+            if end.exit_code != ExitCode.FOUND:
+                raise
         except typer.BadParameter as error:
             error.message = _with_near_choice(error.message)
             raise
         except KeyboardInterrupt:
             typer.echo(INTERRUPTION, err=True, nl=False)
             raise typer.Exit(INTERRUPTED) from None
+        finally:
+            EMITTED.reset(token)
+        raise typer.Exit(ExitCode.DOUBTFUL if is_serious(found) else ExitCode.FOUND)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all, and read what is said of each."""
@@ -97,21 +110,6 @@ class _Command(TyperCommand):
         context.call_on_close(partial(GIVEN_OPTIONS.reset, GIVEN_OPTIONS.set(given)))
         context.with_resource(files_of_command())
         return context
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command; it does not end as if all were well where a finding is serious."""
-        from graspless_pin.cli.outcome import EMITTED, ExitCode
-        from graspless_pin.findings import is_serious
-
-        token = EMITTED.set(found := [])
-        try:
-            super().invoke(ctx)
-        except typer.Exit as end:
-            if end.exit_code != ExitCode.FOUND:
-                raise
-        finally:
-            EMITTED.reset(token)
-        raise typer.Exit(ExitCode.DOUBTFUL if is_serious(found) else ExitCode.FOUND)
 
 
 def _summary(name: str) -> str:

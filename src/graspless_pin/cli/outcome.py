@@ -18,7 +18,7 @@ import typer
 
 from graspless_pin.cli.outputs import check_inputs_stay
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.findings import Finding, Severity, capture, causes_first, emit, is_serious
+from graspless_pin.findings import Finding, Severity, capture, causes_first, emit
 from graspless_pin.intake.text import printable
 from graspless_pin.progress import waiting_for
 from graspless_pin.solution.certificate import UNDECIDED
@@ -129,10 +129,9 @@ def opened_scene(path: Path, stiffness: str | None = None) -> Scene:
 
 def exit_code(solution: TorqueSolution) -> ExitCode:
     """Return what a command ends with that has looked for torques."""
-    if not solution.found:
-        is_open = solution.status in UNDECIDED
-        return ExitCode.NOT_PROVEN if is_open else ExitCode.INFEASIBLE
-    return ExitCode.DOUBTFUL if is_serious(solution.findings) else ExitCode.FOUND
+    if solution.found:
+        return ExitCode.FOUND
+    return ExitCode.NOT_PROVEN if solution.status in UNDECIDED else ExitCode.INFEASIBLE
 
 
 @dataclass

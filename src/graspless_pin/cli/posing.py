@@ -12,7 +12,7 @@ from graspless_pin.cli.outcome import ExitCode, loaded_scene, plain_errors
 from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
 from graspless_pin.findings import emit
 from graspless_pin.progress import waiting_for
-from graspless_pin.scene import Scene, close_fingers, settle
+from graspless_pin.scene import close_fingers, settle
 
 _Source = Annotated[Path, typer.Argument(help="Scene file (YAML).")]
 _Output = Annotated[
@@ -46,12 +46,17 @@ def close_scene(
         loaded = loaded_scene(scene)
         with waiting_for("closing the fingers"):
             closed = close_fingers(loaded, fingers=finger, wrap=wrap)
-        _save(closed.scene, output, str(closed.closing), overwrite=overwrite)
+        written = closed.scene.save(output, overwrite=overwrite)
+        emit(*closed.scene.findings)
+        typer.echo(f"{closed.closing}\nwrote {written}")
     raise typer.Exit(ExitCode.FOUND if closed.closing.all_touch else ExitCode.INFEASIBLE)
 
 
 def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = False) -> None:
     """Move the object along gravity until it rests on a support, and write that scene.
+
+    The hand stays where it is, and may be placed or closed afterwards: what is wrong with it then
+    is not told.
 
     Exit code 0: written; 2: bad input; 4: written, and something serious is wrong with the scene.
 
@@ -66,10 +71,6 @@ def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = F
         down = float(way @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
         word = "down" if down >= 0.0 else "up"
         moved = f"object '{rested.object.name}' goes {word} by {1e3 * abs(down):.3f} mm"
-        _save(rested, output, moved, overwrite=overwrite)
-
-
-def _save(scene: Scene, output: Path, moved: str, *, overwrite: bool) -> None:
-    written = scene.save(output, overwrite=overwrite)
-    emit(*scene.findings)
-    typer.echo(f"{moved}\nwrote {written}")
+        written = rested.save(output, overwrite=overwrite)
+        emit(*(one for one in rested.findings if one.key[:1] != ("hand",)))
+        typer.echo(f"{moved}\nwrote {written}")
