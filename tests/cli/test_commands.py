@@ -245,10 +245,6 @@ def test_a_json_file_is_the_same_document_beside_the_tables(tmp_path):
         (("--no-verdict", "--controller", "5"), "--controller: would change nothing beside"),
         (("--direction-gap", "0.1"), "--direction-gap: would change nothing beside this sign rule"),
         (
-            ("--static-friction", "coulomb", "--sign-rule", "exact"),
-            "--sign-rule: would change nothing beside --static-friction coulomb",
-        ),
-        (
             ("--static-friction", "coulomb", "--search", "enumerate"),
             "--search: would change nothing beside --static-friction coulomb",
         ),

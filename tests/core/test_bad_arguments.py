@@ -238,7 +238,7 @@ BAD_CALLS = [
     (lambda p: stability(p, untyped(maximize_margin(p))), "torques",
      ["is a TorqueSolution", "pass solution.torques"]),
     (lambda p: stability(p, untyped({"hinge": 0.1})), "torques",
-     ["is a dict", "in the order of problem.joint_names"]),
+     ["unknown joint 'hinge'", "joint_1"]),
     (lambda p: contact_force_bounds(p, [0.1] * 7), "torques", ["(7,)", "(2,), one per joint"]),
     (lambda p: enumerate_modes(p, sign_rule="loose"), "sign_rule", ["'loose'"]),
     (lambda p: p.margin_of(np.zeros((2, 3))), "forces", ["(2, 3)", "(3, 3)"]),

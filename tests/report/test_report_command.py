@@ -139,7 +139,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     result = run(SPHERE, "-o", tmp_path / "file" / "report.html")
     assert result.exit_code == 2
-    assert "cannot be made" in result.stderr
+    assert "cannot be written" in result.stderr
 
 
 def test_a_verdict_and_a_simulation(tmp_path):

@@ -214,8 +214,6 @@ def _refuse_idle(
         ("--direction-gap",
          given["direction_gap"] is not None and asked["sign_rule"] != SignRule.DIRECTION,
          "this sign rule; ask for --sign-rule direction, or leave it out"),
-        ("--sign-rule", given["sign_rule"] is not None and is_coulomb,
-         "--static-friction coulomb, which drops the rule on signs; leave one out"),
         ("--search", given["search"] == Search.ENUMERATE and is_coulomb,
          "--static-friction coulomb, which leaves one mode; leave one out"),
     ]  # fmt: skip

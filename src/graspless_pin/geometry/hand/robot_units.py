@@ -20,6 +20,8 @@ HIGHEST_DENSITY = 30_000.0
 """More than osmium has, kg/m^3."""
 _LEAST_MASS = 1.0
 """kg: below, the shapes of a link may be placeholders, smaller than what has the mass."""
+_LEAST_REACH = 1.0
+"""m: shapes may stand for parts of small links alone."""
 _LEAST_SHARE = 1e-4
 """Of a robot's mass: what has less is a frame with a mass because some program wanted one."""
 _ROUNDED_GYRATION = 1e-9
@@ -113,7 +115,7 @@ def _lengths(robot: RobotModel, boxes: Mapping[str, FloatArray], longest: float)
         low, high = boxes.get(link.name, np.full((2, 3), link.center_of_mass))
         center = link.center_of_mass
         outside, away = float(np.maximum(low - center, center - high).max()), np.linalg.norm(center)
-        if outside > longest or away > LARGEST_MESH:
+        if outside > max(longest, _LEAST_REACH) or away > LARGEST_MESH:
             what = f"the centre of mass of link {link.name!r} is {{}} m from its origin"
             found.append((float(away), what))
     return [
