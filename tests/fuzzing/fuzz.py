@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import resource
 import shutil
 import signal
@@ -75,7 +76,8 @@ class Outcome:
             found.append(f"exit code {self.code}")
         if "Traceback" in text or b"Traceback" in self.stdout:
             found.append(f"traceback: {text.strip().splitlines()[-1][:200]}")
-        elif self.code == 2 and not (text.startswith(("error: ", "Usage: "))):
+        # Below the findings that explain it.
+        elif self.code == 2 and not re.search("^(error|Usage): ", text, re.MULTILINE):
             found.append(f"no message: {text[:200]!r}")
         elif self.code in (0, 1, 4) and not all(
             # A report of a document that is refused is written, and says so.
