@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray, motor_torques
 from graspless_pin.solvers.simplex import Simplex
 
 MARGIN_SLACK = 1e-6
@@ -172,16 +172,7 @@ def motor_limits(
     if torques is None:
         return problem.lower_torque, problem.upper_torque
     names = problem.joint_names
-    listed = ", ".join(names)
-    if isinstance(torques, Mapping):
-        if set(torques) != set(names):
-            found = ", ".join(map(str, torques))
-            raise ArgumentError("torques", f"names {found}; needs one of each: {listed}")
-        torques = [torques[name] for name in names]
-    given = np.atleast_1d(np.asarray(torques))
-    if given.shape != (len(names),):
-        raise ArgumentError("torques", f"has shape {given.shape}; needs one of each: {listed}")
-    constant = finite_array("torques", given, (len(names),))
+    constant = motor_torques(names, torques)
     for name, torque, low, high in zip(
         names, constant, problem.lower_torque, problem.upper_torque, strict=True
     ):
