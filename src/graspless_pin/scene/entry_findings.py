@@ -10,6 +10,7 @@ import numpy as np
 from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials
 from graspless_pin.geometry.contact.distances import solids_of
+from graspless_pin.geometry.hand.robot_units import HIGHEST_DENSITY
 from graspless_pin.geometry.poses import transformed
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_schema import PoseEntry
@@ -126,7 +127,7 @@ def materials_in_words(own: str | None, others: Iterable[str | None]) -> str:
     )
 
 
-_POSSIBLE_DENSITIES = 1.0, 30_000.0  # kg/m^3; a balloon, more than osmium
+_POSSIBLE_DENSITIES = 1.0, HIGHEST_DENSITY  # kg/m^3; the first is that of a balloon
 LARGEST_OBJECT = 5.0
 """Of what hands move, m."""
 _USUAL_OBJECT = 0.1  # m, of most
