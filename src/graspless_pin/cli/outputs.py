@@ -31,7 +31,8 @@ MODEL_MARK = "<!-- written by graspless-pin simulate -->\n"
 class OutputKind(Enum):
     """What commands write: what messages call it, and how files of it that are there begin.
 
-    Pictures and videos have no such mark: files of their names are replaced.
+    Nothing marks pictures, videos and scenes. The former are replaced; a scene may be a user's own
+    work, and is replaced only with ``--overwrite``.
     """
 
     SOLUTION = "solution document", rb'\s*\{\s*"format": *\d+,\s*"status": *"'
@@ -41,17 +42,15 @@ class OutputKind(Enum):
         rb"(?s)<!DOCTYPE html>.*<title>[^<]* graspless_pin report<",
     )
     MODEL = "model of graspless-pin", re.escape(MODEL_MARK.encode())
-    PICTURE = "picture", b""
-    SCENE = "", None
-    """A scene file: it may be a user's own work, and is replaced only with ``--overwrite``."""
+    PICTURE = "picture", rb""
+    SCENE = "", rb""
 
     def is_own(self, path: Path) -> bool:
-        """Return whether a file that is there is one that commands write as this."""
-        mark = self.value[1]
-        if not mark:
-            return mark is not None
+        """Return whether a file that is there may be taken for one that commands write as this."""
+        if self in (OutputKind.PICTURE, OutputKind.SCENE):
+            return self is OutputKind.PICTURE
         with path.open("rb") as file:
-            return re.match(mark, file.read(_LOOKED_AT)) is not None
+            return re.match(self.value[1], file.read(_LOOKED_AT)) is not None
 
 
 OverwriteOption = Annotated[

@@ -27,10 +27,7 @@ from graspless_pin.cli.outputs import (
     check_output,
 )
 from graspless_pin.cli.simulate import simulated_words
-from graspless_pin.cli.solve import (
-    asking_by_name,
-    judged_solution,
-)
+from graspless_pin.cli.solve import asking_by_name, judged_solution
 from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT

@@ -30,11 +30,13 @@ def verify(
     """
     outcomes = {ExitCode.FOUND}
     for file in files:
-        checked = _verified(file)
-        if len(files) == 1:
-            typer.echo(str(checked))
-        else:
-            _echo_briefly(file, checked)
+        with plain_errors():
+            document = read_document(file)
+            try:
+                checked = verify_document(document)
+            except (ValueError, ArithmeticError) as error:
+                raise SceneError(f"{file}: {error}") from error
+        typer.echo(str(checked) if len(files) == 1 else _briefly(file, checked))
         if not checked.passed:
             outcomes.add(ExitCode.INFEASIBLE)
         elif not checked.proven:
@@ -42,19 +44,7 @@ def verify(
     raise typer.Exit(ExitCode.INFEASIBLE if ExitCode.INFEASIBLE in outcomes else max(outcomes))
 
 
-def _verified(file: Path) -> Verification:
-    with plain_errors():
-        document = read_document(file)
-        try:
-            return verify_document(document)
-        except (ValueError, ArithmeticError) as error:
-            raise SceneError(f"{file}: {error}") from error
-
-
-def _echo_briefly(file: Path, checked: Verification) -> None:
-    """One line a file, and those of its checks that do not hold."""
+def _briefly(file: Path, checked: Verification) -> str:
+    """Return one line of a file, and those of its checks that do not hold."""
     verdict = "proven" if checked.proven else "not all proven" if checked.passed else "FAILED"
-    typer.echo(f"{file}: {verdict}")
-    for check in checked.checks:
-        if check.passed is not True:
-            typer.echo(f"{check.mark:>15}  {check.name}: {check.detail}")
+    return "\n".join([f"{file}: {verdict}", *(str(c) for c in checked.checks if not c.passed)])

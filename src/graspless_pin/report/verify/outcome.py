@@ -41,6 +41,10 @@ class Check:
         """The verdict in a word or three."""
         return "taken as given" if self.given else _MARKS[self.passed]
 
+    def __str__(self) -> str:
+        """Return the line."""
+        return f"{self.mark:>15}  {self.name}: {self.detail}"
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -89,8 +93,7 @@ class Verification:
 
     def __str__(self) -> str:
         """Return a line a check, and the conclusion."""
-        lines = [f"{check.mark:>15}  {check.name}: {check.detail}" for check in self.checks]
-        return "\n".join([*lines, "", self.conclusion])
+        return "\n".join([*map(str, self.checks), "", self.conclusion])
 
 
 def given(name: str, detail: str) -> Check:
