@@ -133,9 +133,17 @@ class Gate:
         self._gizmos: set[str] = set()
         self.scheme_told: Callable[[bool], object] = bool
 
-    def admit(self, control: Any, check: Admits) -> None:
-        """Let messages set a control of viser's to what passes a check."""
+    def admit(self, control: Any, check: Admits, then: Callable[[Any], object]) -> Any:
+        """Let messages set a control of viser's to what passes a check; return the control.
+
+        Args:
+            control: The control.
+            check: Whether it can have a value.
+            then: Called with viser's event once it is set or clicked.
+        """
         self._checks[control._impl.uuid] = check
+        (control.on_update if hasattr(control, "on_update") else control.on_click)(then)
+        return control
 
     def admit_gizmo(self, gizmo: Any) -> None:
         """Let messages move a gizmo of viser's."""

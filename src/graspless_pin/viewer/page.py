@@ -12,6 +12,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -265,7 +266,7 @@ class Viewer:
 
     def _build(self) -> None:
         """Lay out panels and controls."""
-        gui = self._server.gui
+        gui, admit = self._server.gui, self._gate.admit
         results = gui.add_panel()
         with results.add_tab("Result"):
             self._verdict = gui.add_html("")
@@ -275,36 +276,30 @@ class Viewer:
             self._contacts = gui.add_html("")
         with results.add_tab("Layers"):
             self._legend = gui.add_html("")
-            self._scheme_box = gui.add_dropdown("colours", _SCHEMES, initial_value=self._scheme)
-            self._gate.admit(self._scheme_box, one_of(_SCHEMES))
-            self._scheme_box.on_update(lambda _: self._switch_mode())
+            box = gui.add_dropdown("colours", _SCHEMES, initial_value=self._scheme)
+            self._scheme_box = admit(box, one_of(_SCHEMES), lambda _: self._switch_mode())
             for layer, label in ((NUMBERS, NUMBERS), *((role, role.label) for role in Role)):
-                self._add_layer_box(layer, label)
+                box = gui.add_checkbox(label, layer not in HIDDEN_AT_FIRST)
+                admit(box, is_switch, partial(self._show_layer, layer))
         results.dock_left()
         results.set_width(_RESULT_WIDTH)
         gui.main_panel.dock_right()
         self._headline = gui.add_html("")
-        views = gui.add_button_group("view", tuple(_VIEWS))
-        self._gate.admit(views, one_of(tuple(_VIEWS)))
-        views.on_click(
-            lambda event: self._stage.look(event.client.camera, _VIEWS[str(views.value)])
+        admit(
+            gui.add_button_group("view", tuple(_VIEWS)),
+            one_of(tuple(_VIEWS)),
+            lambda event: self._stage.look(event.client.camera, _VIEWS[event.target.value]),
         )
         self._desk = Desk(
             self._server, self._gate, self.scene, self._settings, self._ask, self._gizmos.show
         )
         save = gui.add_button("Save as scene file", color=_BUTTON)
-        self._gate.admit(save, is_switch)
-        save.on_click(lambda _: self._save_at_page())
+        admit(save, is_switch, lambda _: self._save_at_page())
         self._saying = gui.add_html("")
         self._set_mode()
 
-    def _add_layer_box(self, layer: str, label: str) -> None:
-        box = self._server.gui.add_checkbox(label, layer not in HIDDEN_AT_FIRST)
-        self._gate.admit(box, is_switch)
-
-        @box.on_update
-        def _(_event: Any) -> None:
-            self._stage.show_layer(layer, visible=box.value)
+    def _show_layer(self, layer: str, event: Any) -> None:
+        self._stage.show_layer(layer, visible=event.target.value)
 
     def save(self, path: str | Path | None = None) -> Path:
         """Write the scene as it is shown to a file, see `Scene.save`; return its path.

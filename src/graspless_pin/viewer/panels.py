@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -292,16 +293,17 @@ class Desk:
         self._lock = threading.RLock()  # controls, handles and steps are moved from several threads
         self._controls = {control.key: control for control in controls_of(scene)}
         steps = self._gui.add_button_group("steps", _STEPS)
-        gate.admit(steps, one_of(_STEPS))
-        steps.on_click(lambda _: self._go(str(steps.value)))
-        self._algorithm = self._gui.add_dropdown("algorithm", tuple(_ALGORITHMS))
-        self._margin = self._gui.add_number(
-            "e0 [N]", 0.0, min=0.0, step=0.01, hint="required margin"
+        gate.admit(steps, one_of(_STEPS), lambda event: self._go(event.target.value))
+        self._algorithm = gate.admit(
+            self._gui.add_dropdown("algorithm", tuple(_ALGORITHMS)),
+            one_of(tuple(_ALGORITHMS)),
+            lambda event: self._set(algorithm=_ALGORITHMS[event.target.value]),
         )
-        gate.admit(self._algorithm, one_of(tuple(_ALGORITHMS)))
-        gate.admit(self._margin, number_between(0.0, math.inf))
-        self._algorithm.on_update(lambda _: self._set(algorithm=_ALGORITHMS[self._algorithm.value]))
-        self._margin.on_update(lambda _: self._set(required_margin=float(self._margin.value)))
+        self._margin = gate.admit(
+            self._gui.add_number("e0 [N]", 0.0, min=0.0, step=0.01, hint="required margin"),
+            number_between(0.0, math.inf),
+            lambda event: self._set(required_margin=float(event.target.value)),
+        )
         self._inputs: dict[str, Any] = {}
         folders: dict[str, Any] = {}
         for control in self._controls.values():
@@ -371,26 +373,20 @@ class Desk:
         folder = self._gui.add_folder(group, expand_by_default=group in _OPEN_GROUPS)
         if group in _MOVED:
             with folder:
-                self._add_handles(_MOVED[group])
+                box = self._gui.add_checkbox("drag in the picture", initial_value=False)
+            show = partial(self._handles, _MOVED[group])
+            self._gate.admit(box, is_switch, lambda event: show(event.target.value))
         return folder
 
-    def _add_handles(self, moved: str) -> None:
-        box = self._gui.add_checkbox("drag in the picture", initial_value=False)
-        self._gate.admit(box, is_switch)
-        box.on_update(lambda _: self._handles(moved, box.value))
-
     def _add_input(self, control: Control) -> Any:
+        then = partial(self._set_value, control.key)
         if control.key == ALONG:
-            made = self._gui.add_checkbox(control.label, initial_value=False)
-            self._gate.admit(made, is_switch)
-        else:
-            made = self._gui.add_slider(
-                control.label, control.low, control.high, control.step, control.initial
-            )
-            self._gate.admit(made, number_between(control.low, control.high))
-        made.on_update(lambda _: self._set_value(control.key, float(made.value)))
-        return made
+            box = self._gui.add_checkbox(control.label, initial_value=False)
+            return self._gate.admit(box, is_switch, then)
+        low, high = control.low, control.high
+        slider = self._gui.add_slider(control.label, low, high, control.step, control.initial)
+        return self._gate.admit(slider, number_between(low, high), then)
 
-    def _set_value(self, key: str, value: float) -> None:
+    def _set_value(self, key: str, event: Any) -> None:
         with self._lock:
-            self._set(values={**self.settings.values, key: value})
+            self._set(values={**self.settings.values, key: float(event.target.value)})

@@ -255,8 +255,7 @@ class Player:
             (self._play, is_switch),
             (self._time, number_between(0.0, 1.0)),
         ):
-            gate.admit(control, check)
-            control.on_update(lambda _: self._draw())
+            gate.admit(control, check, lambda _: self._draw())
         self._play.on_update(lambda _: self._show_what_plays())
         self._thread = threading.Thread(target=self._run, name="graspless-player", daemon=True)
         self._thread.start()
