@@ -44,7 +44,6 @@ from graspless_pin.report.html import (
 )
 from graspless_pin.report.reading import read_document
 from graspless_pin.report.simulation import time_lapse
-from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.simulation import simulate
@@ -162,7 +161,7 @@ def report(
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
-        refused = source.suffix.lower() == ".json" and not verify_document(case.document).passed
+        refused = source.suffix.lower() == ".json" and not case.verification.passed
         if refused:
             echo_error(f"{source}: is refused; graspless-pin verify {source} says why")
     raise typer.Exit(ExitCode.DOUBTFUL if refused else exit_code(case.solution))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
 from graspless_pin.report.verdict_data import read_motion, read_small_motion
+from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.scene.robust_answer import RobustAnswer, without_torques
 from graspless_pin.solution import TorqueSolution
@@ -59,6 +61,18 @@ class Case:
     command: str | None
     scene: Scene | None
     off: Tolerances | None = None
+
+    @cached_property
+    def verification(self) -> Verification:
+        """The checks of its document, with numpy alone.
+
+        Raises:
+            ArgumentError: If the document is not complete.
+        """
+        try:
+            return verify_document(self.document)
+        except ValueError as error:
+            raise ArgumentError("document", str(error)) from None
 
 
 def case_with_tolerances(case: Case, tolerances: Tolerances) -> Case:
@@ -122,20 +136,8 @@ def case_of_scene(
     document = solution_document(solution, scene, verdict, answer=answer)
     if answer is not None and not answer.found:
         solution = without_torques(answer.nominal, solution)
-    origin, picture = scene.object.center_of_mass_world, draw_scene(scene, solution)
-    return Case(
-        scene.name,
-        solution,
-        document,
-        scene.contacts.bodies,
-        solution.problem.positions + origin,
-        picture,
-        _moving(document, solution, picture, scene, origin),
-        draw_virtual_sliding(picture, solution, scene.hand, origin),
-        "",
-        None if file is None else solve_command(answer.nominal if answer else solution, file),
-        scene,
-    )
+    command = None if file is None else solve_command(answer.nominal if answer else solution, file)
+    return _case(scene.name, solution, document, scene, "", command)
 
 
 def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -> Case:
@@ -158,51 +160,42 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
         (6, 3)
     """
     solution = read_solution(document)
-    origin = document_origin(document)
-    bodies, found = document_bodies(document), _scene_of(document, solution, scene_file)
-    scene, command, missing = None, None, ""
-    if isinstance(found, str):
-        missing = found
-        picture = draw_contacts(solution.problem, solution, origin=origin, bodies=bodies)
+    title = str(document.get("scene", "A problem made from arrays"))
+    found = _scene_of(document, solution, scene_file)
+    if scene_file is None or isinstance(found, str):
+        return _case(title, solution, document, None, str(found), None)
+    return _case(title, solution, document, found, "", solve_command(solution, scene_file))
+
+
+def _case(
+    title: str,
+    solution: TorqueSolution,
+    document: dict[str, Any],
+    scene: Scene | None,
+    missing: str,
+    command: str | None,
+) -> Case:
+    """Return a case with its pictures: of the scene, or of what the document says of contacts."""
+    problem, motion = solution.problem, read_motion(document)
+    if scene is None:
+        hand, origin, bodies = None, document_origin(document), document_bodies(document)
+        picture = draw_contacts(problem, solution, origin=origin, bodies=bodies)
     else:
-        scene, path = found
-        picture, command = draw_scene(scene, solution), solve_command(solution, path)
+        hand, origin = scene.hand, scene.object.center_of_mass_world
+        bodies, picture = scene.contacts.bodies, draw_scene(scene, solution)
+    moving = None
+    if motion is not None:
+        moving = draw_motion(problem, motion, scene=scene, origin=origin)
+    elif small := read_small_motion(document):
+        moving = draw_small_motion(picture, problem, *small, hand, origin)
+    sliding = draw_virtual_sliding(picture, solution, hand, origin)
+    points = problem.positions + origin
     return Case(
-        str(document.get("scene", "A problem made from arrays")),
-        solution,
-        document,
-        bodies,
-        solution.problem.positions + origin,
-        picture,
-        _moving(document, solution, picture, scene, origin),
-        draw_virtual_sliding(picture, solution, None if scene is None else scene.hand, origin),
-        missing,
-        command,
-        scene,
+        title, solution, document, bodies, points, picture, moving, sliding, missing, command, scene
     )
 
 
-def _moving(
-    document: dict[str, Any],
-    solution: TorqueSolution,
-    picture: Picture,
-    scene: Scene | None,
-    origin: FloatArray,
-) -> MovingPicture | None:
-    """Return what the document's verdict says would happen; None: it says of nothing."""
-    problem, motion = solution.problem, read_motion(document)
-    if motion is not None:
-        return draw_motion(problem, motion, scene=scene, origin=origin)
-    small = read_small_motion(document)
-    if small is None:
-        return None
-    hand = None if scene is None else scene.hand
-    return draw_small_motion(picture, problem, *small, hand, origin)
-
-
-def _scene_of(
-    document: dict[str, Any], solution: TorqueSolution, path: Path | None
-) -> tuple[Scene, Path] | str:
+def _scene_of(document: dict[str, Any], solution: TorqueSolution, path: Path | None) -> Scene | str:
     """Return the scene of a document from its file, or why it cannot be used."""
     made_of = document.get("provenance")
     made_of = made_of if isinstance(made_of, dict) else {}
@@ -223,4 +216,4 @@ def _scene_of(
             f"The scene file {path} now leads to another problem: a model that it names has "
             "changed, or the scene was changed in Python."
         )
-    return scene, path
+    return scene

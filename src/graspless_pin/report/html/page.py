@@ -114,7 +114,7 @@ def _context(
     torques = solution.torques if solution.found else problem.gravity_torques
     algorithm, aim = _aim(solution)
     findings = solution.findings
-    checks = check_rows(case.document) if solution.found else []
+    checks = check_rows(case) if solution.found else []
     context: dict[str, Any] = {
         "case": case,
         "findings": findings,

@@ -28,7 +28,6 @@ from graspless_pin.plots.canvas import fonts_without_remarks
 from graspless_pin.plots.solutions import DIRECTED
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
-from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.values import number
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
@@ -304,20 +303,16 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
         raise ArgumentError("document", f"uncertainty: is not complete ({error!r})") from None
 
 
-def check_rows(document: dict[str, Any]) -> list[dict[str, str]]:
+def check_rows(case: Case) -> list[dict[str, str]]:
     """Return a row a check of the document with numpy alone.
 
     Raises:
         ArgumentError: If the document is not complete.
     """
-    try:
-        checks = verify_document(document).checks
-    except ValueError as error:
-        raise ArgumentError("document", str(error)) from None
     words = {"ok": "passed"}
     return [
         {"name": check.name, "verdict": words.get(check.mark, check.mark), "detail": check.detail}
-        for check in checks
+        for check in case.verification.checks
     ]
 
 
