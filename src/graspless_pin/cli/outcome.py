@@ -48,13 +48,18 @@ _LEFT_OUT = " [...] "
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Show findings and errors of this package as one message each, without a traceback."""
+    """Show findings and errors of this package as one message each, without a traceback.
+
+    It names an option where an error names the argument that this becomes.
+    """
     with capture() as found:
         token = _PRINTED.set(_Printed(found))
         try:
             yield
         except GrasplessPinError as error:
-            echo_error(_of_options(str(error)))
+            argument, colon, rest = str(error).partition(": ")
+            option = GIVEN_OPTIONS.get({}).get(argument, argument)
+            echo_error(f"{option}{colon}{rest}")
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         except MemoryError:
             echo_error("there is not enough memory for this input")
@@ -71,12 +76,6 @@ GIVEN_OPTIONS: ContextVar[Mapping[str, str]] = ContextVar("given_options")
 
 EMITTED: ContextVar[list[Finding]] = ContextVar("emitted")
 """What was found so far by the command that runs."""
-
-
-def _of_options(message: str) -> str:
-    """Return a message that names an option where it names the argument that this becomes."""
-    argument, colon, rest = message.partition(": ")
-    return f"{GIVEN_OPTIONS.get({}).get(argument, argument)}{colon}{rest}"
 
 
 def loaded_scene(path: Path) -> Scene:

@@ -113,7 +113,10 @@ def check_output(
         _check_folder(option, path)
         return
     except (OSError, ValueError) as error:
-        raise _unwritable(option, file, error) from None
+        why = error.strerror if isinstance(error, OSError) else error
+        raise ArgumentError(
+            option, f"{str(file)!r} cannot be written ({why}); choose another name"
+        ) from None
     if not is_own:
         what = f" and no {kind.value[0]}" if kind.value[0] else ""
         raise ArgumentError(
@@ -157,8 +160,3 @@ def _check_folder(option: str, path: Path) -> None:
         raise ArgumentError(
             option, f"{path} cannot be written (no permission in {folder}); choose another name"
         )
-
-
-def _unwritable(option: str, file: str | Path, error: Exception) -> ArgumentError:
-    why = error.strerror if isinstance(error, OSError) else error
-    return ArgumentError(option, f"{str(file)!r} cannot be written ({why}); choose another name")

@@ -302,9 +302,13 @@ def judged_solution(
     solution, answer = solution_and_answer(scene, algorithm, verdict_nodes=verdict_nodes, **options)
     verdict, note = None, ""
     if answer is not None and not no_verdict:
+        from graspless_pin.scene.robust_answer import with_corner_verdicts
+
         answer = proven_answer(answer)
         solution = answer.solution.of_source(scene)
-        answer = _judged_at_corners(scene, answer, verdict_nodes)
+        # Where there are any to be had.
+        with waiting_for("looking for verdicts at the corners"), suppress(ArgumentError):
+            answer = with_corner_verdicts(scene, answer, verdict_nodes)
     if not no_verdict and (answer is None or answer.found):
         solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
     emit(*solution.findings)
@@ -320,15 +324,6 @@ def proven_answer(answer: RobustAnswer) -> RobustAnswer:
         # Without torques it has its explanation, which would take long to be worked out.
         solution, _ = accepted(answer.robust.solution if answer.found else answer.solution)
     return replace(answer, robust=replace(answer.robust, solution=solution))
-
-
-def _judged_at_corners(scene: Scene, answer: RobustAnswer, nodes: int | None) -> RobustAnswer:
-    """Return an answer with verdicts on the corners of its set, where there are any to be had."""
-    from graspless_pin.scene.robust_answer import with_corner_verdicts
-
-    with waiting_for("looking for verdicts at the corners"), suppress(ArgumentError):
-        return with_corner_verdicts(scene, answer, nodes)
-    return answer
 
 
 def _force_bounds(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:

@@ -152,23 +152,21 @@ class EvaluatedSpace:
         """
         key = self._key(start, end)
         known = None if key is None else self._margins.get(key)
-        if known is None:
-            known = self._margins_of(self._pieces(start, end))
-            if key is not None:
-                self._margins[key] = known
-        return known
-
-    def _margins_of(self, pieces: Iterator[Any]) -> tuple[FloatArray, FloatArray]:
-        fractions, margins = [], []
-        for (begin, finish), piece in pieces:
-            if piece is None:
-                return np.append(fractions, begin), np.append(margins, -np.inf)
-            found = self.evaluator.motion_margins(*piece, resolution=self._resolution)
-            fractions = np.append(fractions, begin + found.fractions * (finish - begin))
-            margins = np.append(margins, found.margins)
-            if found.smallest == -np.inf:
+        if known is not None:
+            return known
+        fractions, margins = np.zeros(0), np.zeros(0)
+        for (begin, finish), piece in self._pieces(start, end):
+            at, own, smallest = np.zeros(1), [-np.inf], -np.inf
+            if piece is not None:
+                found = self.evaluator.motion_margins(*piece, resolution=self._resolution)
+                at, own, smallest = found.fractions, found.margins, found.smallest
+            fractions = np.append(fractions, begin + at * (finish - begin))
+            margins = np.append(margins, own)
+            if smallest == -np.inf:
                 break
-        return np.asarray(fractions), np.asarray(margins)
+        if key is not None:
+            self._margins[key] = fractions, margins
+        return fractions, margins
 
     def _pieces(self, start: Any, end: Any) -> Iterator[Any]:
         """Yield the ends of each piece of a motion, as fractions of it, and (q0, q1, T0, T1).

@@ -43,7 +43,8 @@ def robust_text(answer: RobustAnswer) -> str:
         rows = [(member.words, str(one.holding)) for member, one in each]
         lines += ["", str(Table(rows, ["corner", "the object there"])), ""]
     if not answer.found:
-        each = (f"- {words}" for words in conflict_words(answer.robust))
+        members, conflict = answer.robust.members, answer.robust.conflict
+        each = (f"- {members[number].words}" for number in conflict)
         lines[2:2] = [fill(one, COLUMNS, subsequent_indent="  ") for one in each]
         why = answer.nominal.explanation
         lines += ["", why] if why else []
@@ -106,11 +107,6 @@ def _corner_words(judged: MemberVerdicts) -> list[str]:
             f"{CORNER_TIME:g} s; in Python `scene.stability_of_members` takes its time."
         )
     return [*told, "Between the corners nothing is proven about rest."]
-
-
-def conflict_words(robust: RobustSolution) -> list[str]:
-    """Return the members in conflict, in words."""
-    return [robust.members[number].words for number in robust.conflict]
 
 
 def _why_none(answer: RobustAnswer) -> list[str]:

@@ -172,10 +172,6 @@ class Gate:
             return "the address lacks its token; open the one that the viewer printed"
         return ""
 
-    def inner_path(self, path: str) -> str:
-        """Return a path without its token."""
-        return "/" + path.removeprefix(f"/{self.token}").removeprefix("/")
-
     def accepts(self, message: Any) -> bool:
         """Return whether a message, decoded, sets a control to a value that it can have."""
         if not isinstance(message, dict):
@@ -268,22 +264,11 @@ class _Websockets:
     """The module ``websockets`` with another ``serve``."""
 
     def __init__(self, library: Any, gate: Gate, passed: list[bool]) -> None:
-        self._library = library
-        self._gate = gate
-        self._passed = passed
+        self._library, self._gate, self._passed = library, gate, passed
+        self.asyncio = self.server = self  # ``websockets.asyncio.server.serve`` is looked up in it
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._library, name)
-
-    @property
-    def asyncio(self) -> _Websockets:
-        """Itself: ``websockets.asyncio.server.serve`` is looked up in it."""
-        return self
-
-    @property
-    def server(self) -> _Websockets:
-        """Itself."""
-        return self
 
     def serve(self, handler: Any, host: str, port: int, **options: Any) -> Any:
         """Start a server behind the gate."""
@@ -306,13 +291,13 @@ def _processed(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
     if why:
         response = connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
     else:
-        path = gate.inner_path(request.path)
+        path = request.path.removeprefix(f"/{gate.token}")
         scheme = path.strip("/")
         if scheme in SCHEMES:
             gate.scheme_told(scheme == "dark")
             response = connection.respond(HTTPStatus.NO_CONTENT, "")
         else:
-            response = inner(connection, replace(request, path=path))
+            response = inner(connection, replace(request, path="/" + path.removeprefix("/")))
             response = None if response is None else with_reader(response)
     if response is not None:
         response.headers["Referrer-Policy"] = "no-referrer"

@@ -361,8 +361,9 @@ class Viewer:
                 return
             if judged:
                 self._show(replace(shown, verdict=f"no verdict: {why}"))
-            else:
-                self._say(settings, why)
+            else:  # of what was shown before, the bodies stay
+                bodies = replace(shown.picture, meshes=shown.picture.of(*_BODIES))
+                self._show(SettingsAnswer(settings, shown.scene, None, bodies, why))
 
     def _judge(self) -> None:
         """Show the verdict on the torques that are shown; what is set now can be undone to."""
@@ -370,12 +371,6 @@ class Viewer:
         solution = self._shown.solution
         if solution is not None and solution.found:
             self._show(self._solving.judge())
-
-    def _say(self, settings: Settings, reason: str) -> None:
-        """Say why settings are not shown; of what was shown before, the bodies stay."""
-        before = self._shown
-        bodies = replace(before.picture, meshes=before.picture.of(*_BODIES))
-        self._show(SettingsAnswer(settings, before.scene, None, bodies, reason))
 
     def _show(self, result: SettingsAnswer) -> None:
         """Bring meshes and readings up to date."""

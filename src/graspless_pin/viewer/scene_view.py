@@ -65,13 +65,12 @@ class Stage:
         for _, handle in self._meshes.values():  # where a motion has left them
             handle.wxyz, handle.position = _NO_TURN, np.zeros(3)
         for name, mesh in names.items():
-            if name not in self._meshes or not _same_faces(self._meshes[name][0], mesh):
-                self._meshes[name] = (mesh, self._add_mesh(name, mesh))
-                continue
-            before, handle = self._meshes[name]
-            if not np.array_equal(before.vertices, mesh.vertices):
-                handle.vertices = mesh.vertices.astype(np.float32)
-                self._meshes[name] = (mesh, handle)
+            before = self._meshes.get(name)
+            if before is None or not np.array_equal(before[0].faces, mesh.faces):
+                self._meshes[name] = mesh, self._add_mesh(name, mesh)
+            elif not np.array_equal(before[0].vertices, mesh.vertices):
+                before[1].vertices = mesh.vertices.astype(np.float32)
+                self._meshes[name] = mesh, before[1]
         self._number(picture)
         self._tilt(picture)
 
@@ -208,10 +207,6 @@ def _without_undersides(mesh: Mesh, floors: FloatArray) -> NDArray[np.int64]:
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     down = normals @ floors.T < -_FACING_DOWN * lengths
     return mesh.faces[~down.any(axis=1)]
-
-
-def _same_faces(first: Mesh, second: Mesh) -> bool:
-    return first.faces is second.faces or np.array_equal(first.faces, second.faces)
 
 
 def _aim(camera: Any, picture: Picture) -> None:

@@ -130,8 +130,12 @@ class _Verdict:
             why = "a verdict is about Coulomb's law, and the cones are others"
             return [*checks, holds("whether the object stays", passed=False, detail=why)]
         if self.status == "none":
-            return [*checks, self._no_rest(), *self._motion()]
-        checks.append(self._rest())
+            # Along some motion contact forces do work of one sign, and the load of the other.
+            left = self.bodies.left_by_all(self.stated["no_rest"])
+            good, detail = left > tolerances.SHARE, f"{left:.3g} loads are unbalanced"
+            return [*checks, holds("rest is no outcome", good, detail), *self._motion()]
+        amiss = self.bodies.amiss(self.bodies.local(self.stated["rest_forces"]))
+        checks.append(within("rest is an outcome", amiss, tolerances.SHARE, "loads"))
         if self.status == "strong":
             fine = self.resolution <= tolerances.COARSEST
             detail = f"{self.resolution:g}, at most {tolerances.COARSEST:g} for strong"
@@ -148,17 +152,6 @@ class _Verdict:
         good = not message.startswith(tuple(others))
         short = shorten(message, 60, placeholder=" ...") or "no sentence"
         return [holds("the sentence and the status agree", good, short)]
-
-    def _rest(self) -> Check:
-        local = self.bodies.local(self.stated["rest_forces"])
-        return within("rest is an outcome", self.bodies.amiss(local), tolerances.SHARE, "loads")
-
-    def _no_rest(self) -> Check:
-        """Along some motion all contact forces do work of one sign, and the load of the other."""
-        left = self.bodies.left_by_all(self.stated["no_rest"])
-        return holds(
-            "rest is no outcome", left > tolerances.SHARE, f"{left:.3g} loads are unbalanced"
-        )
 
     # motion
 
