@@ -45,7 +45,6 @@ from graspless_pin.report.verify.reading import (
     read_mode,
     read_problem,
     stated_multipliers,
-    stray_multipliers,
 )
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.tree import (
@@ -303,11 +302,11 @@ class _Checker:
     def _proven_reach(self) -> float:
         return min(self.certificate["force_reach"], float(self.problem.limit.max()))
 
-    def _proven(self, given: object, where: str, free: np.ndarray) -> tuple[float, list[str]]:
+    def _proven(self, given: object, where: str, free: np.ndarray) -> tuple[float, tuple[str, ...]]:
         """Return the bound that multipliers prove, and names of those of no constraint."""
         multipliers = stated_multipliers(given, self.problem, where)
         bound = proven_bound(self.problem, multipliers, free, self._proven_reach())
-        return bound, stray_multipliers(given, self.problem, where)
+        return bound, multipliers.strays
 
     def _duality(self, forces: Forces, value: float, unit: str) -> list[Check]:
         """Return what the multipliers of the forces' own program prove."""

@@ -178,6 +178,7 @@ class StatedMultipliers:
         share_lower: (L,) of -(J^T f + g) <= t (or t times minus the lower limit).
         own_upper: (q,) of the upper sides of an objective's own rows.
         own_lower: (q,) of their lower sides.
+        strays: Names under which some stand of constraints that there are none of.
     """
 
     balance: np.ndarray
@@ -191,6 +192,7 @@ class StatedMultipliers:
     share_lower: np.ndarray
     own_upper: np.ndarray
     own_lower: np.ndarray
+    strays: tuple[str, ...]
 
     @property
     def torque(self) -> np.ndarray:
@@ -205,27 +207,16 @@ def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMul
         ValueError: If one is negative or something is missing.
     """
     stated, there = _stated(given, problem, where), _there(problem)
+    strays = [key for key, one in stated.items() if np.where(there[key], 0.0, one).any()]
+    unknown = given.keys() - _names(problem) if isinstance(given, dict) else set()
     # A first entry that is too small by a hair is taken for one that is enough.
     cones: np.ndarray = stated["round"]
     cones[:, 0] = np.maximum(cones[:, 0], _lengths(cones[:, 1:]))
     return StatedMultipliers(
         balance=problem.part(given, where, "multipliers")["balance"],
         **{key: np.where(there[key], one, 0.0) for key, one in stated.items()},
+        strays=(*strays, *sorted(repr(key)[:40] for key in unknown)[:10]),
     )
-
-
-def stray_multipliers(given: object, problem: Problem, where: str) -> list[str]:
-    """Return the names under which multipliers stand of constraints that there are none of.
-
-    Raises:
-        ValueError: As in `stated_multipliers`.
-    """
-    stated, there = _stated(given, problem, where), _there(problem)
-    strays = [
-        key for key, one in stated.items() if one[~there[key] & np.ones_like(one, bool)].any()
-    ]
-    unknown = given.keys() - _names(problem) if isinstance(given, dict) else set()
-    return strays + sorted(repr(key)[:40] for key in unknown)[:10]
 
 
 def _stated(given: object, problem: Problem, where: str) -> dict[str, np.ndarray]:

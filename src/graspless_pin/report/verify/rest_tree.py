@@ -280,55 +280,49 @@ class RestWalk:
         return self._visit(child, states.changed(contact, child.kind, most=tolerance), loads)
 
 
-@dataclass(eq=False)
-class KeptWalk:
-    """A walk through a proof that nothing but a declared motion is an outcome.
+def _kept_leaves(
+    node: RestNode,
+    states: KnownStates,
+    proven: frozenset[int],
+    dynamics: RestDynamics,
+    goals: np.ndarray,
+    force_limit: float,
+) -> int:
+    """Return how many leaves a proof has that nothing but a declared motion is an outcome.
 
-    Attributes:
+    Args:
+        node: Where it begins.
+        states: What is known there.
+        proven: Goals that are bounded there already.
         dynamics: The scaled dynamics.
         goals: (2 P + 1, n) of `kept_goals`.
         force_limit: Normal forces that the proof has to reach, scaled.
-        leaves: How many there were.
+
+    Raises:
+        NoProofError: If they leave out outcomes.
     """
-
-    dynamics: RestDynamics
-    goals: np.ndarray
-    force_limit: float
-    leaves: int = 0
-
-    def walk(self, root: RestNode) -> None:
-        """Go through all nodes.
-
-        Raises:
-            NoProofError: If they leave out outcomes.
-        """
-        self._visit(root, KnownStates.unknown(len(self.dynamics.rows)), frozenset())
-
-    def _visit(self, node: RestNode, states: KnownStates, proven: frozenset[int]) -> None:
-        for goal, multipliers in node.sides:
-            most = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
-            bound = kept_goal(
-                self.dynamics, states, multipliers, self.goals[goal], self.force_limit
-            )
-            if not bound <= most:
-                raise NoProofError(f"goal {goal} reaches {bound:.3g} where {most:.3g} is claimed")
-            proven |= {goal}
-        if not node.children:
-            self.leaves += 1
-            wanted = len(self.goals) - 1
-            if 0 not in proven and len(proven) < wanted:
-                raise NoProofError(f"a leaf bounds {len(proven)} of {wanted} accelerations")
-            return
-        contact = node.children[0].contact
-        if any(child.forced or child.contact != contact for child in node.children):
-            raise NoProofError(
-                f"children of one node are of contact {contact} and others, or forced"
-            )
-        why = uncovered(node.children, states, np.isfinite(self.dynamics.commanded))
-        if why:
-            raise NoProofError(f"contact {contact}: {why}")
-        for child in node.children:
-            self._visit(child, states.changed(contact, child.kind, child.arc), proven)
+    for goal, multipliers in node.sides:
+        most = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
+        bound = kept_goal(dynamics, states, multipliers, goals[goal], force_limit)
+        if not bound <= most:
+            raise NoProofError(f"goal {goal} reaches {bound:.3g} where {most:.3g} is claimed")
+        proven |= {goal}
+    if not node.children:
+        wanted = len(goals) - 1
+        if 0 not in proven and len(proven) < wanted:
+            raise NoProofError(f"a leaf bounds {len(proven)} of {wanted} accelerations")
+        return 1
+    contact = node.children[0].contact
+    if any(child.forced or child.contact != contact for child in node.children):
+        raise NoProofError(f"children of one node are of contact {contact} and others, or forced")
+    why = uncovered(node.children, states, np.isfinite(dynamics.commanded))
+    if why:
+        raise NoProofError(f"contact {contact}: {why}")
+    leaves = 0
+    for child in node.children:
+        own = states.changed(contact, child.kind, child.arc)
+        leaves += _kept_leaves(child, own, proven, dynamics, goals, force_limit)
+    return leaves
 
 
 def uncovered(children: list[RestNode], states: KnownStates, held: np.ndarray) -> str:
@@ -473,10 +467,10 @@ def kept_tree(
 ) -> Check:
     """Check a tree that leaves nothing but a declared motion; arguments as of `tree`."""
     still, most_force = limits
-    goals = kept_goals(dynamics, problem, still)
-    walk = KeptWalk(dynamics, goals, most_force / dynamics.force_unit)
+    goals, unknown = kept_goals(dynamics, problem, still), KnownStates.unknown(problem.count)
+    reach, root = most_force / dynamics.force_unit, read_rest_tree(proof, dynamics)
     try:
-        walk.walk(read_rest_tree(proof, dynamics))
+        leaves = _kept_leaves(root, unknown, frozenset(), dynamics, goals, reach)
     except NoProofError as error:
         return holds(name, passed=False, detail=str(error))
-    return holds(name, passed=True, detail=f"{walk.leaves} leaves")
+    return holds(name, passed=True, detail=f"{leaves} leaves")
