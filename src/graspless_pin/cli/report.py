@@ -10,7 +10,6 @@ import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from graspless_pin.algorithms.named_objectives import AIMS
-from graspless_pin.atomic_write import make_folder_of
 from graspless_pin.cli.outcome import (
     ControllerOption,
     ExitCode,
@@ -138,10 +137,6 @@ def report(
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         else:
             case = _solved_case(source, controller, no_verdict=no_verdict, **asked)
-        try:
-            make_folder_of(output)
-        except OSError as error:
-            raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
         bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)
         lapse = window = None
         if simulated and (of := _scene_for(case, "--simulate")):

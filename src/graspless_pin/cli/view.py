@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from graspless_pin.cli.outcome import opened_scene, plain_errors, show_findings
-from graspless_pin.viewer.page import DEFAULT_PORT
-from graspless_pin.viewer.page import view as show
+from graspless_pin.viewer.page import DEFAULT_PORT, view
 
 
 def view_scene(
@@ -29,7 +28,7 @@ def view_scene(
     with plain_errors():
         loaded = opened_scene(scene)
         show_findings()
-        viewer = show(loaded, host=host, port=port, open_browser=not no_open)
+        viewer = view(loaded, host=host, port=port, open_browser=not no_open)
     with suppress(KeyboardInterrupt):
         typer.echo(f"{viewer.url} (Ctrl-C ends it)")
         viewer.wait()

@@ -12,7 +12,6 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.controller import CONSTANT_TORQUES, SmallMotions
 from graspless_pin.holding.verdict import (
     ContactState,
-    DualBound,
     DynamicOutcome,
     LoadProof,
     OutcomeSet,
@@ -164,11 +163,10 @@ def _proof(proof: RestProof) -> dict[str, Any]:
 
 
 def _loads(loads: tuple[LoadProof, ...]) -> list[dict[str, Any]]:
-    return [written("least load", one, multipliers=_multipliers(one.dual)) for one in loads]
-
-
-def _multipliers(dual: DualBound) -> dict[str, Any]:
-    return written("rest multipliers", dual)
+    return [
+        written("least load", one, multipliers=written("rest multipliers", one.dual))
+        for one in loads
+    ]
 
 
 def _depth_first(tree: OutcomeSet | None) -> Iterator[OutcomeSet]:
@@ -184,10 +182,13 @@ def _node(node: OutcomeSet) -> dict[str, Any]:
         "rest node",
         node,
         slip=node.slip and [node.slip.center, node.slip.half_width],
-        multipliers=None if node.dual is None else _multipliers(node.dual),
-        forced=[*map(_multipliers, node.forced)],
+        multipliers=node.dual and written("rest multipliers", node.dual),
+        forced=[written("rest multipliers", dual) for dual in node.forced],
         loads=_loads(node.loads),
-        sides=[{"goal": goal, "multipliers": _multipliers(dual)} for goal, dual in node.sides],
+        sides=[
+            {"goal": goal, "multipliers": written("rest multipliers", dual)}
+            for goal, dual in node.sides
+        ],
         children=len(node.children),
         patch=node.patch
         and written("patch", node.patch, cone=node.patch.cone and vars(node.patch.cone)),

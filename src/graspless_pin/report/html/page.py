@@ -283,6 +283,8 @@ def view_context(
         played: What moves, where that is played only when it is asked to; empty: a motion, which
             plays at once.
     """
+    # No ``</script>`` inside a name can end it early.
+    model = json.dumps(model_data(picture, moving) | {"plays": not played}, allow_nan=False)
     return {
         "name": name,
         "label": label,
@@ -290,7 +292,7 @@ def view_context(
         "legend": _legend(picture),
         "fingers": picture.fingers,
         "force_scale": picture.force_scale,
-        "model": _embedded(model_data(picture, moving) | {"plays": not played}),
+        "model": model.replace("<", "\\u003c"),
         "numbered": numbered,
         "moves": (played or "motion") if moving is not None else "",
     }
@@ -307,11 +309,6 @@ def _legend(picture: Picture) -> list[dict[str, Any]]:
     labels = ", ".join(role.label for role in bearings)
     words = {"roles": " ".join(bearings), "label": labels, "swatch": Role.AXES, "shown": True}
     return [*found, words]
-
-
-def _embedded(data: Any) -> str:
-    """JSON that no ``</script>`` inside a name can end early."""
-    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
 
 
 def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[str, Any]:

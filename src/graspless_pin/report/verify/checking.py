@@ -361,8 +361,10 @@ class _Checker:
             checks.append(self._motion(*mode))
         proof = TreeWalk(self.problem, np.inf).walk(self.proof["nodes"], root)
         checks.append(self._infeasible(name, proof))
-        if self.status == "infeasible_modes":
-            checks.append(self._forces_exist())
+        if self.status == "infeasible_modes":  # forces balance where friction needs no sliding
+            columns = None if self.problem.own is None else self.proof["columns"]
+            worst = residual(self.problem, Forces(self.problem, self.proof["forces"], columns))
+            checks.append(within("forces that balance exist", worst, tolerances.SHARE, "(scaled)"))
         most = proof.violation
         detail = f"stated {shared:.3g}, proven {most:.3g} (scaled)"
         good = shared <= most * (1.0 + tolerances.SAME)
@@ -379,12 +381,6 @@ class _Checker:
         if not failure and self.status == "infeasible_mode" and proof.programs:
             failure = "a leaf speaks of forces, not of motions"
         return holds(name, not failure, failure or _leaves(proof))
-
-    def _forces_exist(self) -> Check:
-        """Check that forces balance where friction needs no virtual sliding."""
-        columns = None if self.problem.own is None else self.proof["columns"]
-        worst = residual(self.problem, Forces(self.problem, self.proof["forces"], columns))
-        return within("forces that balance exist", worst, tolerances.SHARE, "(scaled)")
 
     # both
 

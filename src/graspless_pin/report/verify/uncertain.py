@@ -94,7 +94,11 @@ def uncertainty_checks(
         *_samples(stated, each, problem),
         _is_joined(joined, problem, each[:held], constant=constant),
         *_further(members[held:], each[held:], problem, stated, nested, torques, constant=constant),
-        _torques(torques, joints, proof, problem),
+        _same_torques(
+            [stacked(proof["joints"][: len(joints)], "torque"), torques],
+            stacked(joints, "torque"),
+            problem,
+        ),
         *_figures(stated, proof),
         _bound(stated, proof, joined),
         *(
@@ -282,12 +286,10 @@ def _samples(stated: Part, each: list[Member], problem: Problem) -> list[Check]:
     ]
 
 
-def _torques(torques: np.ndarray, joints: list[Part], proof: Part, problem: Problem) -> Check:
-    """Whether the document's torques are those for all members."""
-    proven = stacked(proof["joints"][: len(joints)], "torque")
-    off = np.abs([proven, torques] - stacked(joints, "torque")) / problem.joint_scale
-    most = float(off.max(initial=0.0))
-    return within("the torques are those for all members", most, tolerances.SHARE, "(scaled)")
+def _same_torques(others: list[np.ndarray], own: np.ndarray, problem: Problem) -> Check:
+    """Whether the document's torques, those stated of the set and those proven are the same."""
+    off = float((np.abs(others - own) / problem.joint_scale).max(initial=0.0))
+    return within("the torques are those for all members", off, tolerances.SHARE, "(scaled)")
 
 
 def _figures(stated: Part, proof: Part) -> list[Check]:
@@ -477,11 +479,9 @@ def policy_checks(
         ValueError: If a key is missing, or a value of a wrong type or size.
     """
     affine = AffineForces(stated["policy"], problem, members)
-    off = np.abs(affine.commands[0] - torques) / problem.joint_scale
     checks = affine.checks()
     checks += [
-        within("the torques are those for all members", float(off.max(initial=0.0)),
-               tolerances.SHARE, "(scaled)"),
+        _same_torques(torques, affine.commands[0], problem),
         agrees("margin", stated["margin"], affine.margin, tolerances.force(problem), "N"),
         agrees("max_torque", stated["max_torque"], float(affine.largest.max(initial=0.0)),
                float(tolerances.SHARE * problem.joint_scale.max(initial=0.0))),
