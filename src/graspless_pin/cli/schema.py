@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -19,11 +19,9 @@ def schema(
         graspless-pin schema > scene.schema.json
         graspless-pin schema --study > study.schema.json
     """
-    typer.echo(json.dumps(_study_schema() if study else scene_json_schema(), indent=2))
+    found = scene_json_schema()
+    if study:  # needs pandas, which scenes do not
+        from graspless_pin.studies.study_schema import StudyEntry
 
-
-def _study_schema() -> dict[str, Any]:
-    # Studies need pandas, which scenes do not.
-    from graspless_pin.studies.study_schema import StudyEntry
-
-    return StudyEntry.model_json_schema()
+        found = StudyEntry.model_json_schema()
+    typer.echo(json.dumps(found, indent=2))
