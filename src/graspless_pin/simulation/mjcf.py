@@ -169,25 +169,14 @@ def check_at_rest(scene: Scene) -> None:
             )
 
 
-class FrictionOf:
-    """Coefficients by body, times a factor."""
+def hand_surface(scene: Scene, link: str, friction_factor: float = 1.0) -> Surface:
+    """Return how a link meets the object, and supports.
 
-    def __init__(self, scene: Scene, factor: float = 1.0) -> None:
-        """Take what a scene says of friction."""
-        self._scene, self._factor = scene, factor
-
-    def __call__(self, group: str, body: str) -> float:
-        """Return the coefficient of a body of the group ``hand`` or ``supports``.
-
-        Raises:
-            SceneError: If it has none.
-        """
-        return self._factor * friction_at(self._scene, group, body)
-
-
-def hand_surface(friction: FrictionOf, link: str) -> Surface:
-    """Return how a link meets the object, and supports."""
-    return Surface(friction("hand", link), 1, _HAND, _MEETS_OBJECT)
+    Raises:
+        SceneError: If it has no coefficient of friction.
+    """
+    friction = friction_factor * friction_at(scene, "hand", link)
+    return Surface(friction, 1, _HAND, _MEETS_OBJECT)
 
 
 def placed_pieces(body: ManipulatedObject | Support) -> Iterator[tuple[Any, FloatArray]]:
@@ -198,13 +187,18 @@ def placed_pieces(body: ManipulatedObject | Support) -> Iterator[tuple[Any, Floa
 
 
 def write_supports(
-    document: Mjcf, scene: Scene, friction: FrictionOf, prefix: str = "support/"
+    document: Mjcf, scene: Scene, *, prefix: str, friction_factor: float = 1.0
 ) -> Iterator[tuple[str, str]]:
-    """Write the supports; yield the name of each shape, and the support's."""
+    """Write the supports; yield the name of each shape, and the support's.
+
+    Raises:
+        SceneError: If a support has no coefficient of friction.
+    """
     for support in scene.supports:
         name = f"{prefix}{support.name}"
         body = document.body(document.section("worldbody"), name, support.T_world_support)
-        surface = Surface(friction("supports", support.name), 1, _SUPPORT, _MEETS_BOTH)
+        friction = friction_factor * friction_at(scene, "supports", support.name)
+        surface = Surface(friction, 1, _SUPPORT, _MEETS_BOTH)
         for number, (piece, T) in enumerate(placed_pieces(support)):
             document.shape(body, f"{name}/{number}", piece, T, surface)
             yield f"{name}/{number}", support.name

@@ -31,7 +31,6 @@ from graspless_pin.scene.load_wrenches import ActingForce, acting_forces, hand_m
 from graspless_pin.scene.problem_data import fingers_of_motors
 from graspless_pin.simulation.mjcf import (
     OBJECT,
-    FrictionOf,
     Mjcf,
     add,
     add_mass,
@@ -262,8 +261,9 @@ def simulation_model(
     feedback = scene.controller if controller is None else Controller.of("controller", controller)
     document = Mjcf(scene.name)
     write_options(document, scene, contact_model)
-    friction = FrictionOf(scene, friction_factor)
-    links = dict(write_supports(document, scene, friction))
+    links = dict(
+        write_supports(document, scene, prefix="support/", friction_factor=friction_factor)
+    )
     left_out: tuple[tuple[str, str], ...] = ()
     joints, wrenches = NOTHING_DRIVEN, dict[str, FloatArray]()
     hand = scene.hand
@@ -271,7 +271,7 @@ def simulation_model(
         bodies = jointed_bodies(hand)
         joints = driven_joints(hand, bodies, scene.contacts, given, problem.gravity_torques)
         elements = _write_hand(document, scene, bodies, joints, feedback)
-        links |= _write_links(document, hand, elements, friction)
+        links |= _write_links(document, scene, hand, elements, friction_factor)
         _write_couplings(document, hand, joints)
         left_out = _write_exclusions(document, scene, hand)
         wrenches = _link_wrenches(scene, hand, joints)
@@ -426,7 +426,11 @@ def _write_hand(
 
 
 def _write_links(
-    document: Mjcf, hand: Hand, elements: Sequence[ET.Element], friction: FrictionOf
+    document: Mjcf,
+    scene: Scene,
+    hand: Hand,
+    elements: Sequence[ET.Element],
+    friction_factor: float,
 ) -> Iterator[tuple[str, str]]:
     """Write the links' shapes; yield the name of each, and the link's."""
     carriers, placements = hand.tree.shape_placements
@@ -434,7 +438,8 @@ def _write_links(
     for number, (link, geometry) in enumerate(shapes):
         name = f"hand/{link}/{number}"
         element = elements[int(carriers[number])]
-        document.shape(element, name, geometry, placements[number], hand_surface(friction, link))
+        surface = hand_surface(scene, link, friction_factor)
+        document.shape(element, name, geometry, placements[number], surface)
         yield name, link
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, optional_import
 from graspless_pin.geometry import ManipulatedObject
@@ -451,10 +452,8 @@ def change_of_pose(
     """Return how far an object at a pose (4, 4) is from another one, its own if None: m, rad."""
     T0 = manipulated.T_world_object if T0 is None else T0
     way = transformed(T, manipulated.center_of_mass) - transformed(T0, manipulated.center_of_mass)
-    R = T[:3, :3] @ T0[:3, :3].T
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    angle = np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0)
-    return float(np.linalg.norm(way)), float(angle)
+    turn = Rotation.from_matrix(T[:3, :3] @ T0[:3, :3].T)
+    return float(np.linalg.norm(way)), float(turn.magnitude())
 
 
 def _rests(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:

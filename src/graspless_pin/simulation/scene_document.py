@@ -28,7 +28,6 @@ from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.serialization import stated_hand, stated_scene
 from graspless_pin.scene.yaml_source import plain
 from graspless_pin.simulation.mjcf import (
-    FrictionOf,
     Mjcf,
     add,
     add_mass,
@@ -81,17 +80,17 @@ def scene_to_mjcf(scene: Scene) -> str:
     """
     check_at_rest(scene)
     _check_sayable(scene)
-    document, friction = Mjcf(scene.name), FrictionOf(scene)
+    document = Mjcf(scene.name)
     write_options(document, scene, STIFF)
     for compiler in document.root.iter("compiler"):
         for bound in ("boundmass", "boundinertia"):
             del compiler.attrib[bound]
         compiler.set("inertiafromgeom", "false")  # links without mass have none
-    list(write_supports(document, scene, friction, ""))
+    list(write_supports(document, scene, prefix=""))
     positions = {}
     beyond: dict[str, Any] = {"object": scene.object.name}
     if scene.hand is not None:
-        _write_hand(document, scene, scene.hand, friction)
+        _write_hand(document, scene, scene.hand)
         _write_followers(document, scene.hand)
         _write_motors(document, scene.hand)
         positions = dict(scene.hand.q)
@@ -129,7 +128,7 @@ def _check_sayable(scene: Scene) -> None:
             )
 
 
-def _write_hand(document: Mjcf, scene: Scene, hand: Hand, friction: FrictionOf) -> None:
+def _write_hand(document: Mjcf, scene: Scene, hand: Hand) -> None:
     """Write links as bodies, joints at zero."""
     tree, bodies = hand.tree, jointed_bodies(hand)
     links = {link.name: link for link in placed_links(hand)}
@@ -144,7 +143,7 @@ def _write_hand(document: Mjcf, scene: Scene, hand: Hand, friction: FrictionOf) 
     shapes = zip(tree.shapes.names, tree.shapes.geometries, strict=True)
     for number, (link, geometry) in enumerate(shapes):
         T = invert(links[link].T_joint_link) @ tree.shape_placements[1][number]
-        surface = hand_surface(friction, link)
+        surface = hand_surface(scene, link)
         document.shape(elements[link], f"{link}/{number}", geometry, T, surface)
 
 
