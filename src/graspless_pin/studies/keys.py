@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, StudyError
@@ -18,46 +17,39 @@ from graspless_pin.scene.keys import Tree, place_key, put
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import ANY, SI_UNITS, UNITS, Unit, kinds_of, offset_key
 from graspless_pin.scene.yaml_source import Location, is_whole_number
-from graspless_pin.studies.study_schema import PosingEntry, VariableEntry
+from graspless_pin.studies.study_schema import MoveEntry, PosingEntry, TurnEntry, VariableEntry
 from graspless_pin.suggestions import names_in_words
 
 Sample = tuple[Any, ...]
 """The value of every variable."""
 VECTORS = ("gravity", "tangent_axes", "motion", "loads", "acceleration")
 MOVABLE = ("object", "supports", "hand", *VECTORS)
-"""Parts of a scene that `move` and `turn` read and change."""
+"""Parts of a scene that `displace` reads and changes."""
 
 
-def move(
-    tree: Tree, what: Sequence[str], along: ArrayLike, distance: float, frame: str | None
-) -> None:
-    """Move bodies by a distance (m) along a direction given in the world or in a body's frame."""
-    direction = np.asarray(along, dtype=float) / np.linalg.norm(along)
-    T = rigid(_frame(tree, frame)[:3, :3] @ direction * distance)
-    for pose in _poses(tree, what):
-        _transform(pose, T)
+def displace(tree: Tree, entry: MoveEntry | TurnEntry, amount: float) -> None:
+    """Move bodies by a distance (m), or turn bodies and directions by an angle (rad).
 
-
-def turn(
-    tree: Tree,
-    what: Sequence[str],
-    axis: ArrayLike,
-    angle: float,
-    point: ArrayLike,
-    frame: str | None,
-) -> None:
-    """Turn bodies and directions by an angle (rad) about an axis in the world or a body's frame."""
-    unit = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
-    T_world_axis = _frame(tree, frame) @ rigid(point)
-    R = Rotation.from_rotvec(angle * unit).as_matrix()
-    T = T_world_axis @ rigid(np.zeros(3), R) @ invert(T_world_axis)
-    for pose in _poses(tree, what):
-        _transform(pose, T)
-    for vectors, index in _vectors(tree, what):
-        vectors[index] = (T[:3, :3] @ np.asarray(vectors[index], dtype=float)).tolist()
-    accelerated = tree.get("acceleration") or {}
-    if "acceleration" in what and accelerated.get("at"):
-        accelerated["at"] = transformed(T, np.asarray(accelerated["at"], dtype=float)).tolist()
+    The direction, or the axis, is in the world or in a body's frame.
+    """
+    frame = np.eye(4) if entry.frame is None else _pose_of(next(_poses(tree, [entry.frame])))
+    if isinstance(entry, MoveEntry):
+        direction = np.asarray(entry.along, dtype=float) / np.linalg.norm(entry.along)
+        T = rigid(frame[:3, :3] @ direction * amount)
+    else:
+        axis = np.asarray(entry.axis, dtype=float) / np.linalg.norm(entry.axis)
+        R = Rotation.from_rotvec(amount * axis).as_matrix()
+        T_world_axis = frame @ rigid(entry.point)
+        T = T_world_axis @ rigid(np.zeros(3), R) @ invert(T_world_axis)
+        for vectors, index in _vectors(tree, entry.what):
+            vectors[index] = (T[:3, :3] @ np.asarray(vectors[index], dtype=float)).tolist()
+        accelerated = tree.get("acceleration") or {}
+        if "acceleration" in entry.what and accelerated.get("at"):
+            accelerated["at"] = transformed(T, np.asarray(accelerated["at"], dtype=float)).tolist()
+    for pose in _poses(tree, entry.what):
+        moved = T @ _pose_of(pose)
+        pose.clear()
+        pose.update(position=moved[:3, 3].tolist(), matrix=moved[:3, :3].tolist())
 
 
 def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: bool) -> None:
@@ -138,19 +130,8 @@ def _vectors(tree: Tree, what: Sequence[str]) -> Iterator[tuple[Any, Any]]:
         yield from ((twist, part) for part in ("linear", "angular") if part in twist)
 
 
-def _frame(tree: Tree, name: str | None) -> FloatArray:
-    """(4, 4) pose of a body; the world's without a name."""
-    return np.eye(4) if name is None else _pose_of(next(_poses(tree, [name])))
-
-
 def _pose_of(entry: Tree) -> FloatArray:
     return pose_matrix(entry.get("position", (0.0, 0.0, 0.0)), stated_turn(entry)[1])
-
-
-def _transform(entry: Tree, T: FloatArray) -> None:
-    pose = T @ _pose_of(entry)
-    entry.clear()
-    entry.update(position=pose[:3, 3].tolist(), matrix=pose[:3, :3].tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,12 +165,7 @@ class Variable:
     @property
     def grid_size(self) -> int:
         """How many values it has on a grid."""
-        if self.entry.values is not None:
-            return len(self.entry.values)
-        low, high = self._range()
-        if self.entry.steps is None and low < high:
-            raise StudyError("a range on a grid needs 'steps', how many values, ends included")
-        return self.entry.steps or 1
+        return (self.entry.steps or 1) if self.entry.values is None else len(self.entry.values)
 
     def points(self) -> list[Any]:
         """Return the values on a grid: those listed, or evenly spaced over the range."""
@@ -229,17 +205,6 @@ class Variable:
             number = factor * (value * self.unit.factor) + offset if scaled else value
             tree = put(tree, location, number)
         return tree
-
-    def displace(self, tree: Tree, value: Any) -> None:
-        """Move or turn the variable's bodies in a scene."""
-        if self.entry.move is not None:
-            entry = self.entry.move
-            way = (value - entry.as_in_scene) * self.unit.factor
-            move(tree, entry.what, entry.along, way, entry.frame)
-        if self.entry.turn is not None:
-            entry = self.entry.turn
-            angle = (value - entry.as_in_scene) * self.unit.factor
-            turn(tree, entry.what, entry.axis, angle, entry.point, entry.frame)
 
     def _range(self) -> tuple[float, float]:
         assert self.entry.start is not None and self.entry.to is not None  # noqa: S101 - schema

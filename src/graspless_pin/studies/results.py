@@ -271,29 +271,19 @@ def results_parts(path: str | Path, columns: Sequence[str] | None = None) -> Ite
         ...         print(part["margin_N"].round(3).tolist())
         [1.65, 1.875]
     """
-    results_about(path)
+    _, known = _about_and_columns(path)
     file = Path(path)
     names = None if columns is None else [*columns]
+    for name in names or ():
+        if name not in known:
+            raise StudyError(f"{file}: has no column {name!r}; {names_in_words(name, known)}")
     try:
-        _check_columns(file, names or ())
         if format_of(file) == "csv":
             yield from _csv_parts(file, names)
         else:
             yield from _parquet_parts(file, names)
-    except StudyError:
-        raise
     except (OSError, ValueError, KeyError) as error:
         raise _no_results(file, error) from None
-
-
-def _check_columns(file: Path, names: Sequence[str]) -> None:
-    import pyarrow.parquet as pq
-
-    kind = format_of(file)
-    known = [*_csv_about(file)["columns"]] if kind == "csv" else pq.read_schema(file).names
-    for name in names:
-        if name not in known:
-            raise StudyError(f"{file}: has no column {name!r}; {names_in_words(name, known)}")
 
 
 def results_about(path: str | Path) -> dict[str, Any]:
@@ -305,7 +295,14 @@ def results_about(path: str | Path) -> dict[str, Any]:
     Raises:
         StudyError: See `read_results`.
     """
+    return _about_and_columns(path)[0]
+
+
+def _about_and_columns(path: str | Path) -> tuple[dict[str, Any], list[str]]:
+    """Return what results say of their study, and the names of their columns."""
     require_tables()
+    import pyarrow.parquet as pq
+
     file = Path(path)
     if file.suffix.lower() not in _FORMATS:
         refuse_other_kind(file, _TABLE, kind_of_file(file, read_bytes(file, _TABLE)))
@@ -313,20 +310,17 @@ def results_about(path: str | Path) -> dict[str, Any]:
     if not file.is_file():
         raise StudyError(f"{file}: there is no such file; check the path")
     try:
-        about = _csv_about(file) if kind == "csv" else _parquet_about(file)
-        return {name: item for name, item in about.items() if name != "columns"}
+        if kind == "csv":
+            about = _csv_about(file)
+            return about, [*about.pop("columns")]
+        schema = pq.read_schema(file)
+        return json.loads((schema.metadata or {})[KEY.encode()]), schema.names
     except (OSError, ValueError, KeyError) as error:
         raise _no_results(file, error) from None
 
 
 def _no_results(file: Path, error: Exception) -> StudyError:
     return StudyError(f"{file}: holds no results of a study ({error})")
-
-
-def _parquet_about(file: Path) -> dict[str, Any]:
-    import pyarrow.parquet as pq
-
-    return json.loads((pq.read_schema(file).metadata or {})[KEY.encode()])
 
 
 def _parquet_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.bounds import MOST_SAMPLES
-from graspless_pin.errors import GrasplessPinError, StudyError
+from graspless_pin.errors import GrasplessPinError
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.studies.keys import Sample, Variable
 from graspless_pin.studies.study_schema import SamplingEntry
@@ -43,48 +43,49 @@ class Samples(Sequence[Sample]):
 
 
 @dataclass(frozen=True, eq=False)
-class GridSamples(Samples):
-    """All combinations of values; the last variable varies fastest.
+class MadeSamples(Samples):
+    """So many samples, each made by a function of its number."""
 
-    Attributes:
-        points: The values of each variable.
-    """
-
-    points: tuple[tuple[Any, ...], ...]
+    size: int
+    made: Callable[[int], Sample]
 
     def __len__(self) -> int:
-        """Return the number of combinations."""
-        return prod(map(len, self.points))
+        """Return the number of samples."""
+        return self.size
 
     def at(self, number: int) -> Sample:
-        """Return a combination."""
-        values: list[Any] = []
-        for points in reversed(self.points):
-            number, place = divmod(number, len(points))
-            values.append(points[place])
-        return tuple(reversed(values))
+        """Return what the function makes."""
+        return self.made(number)
 
 
-@dataclass(frozen=True, eq=False)
-class DrawnSamples(Samples):
-    """Samples at shares of the variables' ranges.
+def grid_samples(points: Sequence[Sequence[Any]]) -> Samples:
+    """Return all combinations of values; the last variable varies fastest.
 
-    Attributes:
+    Args:
+        points: The values of each variable.
+    """
+    shape = tuple(map(len, points))
+
+    def combination(number: int) -> Sample:
+        places = map(int, np.unravel_index(number, shape))
+        return tuple([values[place] for values, place in zip(points, places, strict=True)])
+
+    return MadeSamples(prod(shape), combination)
+
+
+def drawn_samples(variables: Sequence[Variable], shares: FloatArray) -> Samples:
+    """Return samples at shares of the variables' ranges.
+
+    Args:
         variables: What varies.
         shares: (samples, variables) in [0, 1]: eight bytes a value are all that is kept.
     """
-
-    variables: tuple[Variable, ...]
-    shares: FloatArray
-
-    def __len__(self) -> int:
-        """Return the number of samples drawn."""
-        return len(self.shares)
-
-    def at(self, number: int) -> Sample:
-        """Return the values at one row of shares."""
-        row = self.shares[number].tolist()
-        return tuple([one.at(share) for one, share in zip(self.variables, row, strict=True)])
+    return MadeSamples(
+        len(shares),
+        lambda number: tuple([
+            one.at(share) for one, share in zip(variables, shares[number].tolist(), strict=True)
+        ]),
+    )  # fmt: skip
 
 
 def grid_size(variable: Variable, fail: Callable[..., GrasplessPinError]) -> int:
@@ -97,10 +98,12 @@ def grid_size(variable: Variable, fail: Callable[..., GrasplessPinError]) -> int
     Raises:
         StudyError: If it does not say so.
     """
-    try:
-        return variable.grid_size
-    except StudyError as error:
-        raise fail(("vary", variable.name), str(error)) from None
+    if variable.entry.steps is None and not variable.is_choice and len(variable.extremes()) > 1:
+        raise fail(
+            ("vary", variable.name),
+            "a range on a grid needs 'steps', how many values, ends included",
+        )
+    return variable.grid_size
 
 
 def samples_of(
@@ -127,7 +130,7 @@ def samples_of(
     if count > MOST_SAMPLES:
         raise fail(("sampling",), f"makes {count} samples; at most {MOST_SAMPLES} are possible")
     if sampling.method == "grid":
-        return GridSamples(tuple([tuple(variable.points()) for variable in variables]))
+        return grid_samples([variable.points() for variable in variables])
     from scipy.stats import qmc  # slow to load, and workers draw no samples
 
     rng = np.random.default_rng(sampling.seed)
@@ -137,8 +140,7 @@ def samples_of(
         shares = engine.random_base2(int(np.ceil(np.log2(count))))[:count].copy()
     else:
         shares = qmc.LatinHypercube(len(variables), rng=rng).random(count)
-    shares.flags.writeable = False
-    return DrawnSamples(variables, shares)
+    return drawn_samples(variables, shares)
 
 
 Places = NDArray[np.int64]

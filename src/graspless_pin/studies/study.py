@@ -30,7 +30,7 @@ from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import in_radians
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.studies.keys import MOVABLE, Sample, Variable, make_variable
+from graspless_pin.studies.keys import MOVABLE, Sample, Variable, displace, make_variable
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import CloseEntry, PlaceEntry, PosingEntry, StudyEntry
 from graspless_pin.suggestions import what_to_pass
@@ -183,16 +183,15 @@ class Study:
     def tree_at(self, sample: Sample) -> Tree:
         """Return the content of the scene file at one sample."""
         tree = self.placed_at(sample)
-        pairs = zip(self.variables, sample, strict=True)
         ways = [
-            (variable, value)
-            for variable, value in pairs
-            if variable.entry.move or variable.entry.turn
+            (way, (value - way.as_in_scene) * variable.unit.factor)
+            for variable, value in zip(self.variables, sample, strict=True)
+            if (way := variable.entry.move or variable.entry.turn) is not None
         ]
         if ways:
             tree = tree | {name: copied(tree[name]) for name in MOVABLE if name in tree}
-        for variable, value in ways:
-            variable.displace(tree, value)
+        for way, amount in ways:
+            displace(tree, way, amount)
         return tree
 
     def scene_at(self, sample: Sample, parts: SampleParts | None = None) -> Scene:
