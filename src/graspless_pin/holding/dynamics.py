@@ -333,7 +333,7 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
         3
     """
     checked_problem(problem)
-    basis, moving, units = _without_slip(problem)
+    basis, moving, units = without_slip(problem)
     _, shares, turns = np.linalg.svd(basis[: problem.passive_count], full_matrices=True)
     count = int((shares > NEGLIGIBLE).sum())
     motions = np.zeros((count, len(moving)))
@@ -381,12 +381,12 @@ def rolling_without_scene(
     if problem.is_sliding.any():
         return SmallMotions.not_known("contacts slide as declared")
     rolls = "how the contacts roll needs a scene with shapes"
-    basis, moving, _ = _without_slip(problem)
+    basis, moving, _ = without_slip(problem)
     if basis.shape[1]:
         return SmallMotions.not_known(rolls)
     forces = bearing()
     bears = np.einsum("li,li->l", forces, problem.normals) > LEAST_LOAD * problem.scales.force
-    basis, moving, _ = _without_slip(problem, bears)
+    basis, moving, _ = without_slip(problem, bears=bears)
     if not basis.shape[1]:
         joints = np.flatnonzero(moving[problem.passive_count :])
         still, nothing, none = np.zeros((len(moving), 0)), np.zeros((0, 0)), np.zeros(len(joints))
@@ -397,12 +397,22 @@ def rolling_without_scene(
     return SmallMotions.not_known(f"some contacts bear nothing, and {rolls}")
 
 
-def _without_slip(
-    problem: QuasistaticProblem, bears: NDArray[np.bool_] | None = None
+def without_slip(
+    problem: QuasistaticProblem,
+    moving: NDArray[np.bool_] | None = None,
+    *,
+    bears: NDArray[np.bool_] | None = None,
 ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return a basis of the motions without slip, scaled, of which entries, and their units."""
+    """Return a basis of the motions without slip, scaled, of which entries, and their units.
+
+    Args:
+        problem: Contacts and joints.
+        moving: (P + L,) what moves; None: all but hybrid fingers, which follow.
+        bears: (M,) contacts that do not slip; None: all.
+    """
     hybrid = hybrid_contacts(problem)
-    moving = np.concatenate([np.ones(problem.passive_count, dtype=bool), hybrid < 0])
+    if moving is None:
+        moving = np.concatenate([np.ones(problem.passive_count, dtype=bool), hybrid < 0])
     units = motion_units(problem)[moving]
     velocities = contact_jacobian(problem)[:, :, moving] * (units / motion_length(problem))
     still = np.ones((problem.contact_count, 3), dtype=bool)

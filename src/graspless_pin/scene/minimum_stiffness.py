@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import null_space
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import capture
@@ -27,10 +26,8 @@ from graspless_pin.holding.controller import (
 )
 from graspless_pin.holding.dynamics import (
     LEAST_LOAD,
-    NEGLIGIBLE,
-    contact_jacobian,
-    motion_length,
     motion_units,
+    without_slip,
     world_forces,
 )
 from graspless_pin.holding.small_motions import (
@@ -47,7 +44,7 @@ from graspless_pin.problem.checks import (
     read_only,
     real_number,
 )
-from graspless_pin.problem.inertias import hybrid_contacts, moving_joints
+from graspless_pin.problem.inertias import moving_joints
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields, checked_scene, label_of
@@ -407,20 +404,12 @@ def _motions(
         ArgumentError: See `minimum_stiffness`.
     """
     carriers = _carriers(scene, problem)
-    kept = np.concatenate([np.arange(6), 6 + carriers])
-    units = motion_units(problem)[kept]
-    rows = contact_jacobian(problem)
-    still = np.ones((problem.contact_count, 3), dtype=bool)
-    still[:, 1:] = problem.has_cone[:, None]
-    hybrid = hybrid_contacts(problem)
-    still[hybrid[hybrid >= 0], 0] = False  # the finger follows
-    if bears is not None:
-        still[~bears] = False
-    basis = null_space(rows[still][:, kept] * (units / motion_length(problem)), rcond=NEGLIGIBLE)
+    joints = np.isin(np.arange(problem.joint_count), carriers)
+    basis, kept, units = without_slip(problem, np.append(np.ones(6, bool), joints), bears=bears)
     basis[np.abs(basis) < _MOTION_ROUNDING] = 0.0  # no feedback acts on what rounding moves
     velocities = np.zeros((6 + problem.joint_count, basis.shape[1]))
     velocities[kept] = units[:, None] * basis
-    inertia = np.zeros((len(kept), len(kept)))
+    inertia = np.zeros((len(basis), len(basis)))
     inertia[:6, :6] = problem.object_inertia
     own = problem.joint_inertia
     if own is not None and len(carriers):
