@@ -191,7 +191,10 @@ class UnprovenSet:
 
     def finished(self) -> OutcomeSet:
         """Return the node of the proof."""
-        slip = None if self.patch else slip_range(self.states, self.contact)
+        slip = None
+        if self.patch is None and self.state is ContactState.SLIPPING:
+            states, contact = self.states, self.contact
+            slip = SlipRange(float(states.center[contact]), float(states.half_width[contact]))
         children = tuple(child.finished() for child in self.children)
         return OutcomeSet(
             self.contact, self.state, slip, children, self.dual, self.forced, self.loads,
@@ -448,10 +451,3 @@ def _parts(
         sectors = [(middle + k * 2.0 * _QUADRANT, _QUADRANT) for k in range(4)]
         first = [states.changed(contact, ContactState.STICKING, most=most)]
     return first + [states.changed(contact, slipping, *sector) for sector in sectors]
-
-
-def slip_range(states: States, contact: int) -> SlipRange | None:
-    """Return the directions in which a contact slips; None where it is in another state."""
-    if contact < 0 or states.state[contact] is not ContactState.SLIPPING:
-        return None
-    return SlipRange(float(states.center[contact]), float(states.half_width[contact]))

@@ -375,7 +375,10 @@ class LoadLine:
         """Prove by branching that nothing moves, or tell whether something does."""
         if spread is None:
             return RestProof((), None, None, np.inf)
-        found = branch(spread, self._relaxation(spread, self._newtons([loads])), is_over)
+        newtons = self._newtons([loads]) / spread.force_unit
+        least = np.where(spread.is_commanded, spread.commanded, newtons)
+        relaxation = Relaxation(spread, least, force_limit(self.problem, spread))
+        found = branch(spread, relaxation, is_over)
         if found.tree is None:
             return Unproven.OPEN if found.motion is None else Unproven.MOVES
         return RestProof(loads, None, found.tree, FORCE_LIMIT * self.problem.scales.force)
@@ -399,10 +402,6 @@ class LoadLine:
                 return None
             proofs.append(proof)
         return proofs[0], proofs[1]
-
-    def _relaxation(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
-        least = np.where(dynamics.is_commanded, dynamics.commanded, loads / dynamics.force_unit)
-        return Relaxation(dynamics, least, force_limit(self.problem, dynamics))
 
     def _loads(self, dynamics: Dynamics | None) -> tuple[LoadProof, ...]:
         """Return normal forces that every outcome has, with their proofs."""

@@ -331,7 +331,7 @@ class AttachedConfigurations(Configurations):
 
 def turned_problem(
     problem: QuasistaticProblem,
-    R: FloatArray | None,
+    R: FloatArray,
     *,
     jacobian: FloatArray | None = None,
     gravity_torques: FloatArray | None = None,
@@ -340,12 +340,10 @@ def turned_problem(
 
     Args:
         problem: The problem; all its contacts bear the same normal force.
-        R: (3, 3) turns vectors into those axes; None: they are the same.
+        R: (3, 3) turns vectors into those axes.
         jacobian: (3M, L) in the problem's axes; None: its own.
         gravity_torques: (L,) None: its own.
     """
-    if R is None:
-        return problem
     J = problem.jacobian if jacobian is None else jacobian
     blocks = J.reshape(len(problem.positions), 3, -1)
     return problem_of_own_arrays(
@@ -367,17 +365,15 @@ def turned_problem(
 
 
 def turned_solution(
-    solution: TorqueSolution, problem: QuasistaticProblem, R: FloatArray | None
+    solution: TorqueSolution, problem: QuasistaticProblem, R: FloatArray
 ) -> TorqueSolution:
     """Return the solution of a problem from that of the same problem in other axes.
 
     Args:
         solution: That.
         problem: The problem.
-        R: (3, 3) turns vectors into the axes of the problem; None: they are the same.
+        R: (3, 3) turns vectors into the axes of the problem.
     """
-    if R is None:
-        return solution
     found, forces = solution.evidence, solution._forces
     evidence = replace(
         found,
@@ -390,15 +386,13 @@ def turned_solution(
     return replace(solution, problem=problem, evidence=evidence, _forces=forces)
 
 
-def turned_optimum(optimum: WarmOptimum, R: FloatArray | None) -> WarmOptimum:
+def turned_optimum(optimum: WarmOptimum, R: FloatArray) -> WarmOptimum:
     """Return an optimum in other axes.
 
     Args:
         optimum: The optimum.
-        R: (3, 3) turns vectors into those axes; None: they are the same.
+        R: (3, 3) turns vectors into those axes.
     """
-    if R is None:
-        return optimum
     motion = _turned(optimum.scale * optimum.motion, R)
     return optimum._replace(
         forces=optimum.forces @ R.T,

@@ -336,10 +336,6 @@ class Edge:
             found = self._seen[fraction] = self._look(fraction)
         return found
 
-    def validity(self, state: EdgeState) -> StateValidity:
-        """Return what speaks against a state."""
-        return state_validity(self._solver, *state.query, self._required)
-
     def states(self) -> Iterator[EdgeState]:
         """Yield states in the order of the way, up to the first that is not valid.
 
@@ -370,7 +366,8 @@ class Edge:
         before = None
         for state in self.states():
             if not state.valid:
-                return MotionFault(state.fraction, self.validity(state), before)
+                validity = state_validity(self._solver, *state.query, self._required)
+                return MotionFault(state.fraction, validity, before)
             before = state.fraction
         return None
 

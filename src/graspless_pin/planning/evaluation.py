@@ -13,7 +13,6 @@ import numpy as np
 
 from graspless_pin.algorithms.batch_optimum import WarmOptimum, solution_of_optimum
 from graspless_pin.errors import NoSolutionError, StateFault
-from graspless_pin.findings import Finding
 from graspless_pin.holding.verdict import StabilityKeywords, StabilityVerdict
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem import QuasistaticProblem
@@ -46,11 +45,6 @@ class StateStatus(Enum):
     HAND_TOUCHES_NOTHING = "no link of the hand touches the object"
     HAND_THROUGH_SUPPORT = "a link of the hand is deep in a support"
     HAND_THROUGH_ITSELF = "links of the hand are deep in each other"
-
-    @classmethod
-    def of_finding(cls, finding: Finding) -> StateStatus:
-        """Return the status of a state with a serious finding, see `state_findings`."""
-        return cls[finding.code.name]
 
     @classmethod
     def of_unsolved(cls, status: Status) -> StateStatus:

@@ -311,15 +311,16 @@ def contact_changes(evaluations: Sequence[Evaluation]) -> tuple[ContactChange, .
     before = _touching(evaluations[0])
     for k, evaluation in enumerate(evaluations[1:], start=1):
         now = _touching(evaluation)
-        change = ContactChange(
-            k,
-            gained=_more(now[0], before[0]),
-            lost=_more(before[0], now[0]),
-            starts_sliding=_more(now[1], before[1]),
-            stops_sliding=_more(before[1], now[1]),
-        )
         if now != before:
-            changes.append(change)
+            changes.append(
+                ContactChange(
+                    k,
+                    gained=_more(now[0], before[0]),
+                    lost=_more(before[0], now[0]),
+                    starts_sliding=_more(now[1], before[1]),
+                    stops_sliding=_more(before[1], now[1]),
+                )
+            )
         before = now
     return tuple(changes)
 

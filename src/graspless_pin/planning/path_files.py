@@ -281,55 +281,29 @@ def joint_trajectory(profile: PathProfile | PathTiming) -> dict[str, Any]:
     if isinstance(profile, PathTiming):
         if not profile.found:
             raise NoSolutionError(f"there is no timing to send ({profile.reason})")
-        rows = zip(profile.positions, profile.velocities, profile.accelerations, strict=True)
-        points = [
-            _point(time, q.tolist(), rate.tolist(), change.tolist(), [])
-            for time, (q, rate, change) in zip(profile.times.tolist(), rows, strict=True)
-        ]
-        return _message(list(profile.joint_names), points)
-    if not profile.found:
-        first = profile.failures[0]
-        raise NoSolutionError(
-            f"waypoint {first} has no torques to send ({profile.failure_reason(first)}); "
-            "check .found first"
-        )
-    columns = [
-        profile.torque_names.index(name) if name in profile.torque_names else None
-        for name in profile.position_names
-    ]
-    points = []
-    for time, positions, torques in zip(
-        (profile.times - profile.times[0]).tolist(),
-        profile.positions.tolist(),
-        np.nan_to_num(profile.torques).tolist(),
-        strict=True,
-    ):
-        effort = [0.0 if column is None else torques[column] for column in columns]
-        points.append(_point(time, positions, [], [], effort))
-    return _message(list(profile.position_names), points)
-
-
-def _point(
-    time: float,
-    positions: list[float],
-    velocities: list[float],
-    accelerations: list[float],
-    effort: list[float],
-) -> dict[str, Any]:
-    seconds, nanoseconds = divmod(round(time * _NANOSECONDS), _NANOSECONDS)
-    return {
-        "positions": positions,
-        "velocities": velocities,
-        "accelerations": accelerations,
-        "effort": effort,
-        "time_from_start": {"sec": seconds, "nanosec": nanoseconds},
-    }
-
-
-def _message(names: list[str], points: list[dict[str, Any]]) -> dict[str, Any]:
+        names, none = profile.joint_names, np.empty((len(profile.times), 0))
+        columns = profile.positions, profile.velocities, profile.accelerations, none
+    else:
+        if not profile.found:
+            first = profile.failures[0]
+            raise NoSolutionError(
+                f"waypoint {first} has no torques to send ({profile.failure_reason(first)}); "
+                "check .found first"
+            )
+        names, none = profile.position_names, np.empty((len(profile.times), 0))
+        torques = dict(zip(profile.torque_names, np.nan_to_num(profile.torques).T, strict=True))
+        still = np.zeros(len(profile.times))
+        efforts = np.column_stack([none, *(torques.get(name, still) for name in names)])
+        columns = profile.positions, none, none, efforts
+    keys = "positions", "velocities", "accelerations", "effort"
+    points: list[dict[str, Any]] = []
+    for time, *row in zip(profile.times - profile.times[0], *columns, strict=True):
+        seconds, nanoseconds = divmod(round(float(time) * _NANOSECONDS), _NANOSECONDS)
+        point = {key: values.tolist() for key, values in zip(keys, row, strict=True)}
+        points.append(point | {"time_from_start": {"sec": seconds, "nanosec": nanoseconds}})
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
-        "joint_names": names,
+        "joint_names": list(names),
         "points": points,
     }
 

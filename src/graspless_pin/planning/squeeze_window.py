@@ -244,12 +244,11 @@ def squeeze_window(
     given = motor_torques(problem.joint_names, torques)
     how = choice(OtherJoints, "other_joints", other_joints)
     share = real_number("precision", precision, 0.0)
-    nodes = whole_number("node_limit", node_limit, 0)
 
     def verdict_on(changed: FloatArray) -> StabilityVerdict:
         if isinstance(subject, Scene):
-            return subject.stability(changed, node_limit=nodes)
-        return stability(problem, changed, node_limit=nodes)
+            return subject.stability(changed, node_limit=node_limit)
+        return stability(problem, changed, node_limit=node_limit)
 
     if isinstance(subject, Scene) and subject.controller.holds_joints:
         raise ArgumentError(

@@ -114,7 +114,7 @@ def refusals(
         checks: What is looked for.
     """
     for one in state_findings(scene, checks):
-        yield StateStatus.of_finding(one), one.message
+        yield StateStatus[one.code.name], one.message
     deep = at.overlap(scene) if checks.collisions else ""
     if deep:
         yield StateStatus.OVERLAP, deep

@@ -93,7 +93,8 @@ class StateSolver:
 
     def with_objective(self, objective: Objective) -> StateSolver:
         """Return one for another objective, that has learned nothing."""
-        return StateSolver(self.configurations, objective, self.options, self.checks)
+        own, (configurations, _, *others) = self.__reduce__()
+        return own(configurations, objective, *others)
 
     def with_scene(self, scene: Scene) -> StateSolver:
         """Return one for a pinned scene of another mass and friction; they learn together."""
@@ -124,13 +125,17 @@ class StateSolver:
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
         # Where motors carry the link, the whole is not the problem that all states share.
-        R = None if self.options.strong else self.configurations.axes_at(scene)
         alike = ("whole",) * self.configurations.motors_carry
-        there = turned_problem(problem, None if R is None else R.T)
+        R = None if self.options.strong else self.configurations.axes_at(scene)
+        there = problem if R is None else turned_problem(problem, R.T)
         found = self._found(scene, there, self.objective, alike)
-        if isinstance(found, TorqueSolution):
-            return self._evaluation(scene, problem, turned_solution(found, problem, R))
-        return self._evaluation(scene, problem, turned_optimum(found, R))
+        if R is not None:
+            found = (
+                turned_solution(found, problem, R)
+                if isinstance(found, TorqueSolution)
+                else turned_optimum(found, R)
+            )
+        return self._evaluation(scene, problem, found)
 
     def _evaluation(
         self, scene: Scene, problem: QuasistaticProblem, found: WarmOptimum | TorqueSolution

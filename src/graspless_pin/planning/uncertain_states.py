@@ -56,13 +56,6 @@ class EarlierForces(NamedTuple):
     mode: SlidingMode | None
 
 
-def earlier_forces(robust: RobustSolution) -> EarlierForces:
-    """Return the forces of torques that serve the corners of a set in one mode."""
-    first, mean = robust.members[0], robust.contact_forces.mean(axis=0)
-    mode = of_member(robust.solution.given_mode, first)
-    return EarlierForces((mean[:, None] @ first.problem.frames)[:, 0], robust.margin, mode)
-
-
 def are_served(
     members: Sequence[Member],
     earlier: EarlierForces,
@@ -177,11 +170,6 @@ class UncertainStateSolver(StateSolver):
         own, given = super().__reduce__()
         return own, (*given, self._set)
 
-    def with_objective(self, objective: Objective) -> UncertainStateSolver:
-        """Return one for another objective."""
-        given = self.configurations, objective, self.options, self.checks
-        return UncertainStateSolver(*given, self._set)
-
     def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
         """Solve for one state: there are no records to do without."""
         return self.evaluate(q, T_world_object, twist)
@@ -273,7 +261,10 @@ class UncertainStateSolver(StateSolver):
         robust = solve_uncertain(scene, objective, how, self._set, mode=mode)
         whole = robust.found and robust.coverage is Coverage.WHOLE_SET
         if how is self.options and whole and robust.policy is None:
-            self._earlier[_touching(scene)] = earlier_forces(robust)
+            first, mean = robust.members[0], robust.contact_forces.mean(axis=0)
+            local = (mean[:, None] @ first.problem.frames)[:, 0]
+            mode = of_member(robust.solution.given_mode, first)
+            self._earlier[_touching(scene)] = EarlierForces(local, robust.margin, mode)
         return robust
 
 
