@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,22 +23,11 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.problem_data import friction_at
 
-
-@dataclass(frozen=True)
-class Surface:
-    """How the surface of a body meets others.
-
-    Attributes:
-        friction: Coulomb's coefficient; of two bodies the one of higher priority states it.
-        priority: Of two equals the larger coefficient counts.
-        contype: Kinds of bodies that it is, as bits.
-        conaffinity: Kinds of bodies that it meets, as bits.
-    """
-
-    friction: float
-    priority: int
-    contype: int
-    conaffinity: int
+HAND: Mapping[str, int] = MappingProxyType({"priority": 1, "contype": 2, "conaffinity": 1})
+"""How links meet others: of two bodies the one of higher priority states the friction; ``contype``
+has the kinds that a body is, as bits, and ``conaffinity`` those that it meets."""
+_SUPPORT = MappingProxyType({"priority": 1, "contype": 0, "conaffinity": 3})
+_OBJECT = MappingProxyType({"priority": 0, "contype": 1, "conaffinity": 0})
 
 
 class Mjcf:
@@ -47,14 +36,11 @@ class Mjcf:
     def __init__(self, name: str) -> None:
         """Begin a document."""
         self.root = ET.Element("mujoco", model=name)
-        self._sections: dict[str, ET.Element] = {}
-        self._meshes = 0
 
     def section(self, name: str) -> ET.Element:
         """Return the one element of a name below the root."""
-        if name not in self._sections:
-            self._sections[name] = ET.SubElement(self.root, name)
-        return self._sections[name]
+        found = self.root.find(name)
+        return ET.SubElement(self.root, name) if found is None else found
 
     def body(self, parent: ET.Element, name: str, T_parent_body: FloatArray) -> ET.Element:
         """Add a body at a (4, 4) pose in its parent's frame."""
@@ -66,7 +52,8 @@ class Mjcf:
         name: str,
         geometry: Any,
         T_body_shape: FloatArray,
-        surface: Surface,
+        friction: float,
+        meets: Mapping[str, int],
     ) -> None:
         """Add a shape to a body.
 
@@ -75,29 +62,23 @@ class Mjcf:
             name: Name of the shape.
             geometry: What collision bodies are made of.
             T_body_shape: (4, 4) pose in the body's frame, m.
-            surface: How it meets others.
+            friction: Coulomb's coefficient.
+            meets: How it meets others, see `HAND`.
         """
         form = shape_of(geometry).mjcf_geom()
         if "vertex" in form:
-            self._meshes += 1
-            form["mesh"] = f"hull_{self._meshes}"
-            add(
-                self.section("asset"),
-                "mesh",
-                name=form["mesh"],
-                vertex=form.pop("vertex").ravel(),
-            )
+            hulls = self.section("asset")
+            form["mesh"] = f"hull_{len(hulls) + 1}"
+            add(hulls, "mesh", name=form["mesh"], vertex=form.pop("vertex").ravel())
         add(
             body,
             "geom",
             name=name,
             **form,
             **_pose(T_body_shape),
-            friction=[surface.friction, 0.0, 0.0],
-            condim=3 if surface.friction > 0.0 else 1,
-            priority=surface.priority,
-            contype=surface.contype,
-            conaffinity=surface.conaffinity,
+            friction=[friction, 0.0, 0.0],
+            condim=3 if friction > 0.0 else 1,
+            **meets,
         )
 
     def text(self) -> str:
@@ -126,8 +107,8 @@ def add_mass(body: ET.Element, mass: float, center: FloatArray, inertia: FloatAr
 
 
 def _pose(T: FloatArray) -> dict[str, object]:
-    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True).tolist()
-    return {"pos": T[:3, 3], "quat": [w, x, y, z]}
+    turn = Rotation.from_matrix(T[:3, :3])
+    return {"pos": T[:3, 3], "quat": turn.as_quat(canonical=True, scalar_first=True)}
 
 
 def _words(value: object) -> str:
@@ -144,9 +125,6 @@ def _words(value: object) -> str:
 
 OBJECT = "object"
 """Name of the manipulated object's body."""
-
-_HAND, _SUPPORT = 2, 0  # contype; the object's is 1
-_MEETS_OBJECT, _MEETS_BOTH = 1, 3  # conaffinity
 
 
 def check_at_rest(scene: Scene) -> None:
@@ -169,16 +147,6 @@ def check_at_rest(scene: Scene) -> None:
             )
 
 
-def hand_surface(scene: Scene, link: str, friction_factor: float = 1.0) -> Surface:
-    """Return how a link meets the object, and supports.
-
-    Raises:
-        SceneError: If it has no coefficient of friction.
-    """
-    friction = friction_factor * friction_at(scene, "hand", link)
-    return Surface(friction, 1, _HAND, _MEETS_OBJECT)
-
-
 def placed_pieces(body: ManipulatedObject | Support) -> Iterator[tuple[Any, FloatArray]]:
     """Yield the convex pieces of a body, each with its (4, 4) pose in the body's frame."""
     poses = body.shape.placements()
@@ -198,9 +166,8 @@ def write_supports(
         name = f"{prefix}{support.name}"
         body = document.body(document.section("worldbody"), name, support.T_world_support)
         friction = friction_factor * friction_at(scene, "supports", support.name)
-        surface = Surface(friction, 1, _SUPPORT, _MEETS_BOTH)
         for number, (piece, T) in enumerate(placed_pieces(support)):
-            document.shape(body, f"{name}/{number}", piece, T, surface)
+            document.shape(body, f"{name}/{number}", piece, T, friction, _SUPPORT)
             yield f"{name}/{number}", support.name
 
 
@@ -216,6 +183,6 @@ def write_object(
             at = manipulated.center_of_mass if load.at is None else load.at
             payload = document.body(body, f"load/{load.name}", rigid(at))
             add_mass(payload, load.mass, np.zeros(3), np.zeros((3, 3)))
-    surface = Surface(1.0, 0, 1, 0)  # the other body's friction counts
     for number, (piece, T) in enumerate(placed_pieces(manipulated)):
-        document.shape(body, f"{name}/{number}", piece, T, surface)
+        # The other body's friction counts.
+        document.shape(body, f"{name}/{number}", piece, T, 1.0, _OBJECT)

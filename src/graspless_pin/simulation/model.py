@@ -28,15 +28,15 @@ from graspless_pin.records import Record
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.load_wrenches import ActingForce, acting_forces, hand_motion
-from graspless_pin.scene.problem_data import fingers_of_motors
+from graspless_pin.scene.problem_data import fingers_of_motors, friction_at
 from graspless_pin.simulation.mjcf import (
+    HAND,
     OBJECT,
     Mjcf,
     add,
     add_mass,
     add_tendon,
     check_at_rest,
-    hand_surface,
     write_object,
     write_supports,
 )
@@ -438,8 +438,8 @@ def _write_links(
     for number, (link, geometry) in enumerate(shapes):
         name = f"hand/{link}/{number}"
         element = elements[int(carriers[number])]
-        surface = hand_surface(scene, link, friction_factor)
-        document.shape(element, name, geometry, placements[number], surface)
+        friction = friction_factor * friction_at(scene, "hand", link)
+        document.shape(element, name, geometry, placements[number], friction, HAND)
         yield name, link
 
 

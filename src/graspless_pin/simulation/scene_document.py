@@ -25,15 +25,16 @@ from graspless_pin.geometry.poses import invert
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
+from graspless_pin.scene.problem_data import friction_at
 from graspless_pin.scene.serialization import stated_hand, stated_scene
 from graspless_pin.scene.yaml_source import plain
 from graspless_pin.simulation.mjcf import (
+    HAND,
     Mjcf,
     add,
     add_mass,
     add_tendon,
     check_at_rest,
-    hand_surface,
     write_object,
     write_supports,
 )
@@ -143,8 +144,8 @@ def _write_hand(document: Mjcf, scene: Scene, hand: Hand) -> None:
     shapes = zip(tree.shapes.names, tree.shapes.geometries, strict=True)
     for number, (link, geometry) in enumerate(shapes):
         T = invert(links[link].T_joint_link) @ tree.shape_placements[1][number]
-        surface = hand_surface(scene, link)
-        document.shape(elements[link], f"{link}/{number}", geometry, T, surface)
+        friction = friction_at(scene, "hand", link)
+        document.shape(elements[link], f"{link}/{number}", geometry, T, friction, HAND)
 
 
 def _write_joint(element: ET.Element, hand: Hand, link: PlacedLink, body: JointedBody) -> None:
