@@ -314,11 +314,10 @@ class Relaxation:
 
     def without_free_joints(self, opened: NDArray[np.bool_]) -> Relaxation:
         """Return the relaxation of what joints do not do by themselves while contacts are open."""
-        key = opened.tobytes()
-        dynamics = self._tally.dynamics.get(key)
-        if dynamics is None:
-            dynamics = without_free_joints(self.dynamics, opened, self.force_limit)
-            self._tally.dynamics[key] = dynamics
+        key, known = opened.tobytes(), self._tally.dynamics
+        if key not in known:
+            known[key] = without_free_joints(self.dynamics, opened, self.force_limit)
+        dynamics = known[key]
         if np.abs(dynamics.aside - self.dynamics.aside).max() <= _SAME_MOTION:
             return self
         return self._changed(dynamics, self.loads)

@@ -72,8 +72,8 @@ class ContactProgram:
             torques: (L, 3) what the motors bear besides the contacts, likewise.
             most: Largest x.
         """
-        self._ask(wrench, torques)
-        self._bounds([-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most], self._margin)
+        low, high = [-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most]
+        self._ask(wrench, torques, low, high, self._margin)
         axes = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
         ends = [corner for axis in axes if (corner := self._farthest(axis)) is not None]
         if len(ends) < len(axes):
@@ -97,8 +97,7 @@ class ContactProgram:
         The first two arguments are those of `polygon`.
         """
         problem = self._problem
-        self._ask(wrench, torques)
-        self._bounds([u, x], [u, x], -np.inf)
+        self._ask(wrench, torques, [u, x], [u, x], -np.inf)
         cost = np.zeros(len(self._low))
         cost[-1] = -1.0
         self._simplex.set_cost(cost)
@@ -144,8 +143,23 @@ class ContactProgram:
         answer = self._simplex.solve()
         return answer.x[-3:-1] if answer.is_optimal else None
 
-    def _ask(self, wrench: FloatArray, torques: FloatArray) -> None:
-        """Put the balance of a point of the path in the place of the one before."""
+    def _ask(
+        self,
+        wrench: FloatArray,
+        torques: FloatArray,
+        least: Sequence[float],
+        most: Sequence[float],
+        margin: float,
+    ) -> None:
+        """Put the balance of a point of the path in the place of the one before.
+
+        Args:
+            wrench: See `polygon`.
+            torques: See there.
+            least: Of (u, x).
+            most: Of (u, x).
+            margin: That forces keep at least, N.
+        """
         problem = self._problem
         self._simplex.drop_rows(self._rows, self._simplex.row_count)
         lower, upper = self._limits
@@ -154,10 +168,8 @@ class ContactProgram:
         low = np.concatenate([-wrench[:, 0], lower - torques[:, 0]])
         high = np.concatenate([-wrench[:, 0], upper - torques[:, 0]])
         self._simplex.add_rows(rows, low, high)
-
-    def _bounds(self, low: Sequence[float], high: Sequence[float], margin: float) -> None:
         lb, ub = self._low.copy(), self._high.copy()
-        lb[-3:], ub[-3:-1] = [*low, margin], high
+        lb[-3:], ub[-3:-1] = [*least, margin], most
         self._simplex.set_bounds(lb, ub)
 
 
