@@ -7,9 +7,9 @@ are as they were in the scene before, so is what it makes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import wraps
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -36,6 +36,8 @@ from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, validated, with_known
 
 _MOST_HANDS = 16
+_Entry = TypeVar("_Entry")
+_Made = TypeVar("_Made")
 
 
 class Last(NamedTuple):
@@ -52,16 +54,15 @@ class Last(NamedTuple):
     scene: Any
 
 
-@dataclass(eq=False)
-class Stage:
+class Stage(NamedTuple):
     """A step from a file to a scene.
 
     Attributes:
-        made: What it made; None: it is to be made now.
+        made: What it made.
         findings: What looks wrong with it.
     """
 
-    made: Any = None
+    made: Any
     findings: tuple[Finding, ...] = ()
 
 
@@ -94,59 +95,62 @@ class SceneParts:
         self._before = entry, source.data
         return entry
 
-    @contextmanager
-    def stage(self, name: str, *sources: Any) -> Iterator[Stage]:
-        """Run a stage, and tell what looks wrong with what it makes each time.
+    def made(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:
+        """Return what a stage makes, or made last of the same sources; tell what looks wrong of it.
 
         Args:
-            name: Its name.
+            name: Of the stage.
             sources: All that it depends on.
-
-        Yields:
-            The stage. What it made of the same sources is there; else it is to be made now.
+            make: Runs it.
         """
         stage = self.latest.get(name, sources)
         if stage is None:
-            stage = Stage()
             with capture() as found:
-                yield stage
-            stage.findings = (*found,)
-            self.latest.put(name, sources, stage)
-        else:
-            yield stage
+                made = make()
+            stage = self.latest.put(name, sources, Stage(made, (*found,)))
         emit(*stage.findings)
+        return stage.made
 
 
-_Body = TypeVar("_Body", ManipulatedObject, Support)
+def kept(
+    build: Callable[[YamlSource, SceneParts, Location, _Entry], _Made],
+) -> Callable[[YamlSource, SceneParts, Location, _Entry], _Made]:
+    """Have what is built at a location of a scene file kept while the entry there is the same."""
+
+    @wraps(build)
+    def built(file: YamlSource, parts: SceneParts, where: Location, entry: _Entry) -> _Made:
+        name = key_text(where)
+        return parts.made(name, (entry,), lambda: build(file, parts, where, entry))
+
+    return built
 
 
-def build_object(file: YamlSource, parts: SceneParts, entry: ObjectEntry) -> ManipulatedObject:
+@kept
+def build_object(
+    file: YamlSource, parts: SceneParts, where: Location, entry: ObjectEntry
+) -> ManipulatedObject:
     """Return the object of a scene file, or what is the same of the scene before.
 
     Raises:
         SceneError: Naming the part of the file.
     """
-    where = ("object",)
-    with parts.stage(key_text(where), entry) as stage:
-        if stage.made is not None:
-            return stage.made
-        shape = build_shape(file, parts, (*where, "shape"), entry.shape)
-        pose = build_pose(file, parts, (*where, "pose"), entry.pose)
-        with file.at(where):
-            body = ManipulatedObject.from_shape(
-                entry.name,
-                shape,
-                pose,
-                mass=entry.mass,
-                density=entry.density,
-                center_of_mass=entry.center_of_mass,
-                material=entry.material,
-                inertia=entry.inertia,
-            )
-        stage.made = _with_pieces(parts, where, body, pose)
-    return stage.made
+    shape = build_shape(file, parts, (*where, "shape"), entry.shape)
+    pose = build_pose(file, parts, (*where, "pose"), entry.pose)
+    with file.at(where):
+        body = ManipulatedObject.from_shape(
+            entry.name,
+            shape,
+            pose,
+            mass=entry.mass,
+            density=entry.density,
+            center_of_mass=entry.center_of_mass,
+            material=entry.material,
+            inertia=entry.inertia,
+        )
+    return _with_pieces(parts, where, body, pose)
 
 
+@kept
 def build_support(
     file: YamlSource, parts: SceneParts, where: Location, entry: SupportEntry
 ) -> Support:
@@ -155,46 +159,41 @@ def build_support(
     Raises:
         SceneError: Naming the part of the file.
     """
-    with parts.stage(key_text(where), entry) as stage:
-        if stage.made is not None:
-            return stage.made
-        pose = build_pose(file, parts, (*where, "pose"), entry.pose)
-        shape = build_shape(file, parts, (*where, "shape"), entry.shape)
-        with file.at(where):
-            body = Support(
-                entry.name,
-                shape,
-                pose,
-                friction=entry.friction,
-                velocity=twist_of(entry.velocity),
-                material=entry.material,
-            )
-        stage.made = _with_pieces(parts, where, body, pose)
-    return stage.made
+    pose = build_pose(file, parts, (*where, "pose"), entry.pose)
+    shape = build_shape(file, parts, (*where, "shape"), entry.shape)
+    with file.at(where):
+        body = Support(
+            entry.name,
+            shape,
+            pose,
+            friction=entry.friction,
+            velocity=twist_of(entry.velocity),
+            material=entry.material,
+        )
+    return _with_pieces(parts, where, body, pose)
 
 
+@kept
 def build_shape(file: YamlSource, parts: SceneParts, where: Location, entry: Any) -> Shape:
     """Return the shape at a location of a scene file, which can be made of convex pieces.
 
     Raises:
         SceneError: Naming the part of the file.
     """
-    with parts.stage(key_text(where), entry) as stage:
-        if stage.made is not None:
-            return stage.made
-        if isinstance(entry, CompoundEntry):
-            places = [(*where, "parts", index) for index in range(len(entry.parts))]
-            placed = [*zip(places, entry.parts, strict=True)]
-            stage.made = Compound(
-                tuple(build_shape(file, parts, (*at, "shape"), one.shape) for at, one in placed),
-                np.array([build_pose(file, parts, (*at, "pose"), one.pose) for at, one in placed]),
-            )
-        else:
-            with file.at(where):
-                stage.made = SHAPES[entry.type].from_entry(entry, file.file)
-            with file.at(where, ("path",) if hasattr(entry, "path") else ()):
-                stage.made.pieces()
-    return stage.made
+    if isinstance(entry, CompoundEntry):
+        placed = [((*where, "parts", index), part) for index, part in enumerate(entry.parts)]
+        return Compound(
+            tuple(build_shape(file, parts, (*at, "shape"), one.shape) for at, one in placed),
+            np.array([build_pose(file, parts, (*at, "pose"), one.pose) for at, one in placed]),
+        )
+    with file.at(where):
+        shape = SHAPES[entry.type].from_entry(entry, file.file)
+    with file.at(where, ("path",) if hasattr(entry, "path") else ()):
+        shape.pieces()
+    return shape
+
+
+_Body = TypeVar("_Body", ManipulatedObject, Support)
 
 
 def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArray) -> _Body:

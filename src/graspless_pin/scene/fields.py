@@ -123,9 +123,20 @@ def _hybrid_force_limit(name: str, value: Any) -> float | None:
 
 def _loads(name: str, value: Any) -> tuple[Load, ...]:
     loads = _several(Load, "Load('cable', force=[0, 0, 2])")(name, value)
-    if len({one.name for one in loads}) < len(loads):
-        raise ArgumentError(name, f"has names {[one.name for one in loads]}; they must differ")
+    check_load_names([one.name for one in loads])
     return loads
+
+
+def check_load_names(names: Sequence[str]) -> None:
+    """Refuse loads of one name: they are told by it.
+
+    Raises:
+        ArgumentError: Naming the load.
+    """
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            message = f"{name!r} names another load too; names must differ"
+            raise ArgumentError(f"loads[{index}].name", message)
 
 
 _CHECKS: dict[str, _Check] = {
@@ -228,11 +239,12 @@ class SceneFields(Record):
             ArgumentError: If a name is none of the fields, or a value not one of its field.
         """
         scene = self._changed(_checked_changes(changes))
+        links = () if scene.hand is None else scene.hand.link_names
+        supports = [support.name for support in scene.supports]
         if changes.keys() & {"object", "hand", "supports"}:
-            _check_names(scene)
+            check_names(scene.object.name, supports, links)
         if "friction" in changes or "given_contacts" in changes:
-            links = () if scene.hand is None else scene.hand.link_names
-            bodies = (*[support.name for support in scene.supports], *links)
+            bodies = (*supports, *links)
             if "friction" in changes:
                 friction_by_name(scene.friction, bodies)
             given = scene.given_contacts if "given_contacts" in changes else None
@@ -263,17 +275,18 @@ class SceneFields(Record):
         return Latest()
 
 
-def _check_names(scene: SceneFields) -> None:
-    """Refuse bodies of one name: contacts are told by them."""
-    links = () if scene.hand is None else scene.hand.link_names
-    taken = {*links, scene.object.name}
-    if scene.object.name in links:
-        raise ArgumentError("object", f"{scene.object.name!r} names a link too; names must differ")
-    for index, support in enumerate(scene.supports):
-        if support.name in taken:
-            message = f"{support.name!r} names another body too; names must differ"
-            raise ArgumentError(f"supports[{index}].name", message)
-        taken.add(support.name)
+def check_names(of_object: str, supports: Sequence[str], links: Sequence[str]) -> None:
+    """Refuse bodies of one name: contacts are told by them.
+
+    Raises:
+        ArgumentError: Naming the object or the support.
+    """
+    taken = set(links)
+    arguments = ("object.name", *(f"supports[{index}].name" for index in range(len(supports))))
+    for argument, name in zip(arguments, (of_object, *supports), strict=True):
+        if name in taken:
+            raise ArgumentError(argument, f"{name!r} names another body too; names must differ")
+        taken.add(name)
 
 
 _GROUPS = ("default", "hand", "supports")

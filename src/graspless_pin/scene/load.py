@@ -34,11 +34,19 @@ from graspless_pin.scene.body_building import (
     build_object,
     build_pose,
     build_support,
+    kept,
     twist_of,
 )
 from graspless_pin.scene.body_schema import HandEntry, MountEntry
 from graspless_pin.scene.entry_findings import entry_findings
-from graspless_pin.scene.fields import SceneFields, StatedFields, check_touched, friction_by_name
+from graspless_pin.scene.fields import (
+    SceneFields,
+    StatedFields,
+    check_load_names,
+    check_names,
+    check_touched,
+    friction_by_name,
+)
 from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import (
     PLAIN_FIGURES,
@@ -51,7 +59,7 @@ from graspless_pin.scene.scene_schema import (
     UncertaintyEntry,
 )
 from graspless_pin.scene.stated import Acceleration, GivenContact, HandMotion, Load, Motion
-from graspless_pin.scene.uncertain_figures import check_names
+from graspless_pin.scene.uncertain_figures import check_uncertain_names
 from graspless_pin.scene.units import merged_angles
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
@@ -89,7 +97,9 @@ def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None
     parts = parts or SceneParts()
     entry = parts.validated(source)
     with capture() as found:
-        bodies = _bodies(source, parts, entry)
+        parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
+        others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
+        bodies = parts.made("bodies", (*parted, *others), lambda: _bodies(source, parts, entry))
         _check_weight(source, entry, bodies.object)
         scene = _with_figures(kind, source, parts, entry, bodies)
     of_hand = () if scene.hand is None else scene.hand.findings
@@ -123,58 +133,52 @@ class Bodies(NamedTuple):
 
 def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
     """Build hand, supports and object, and then what is said of them; tell what looks wrong."""
-    parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-    others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
-    with parts.stage("bodies", *parted, *others) as stage:
-        if stage.made is not None:
-            return stage.made
-        hand = None
-        if entry.hand is not None:
-            hand = build_hand(file, parts, entry.hand)
-        supports = tuple(
-            build_support(file, parts, ("supports", index), item)
-            for index, item in enumerate(entry.supports)
-        )
-        supports = parts.latest.made("supports", supports, lambda made=supports: made)
-        links = () if hand is None else hand.link_names
-        names = tuple([support.name for support in supports])
-        _check_names(file, entry, links)
-        moved = build_object(file, parts, entry.object)
-        materials = _materials(file, parts, entry)
-        bodies, own_controller = (*names, *links), "controller" in entry.model_fields_set
+    hand = None if entry.hand is None else build_hand(file, parts, ("hand",), entry.hand)
+    supports = tuple(
+        build_support(file, parts, ("supports", index), item)
+        for index, item in enumerate(entry.supports)
+    )
+    supports = parts.latest.made("supports", supports, lambda made=supports: made)
+    links = () if hand is None else hand.link_names
+    names = tuple([support.name for support in supports])
+    with file.at(()):
+        check_names(entry.object.name, names, links)
+    moved = build_object(file, parts, ("object",), entry.object)
+    materials = _materials(file, parts, entry)
+    bodies, own_controller = (*names, *links), "controller" in entry.model_fields_set
 
-        def stated(key: str, make: Callable[[Any], Any], *others: Any) -> Any:
-            """Return what is made of a key, the same while it, the hand's tree and others are."""
-            value, sources = getattr(entry, key), (None if hand is None else hand.tree, *others)
-            if value is None:
-                return None
-            return parts.latest.made(f"stated {key}", (value, *sources), lambda: make(value))
+    def stated(key: str, make: Callable[[Any], Any], *others: Any) -> Any:
+        """Return what is made of a key, the same while it, the hand's tree and others are."""
+        value, sources = getattr(entry, key), (None if hand is None else hand.tree, *others)
+        if value is None:
+            return None
+        return parts.latest.made(f"stated {key}", (value, *sources), lambda: make(value))
 
-        fields_by_name = {
-            "hand": hand,
-            "supports": supports,
-            "materials": materials,
-            "hand_material": None if entry.hand is None else entry.hand.material,
-            "given_contacts": stated("contacts", partial(_contacts, file, bodies), *bodies),
-            "motion": stated("motion", partial(_motion, file, hand)),
-            "acceleration": stated("acceleration", partial(_acceleration, file, hand)),
-            "controller": stated("controller", partial(_controller, file, hand, own_controller)),
-            "uncertainty": stated(
-                "uncertainty",
-                partial(_uncertainty, file, hand, names, materials, moved.name),
-                materials,
-                moved.name,
-                *names,
-            ),
-            "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
-            "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
-        }
-        emit(*entry_findings(entry, materials))
-        stage.made = Bodies(bodies, moved, fields_by_name)
-    return stage.made
+    fields_by_name = {
+        "hand": hand,
+        "supports": supports,
+        "materials": materials,
+        "hand_material": None if entry.hand is None else entry.hand.material,
+        "given_contacts": stated("contacts", partial(_contacts, file, bodies), *bodies),
+        "motion": stated("motion", partial(_motion, file, hand)),
+        "acceleration": stated("acceleration", partial(_acceleration, file, hand)),
+        "controller": stated("controller", partial(_controller, file, hand, own_controller)),
+        "uncertainty": stated(
+            "uncertainty",
+            partial(_uncertainty, file, hand, names, materials, moved.name),
+            materials,
+            moved.name,
+            *names,
+        ),
+        "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
+        "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
+    }
+    emit(*entry_findings(entry, materials))
+    return Bodies(bodies, moved, fields_by_name)
 
 
-def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
+@kept
+def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: HandEntry) -> Hand:
     """Return the hand of a scene file, or what is the same of the scenes before.
 
     Robots are read and assembled once for each description, wherever they are mounted. Poses,
@@ -183,55 +187,46 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
     Args:
         file: The file.
         parts: What earlier scenes of the same folder left.
+        where: The key of the hand.
         entry: The hand's entry.
     """
-    with parts.stage("hand", entry) as stage:
-        if stage.made is not None:
-            return stage.made
-        mounts = _mounts(file, parts, entry)
-        tree = mounts.joined.tree
-        with file.at(("hand",)):
-            named = named_positions(tree.group_states, entry.group_states, tree.lacking)
-            q = named | merged_angles(entry.q, entry.q_deg)
-            for name, kind in zip(tree.joint_names, tree.joint_kinds, strict=True):
-                if kind == "prismatic" and name in entry.q_deg:
-                    where = ("hand", "q_deg", name)
-                    raise file.error(where, "is a linear joint; give metres under q")
-            positions = parts.latest.made(
-                "hand positions", (tree, repr(q)), lambda: joint_positions(tree, q)
-            )
-            stage.made = hand_of(mounts, entry.effort_limits, positions)
-    return stage.made
+    common = [value for name, value in entry if name not in _NOT_OF_THE_MOUNTS]
+    sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
+    mounts = parts.made("mounts", (*sources,), lambda: _mounts(file, parts, entry))
+    tree = mounts.joined.tree
+    with file.at(where):
+        named = named_positions(tree.group_states, entry.group_states, tree.lacking)
+        q = named | merged_angles(entry.q, entry.q_deg)
+        for name, kind in zip(tree.joint_names, tree.joint_kinds, strict=True):
+            if kind == "prismatic" and name in entry.q_deg:
+                message = "is a linear joint; give metres under q"
+                raise file.error((*where, "q_deg", name), message)
+        positions = parts.latest.made(
+            "hand positions", (tree, repr(q)), lambda: joint_positions(tree, q)
+        )
+        return hand_of(mounts, entry.effort_limits, positions)
 
 
 def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledMounts:
     """Return the robots where they are mounted."""
-    common = [value for name, value in entry if name not in _NOT_OF_THE_MOUNTS]
-    sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
-    with parts.stage("mounts", *sources) as stage:
-        if stage.made is not None:
-            return stage.made
-        mounted: list[tuple[Location, str, MountEntry]] = [(("hand",), "", entry)]
-        if entry.mounts:
-            places = [("hand", "mounts", index) for index in range(len(entry.mounts))]
-            mounted = [(at, one.prefix, one) for at, one in zip(places, entry.mounts, strict=True)]
-        key = entry.model_dump_json(exclude=_NOT_OF_THE_MOUNTS | _ANYWHERE)
-        key += "".join([item.model_dump_json(exclude=_ANYWHERE) for item in entry.mounts])
-        assembled = parts.hands.get(key)
-        if assembled is None:
-            mounts = [_mount(file, *place) for place in mounted]
-            name = "mounts" if entry.mounts else "robot" if entry.urdf is None else "urdf"
-            with file.at(("hand",), (name,)):
-                assembled = assembled_mounts(mounts, entry.control, entry.armature)
-            parts.hands[key] = assembled
-        else:
-            emit(*assembled.findings)
-        poses = [
-            build_pose(file, parts, (*where, "base_pose"), one.base_pose)
-            for where, _, one in mounted
-        ]
-        stage.made = assembled.at_bases(poses)
-    return stage.made
+    mounted: list[tuple[Location, str, MountEntry]] = [(("hand",), "", entry)]
+    if entry.mounts:
+        each = enumerate(entry.mounts)
+        mounted = [(("hand", "mounts", index), one.prefix, one) for index, one in each]
+    key = entry.model_dump_json(exclude=_NOT_OF_THE_MOUNTS | _ANYWHERE)
+    key += "".join([item.model_dump_json(exclude=_ANYWHERE) for item in entry.mounts])
+    assembled = parts.hands.get(key)
+    if assembled is None:
+        mounts = [_mount(file, *place) for place in mounted]
+        name = "mounts" if entry.mounts else "robot" if entry.urdf is None else "urdf"
+        with file.at(("hand",), (name,)):
+            assembled = assembled_mounts(mounts, entry.control, entry.armature)
+        parts.hands[key] = assembled
+    else:
+        emit(*assembled.findings)
+    return assembled.at_bases(
+        [build_pose(file, parts, (*where, "base_pose"), one.base_pose) for where, _, one in mounted]
+    )
 
 
 def _mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) -> Mount:
@@ -316,7 +311,7 @@ def _uncertainty(
 ) -> Uncertainty:
     with file.at(("uncertainty",)):
         uncertainty = Uncertainty(**dict(stated))
-        check_names(uncertainty, hand, supports, materials.names, of_object)
+        check_uncertain_names(uncertainty, hand, supports, materials.names, of_object)
     return uncertainty
 
 
@@ -405,17 +400,6 @@ def _materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materi
     return table
 
 
-def _check_names(file: YamlSource, entry: SceneEntry, links: Sequence[str]) -> None:
-    """Refuse a body that is called like another one: contacts are told by these names."""
-    taken = set(links)
-    bodies: list[tuple[Location, str]] = [(("object", "name"), entry.object.name)]
-    bodies += [(("supports", i, "name"), item.name) for i, item in enumerate(entry.supports)]
-    for location, name in bodies:
-        if name in taken:
-            raise file.error(location, f"{name!r} names another body too; names must differ")
-        taken.add(name)
-
-
 def _contacts(
     file: YamlSource, bodies: Sequence[str], entries: Sequence[ContactEntry]
 ) -> tuple[GivenContact, ...]:
@@ -440,12 +424,8 @@ def _motion(file: YamlSource, hand: Hand | None, entry: MotionEntry) -> Motion:
 
 
 def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
-    names = [entry.name for entry in entries]
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise file.error(
-                ("loads", index, "name"), f"{name!r} names another load too; names must differ"
-            )
+    with file.at(()):
+        check_load_names([entry.name for entry in entries])
     return tuple(Load(**dict(entry)) for entry in entries)
 
 

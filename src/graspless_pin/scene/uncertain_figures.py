@@ -19,7 +19,7 @@ from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.problem_data import fingers_of_motors, possible_columns
 
 
-def check_names(
+def check_uncertain_names(
     uncertainty: Uncertainty,
     hand: Hand | None,
     supports: Sequence[str],
@@ -45,9 +45,9 @@ def check_names(
 
 
 def check_names_in(scene: SceneFields, uncertainty: Uncertainty) -> None:
-    """Refuse figures of what a scene does not have: see `check_names`."""
+    """Refuse figures of what a scene does not have: see `check_uncertain_names`."""
     supports, materials = [one.name for one in scene.supports], scene.materials.names
-    check_names(uncertainty, scene.hand, supports, materials, scene.object.name)
+    check_uncertain_names(uncertainty, scene.hand, supports, materials, scene.object.name)
 
 
 def by_contact_and_joint(

@@ -142,10 +142,11 @@ def key_text(location: Location) -> str:
     return text or "scene"
 
 
-def _keys_of(argument: str) -> tuple[str, ...]:
-    """Split an argument's name such as ``q['joint_1.0']`` into keys of the file."""
+def _keys_of(argument: str) -> Location:
+    """Split an argument's name such as ``supports[0].q['joint_1.0']`` into keys of the file."""
     return tuple(
-        quoted or plain for quoted, plain in re.findall(r"\['(.*?)'\]|([^.\[\]]+)", argument)
+        quoted or plain or int(index)
+        for quoted, index, plain in re.findall(r"\['(.*?)'\]|\[(\d+)\]|([^.\[\]]+)", argument)
     )
 
 
