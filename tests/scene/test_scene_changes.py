@@ -97,7 +97,7 @@ def test_bodies_of_one_name_are_refused() -> None:
         ({"supports": (first, *others, double)}, r"supports\[\d\]\.name"),
         ({"supports": (first, *others, replace(double, name=link))}, r"supports\[\d\]\.name"),
         ({"object": replace(scene.object, name=first.name)}, r"supports\[0\]\.name"),
-        ({"object": replace(scene.object, name=link)}, "object"),
+        ({"object": replace(scene.object, name=link)}, r"object\.name"),
     ):
         with pytest.raises(ArgumentError, match=rf"{key}: .* names .* too; names must differ"):
             scene.with_changes(**changes)

@@ -36,7 +36,7 @@ from graspless_pin.geometry.hand.reading import URDF, read_robot
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, robot_names
-from graspless_pin.intake.files import check_file, read_bytes
+from graspless_pin.intake.files import read_bytes
 
 
 @dataclass(frozen=True)
@@ -326,7 +326,7 @@ def audit_urdf(
     robot = find_robot(source, package_dirs)
     if root_link is not None:
         robot = replace(robot, root_link=root_link)
-    check_file(robot.urdf_path, URDF)
+    read_bytes(robot.urdf_path, URDF)  # a file that cannot be read is an error, not a finding
     findings: list[Finding] = []
     errors: list[Exception] = []
     with capture() as emitted:

@@ -18,7 +18,7 @@ RIGIDITY_TOLERANCE = 1e-6
 
 _STEEPEST_COSINE = 1e-12
 """Cosine of the pitch below which it is 90 degrees."""
-_IDENTITY, _NO_TURN = np.eye(4), np.eye(3)
+_NO_TURN = np.eye(3)
 
 
 def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> FloatArray:
@@ -40,11 +40,8 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> Float
     origin = finite_numbers("position", position)
     if origin.shape != (3,):
         raise ArgumentError("position", f"needs 3 numbers (x, y, z in metres), got {origin.shape}")
-    if rotation is None:
-        return as_pose("rotation", rigid(origin))
-    return as_pose(
-        "rotation", rigid(origin, _rotation_matrix(finite_numbers("rotation", rotation)))
-    )
+    R = _NO_TURN if rotation is None else rotation_matrix(finite_numbers("rotation", rotation))
+    return as_pose("rotation", rigid(origin, R))
 
 
 def rigid(position: ArrayLike, R: FloatArray = _NO_TURN) -> FloatArray:
@@ -79,10 +76,7 @@ def roll_pitch_yaw(R: FloatArray) -> tuple[float, float, float]:
 def invert(T: FloatArray) -> FloatArray:
     """Return the (4, 4) inverse of a rigid transform, exact up to rounding."""
     RT = T[:3, :3].T
-    inverse = _IDENTITY.copy()
-    inverse[:3, :3] = RT
-    inverse[:3, 3] = RT.dot(-T[:3, 3])
-    return inverse
+    return rigid(RT.dot(-T[:3, 3]), RT)
 
 
 def transformed(T: FloatArray, point: FloatArray) -> FloatArray:
@@ -131,12 +125,9 @@ def as_pose(name: str, T: ArrayLike) -> FloatArray:
         ArgumentError: If the shape is wrong, a value is not finite, the last row is not
             (0, 0, 0, 1), the rotation is not orthonormal or it mirrors.
     """
-    try:
-        pose = np.array(T, dtype=np.float64)
-    except (TypeError, ValueError):
-        pose = finite_numbers(name, T)
+    pose = as_numbers(name, T)
     if pose.shape != (4, 4) or not _is_rigid(pose):
-        _refuse_pose(name, finite_numbers(name, T))
+        _refuse_pose(name, finite_numbers(name, pose))
     return read_only(pose)
 
 
@@ -208,8 +199,12 @@ def finite_numbers(name: str, values: ArrayLike) -> FloatArray:
     return array
 
 
-def _rotation_matrix(rotation: FloatArray) -> FloatArray:
-    """Return the (3, 3) matrix of roll-pitch-yaw angles, a quaternion or a matrix."""
+def rotation_matrix(rotation: FloatArray) -> FloatArray:
+    """Return the (3, 3) matrix of finite roll-pitch-yaw angles, a quaternion or a matrix.
+
+    Raises:
+        ArgumentError: If the shape is wrong or the quaternion is zero.
+    """
     if rotation.shape == (3, 3):
         return rotation
     if rotation.shape == (3,):

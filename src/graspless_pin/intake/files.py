@@ -199,24 +199,10 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
     except ValueError:
         raise kind.error(f"{str(path)!r}: is no path of a file") from None
     if len(content) > most:
-        raise _too_large(path, kind)
+        raise kind.error(
+            f"{path}: has more than {kind.mebibytes} MiB, the most that a {kind.name} may have"
+        )
     return content
-
-
-def check_file(path: Path, kind: FileKind) -> None:
-    """Check a file that another library will open by its path.
-
-    Raises:
-        GrasplessPinError: See `read_bytes`.
-    """
-    try:
-        state = path.stat()
-    except (OSError, ValueError):
-        read_bytes(path, kind)  # says why
-        return
-    _check_regular(path, state.st_mode, kind)
-    if state.st_size > kind.mebibytes * _MIB:
-        raise _too_large(path, kind)
 
 
 def read_text(path: Path, kind: FileKind) -> str:
@@ -268,18 +254,8 @@ def errors_of_text(path: Path, kind: FileKind) -> Iterator[None]:
         raise kind.error(f"{path}{line}: {error}") from None
 
 
-def _too_large(path: Path, kind: FileKind) -> GrasplessPinError:
-    return kind.error(
-        f"{path}: has more than {kind.mebibytes} MiB, the most that a {kind.name} may have"
-    )
-
-
-def is_file(path: Path) -> bool:
-    """Return whether there is a regular file; a path that no file can have is none."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
+is_file = os.path.isfile
+"""Whether there is a regular file; a path that no file can have is none."""
 
 
 def _check_regular(path: Path, mode: int, kind: FileKind) -> None:

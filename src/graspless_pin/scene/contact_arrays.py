@@ -6,14 +6,13 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from graspless_pin.caching import Latest
 from graspless_pin.errors import SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.contact.contact_points import (
     BodyKind,
     ContactArrays,
@@ -23,13 +22,10 @@ from graspless_pin.geometry.contact.contact_points import (
     velocities_at,
 )
 from graspless_pin.geometry.contact.finding import ContactLimits, contact_arrays
-from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Brief, changed
-from graspless_pin.scene.fields import SceneFields, label_of, place_of
+from graspless_pin.scene.fields import AnyScene, SceneFields, label_of, place_of
 from graspless_pin.scene.stated import GivenContact, Motion
-
-_Scene = TypeVar("_Scene", bound=SceneFields)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,7 +111,7 @@ def given_arrays(given: Sequence[GivenContact], links: Sequence[str]) -> Contact
     return ContactArrays.of(sorted(points, key=lambda one: one.kind is BodyKind.SUPPORT))
 
 
-def with_touching(scene: _Scene, touching: ContactArrays) -> _Scene:
+def with_touching(scene: AnyScene, touching: ContactArrays) -> AnyScene:
     """Return a scene of which it is known what touches: nothing is looked for until bodies move.
 
     Args:
@@ -161,19 +157,14 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
         if scene.given_contacts is not None:
             advice = "; contacts is an empty list: fill it, or leave it out to have them found"
         raise StateError(StateFault.NO_CONTACT, f"{label_of(scene)}: {nothing}{advice}")
-    motion, supports = scene.motion, scene.supports
-    moving = [one for one in supports if one.is_moving]
-    if motion is None:
-        if not moving:
-            return SceneContacts(touching, np.zeros((len(touching), 3)))
-        motion = Motion(np.zeros(6))
-    center = scene.object.center_of_mass_world
+    if scene.motion is None and not any(support.is_moving for support in scene.supports):
+        return SceneContacts(touching, np.zeros((len(touching), 3)))
+    motion, center = scene.motion or Motion(np.zeros(6)), scene.object.center_of_mass_world
     try:
-        twist = motion.object_twist
-        others = body_velocities(
-            touching, scene.object, scene.hand, supports if moving else (), motion, twist
+        others = _body_velocities(scene, touching, motion)
+        kept, sliding = contacts_that_stay(
+            touching, motion.object_twist, center, others, scene.object.name
         )
-        kept, sliding = contacts_that_stay(touching, twist, center, others, scene.object.name)
     except SceneError as error:
         raise error.at(f"{label_of(scene)}: motion") from error
     if len(kept) == len(touching):
@@ -187,37 +178,23 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
     return SceneContacts(touching.chosen(kept), sliding[kept])
 
 
-def body_velocities(
-    touching: ContactArrays,
-    moved: ManipulatedObject,
-    hand: Hand | None,
-    supports: Sequence[Support],
-    motion: Motion,
-    twist: FloatArray,
-) -> FloatArray:
-    """Return the velocities of what the object touches; hand contacts follow it by default.
+def _body_velocities(scene: SceneFields, touching: ContactArrays, motion: Motion) -> FloatArray:
+    """Return (M, 3) velocities of what the object touches, m/s: those of the hand by default its.
 
     Args:
+        scene: The scene.
         touching: M contacts, hand first.
-        moved: The object.
-        hand: The hand, if there is one.
-        supports: All supports; none if all stand still.
         motion: The declared motion.
-        twist: (6,) the object's, checked.
-
-    Returns:
-        (M, 3) m/s, world axes.
     """
-    count = touching.hand_count
+    count, center = touching.hand_count, scene.object.center_of_mass_world
     velocities = np.zeros((len(touching), 3))
-    if supports:
-        velocities = support_velocities(touching, supports)
+    if any(support.is_moving for support in scene.supports):
+        velocities = support_velocities(touching, scene.supports)
     if motion.hand is None:
-        velocities[:count] = velocities_at(
-            twist, moved.center_of_mass_world, touching.positions[:count]
-        )
-    elif hand is not None:
-        velocities[:count] = hand.point_velocities(
+        points = touching.positions[:count]
+        velocities[:count] = velocities_at(motion.object_twist, center, points)
+    elif scene.hand is not None:
+        velocities[:count] = scene.hand.point_velocities(
             touching.bodies[:count],
             touching.positions[:count],
             motion.hand.joint_velocities,

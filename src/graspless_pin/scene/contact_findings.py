@@ -123,10 +123,8 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
         if support.name in touching:
             continue
         bodies = support.placed_bodies
-        gaps = [
-            separation(pieces[i], bodies[k]).distance for i, k in near_pairs(pieces, bodies, reach)
-        ]
-        gap = min(gaps, default=np.inf)
+        near = near_pairs(pieces, bodies, reach)
+        gap = min((separation(pieces[i], bodies[k]).distance for i, k in near), default=np.inf)
         if (1.0 + _GAP_ROUNDING) * tolerance < gap <= reach:
             yield Finding(
                 FindingCode.SUPPORT_MISSED,

@@ -8,9 +8,9 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -105,22 +105,6 @@ def _friction(name: str, value: Any) -> Mapping[str, float]:
     return found if isinstance(found, Mapping) else {"default": found}
 
 
-def _array(name: str, value: Any) -> Any:
-    return np.array(_as_in_a_file(name, value), dtype=np.float64)
-
-
-def _axes(name: str, value: Any) -> Any:
-    return tuple(np.array(axis) for axis in _as_in_a_file(name, value))
-
-
-def _options(_: str, value: Any) -> Any:
-    return _as_in_a_file("solve", value).model_dump()
-
-
-def _hybrid_force_limit(name: str, value: Any) -> float | None:
-    return checked_key(HandEntry, {"robot": "allegro"}, name, value)
-
-
 def _loads(name: str, value: Any) -> tuple[Load, ...]:
     loads = _several(Load, "Load('cable', force=[0, 0, 2])")(name, value)
     check_load_names([one.name for one in loads])
@@ -149,7 +133,7 @@ _CHECKS: dict[str, _Check] = {
     "hand": _one(Hand, "scene.hand.with_configuration({...})", optional=True),
     "supports": _several(Support, "(*scene.supports, Support(name, shape, T_world_support))"),
     "path": _one(Path, optional=True),
-    "gravity": _array,
+    "gravity": lambda name, value: np.array(_as_in_a_file(name, value), dtype=np.float64),
     "materials": _one(Materials),
     "hand_material": _one(str, optional=True),
     "given_contacts": _several(GivenContact, optional=True),
@@ -161,13 +145,13 @@ _CHECKS: dict[str, _Check] = {
     "cone": _as_in_a_file,
     "contact_tolerance": _as_in_a_file,
     "points_per_patch": _as_in_a_file,
-    "tangent_axes": _axes,
+    "tangent_axes": lambda name, value: tuple(map(np.array, _as_in_a_file(name, value))),
     "count_own_weight": _one(bool),
-    "hybrid_force_limit": _hybrid_force_limit,
+    "hybrid_force_limit": partial(checked_key, HandEntry, {"robot": "allegro"}),
     "max_penetration": _as_in_a_file,
     "controller": Controller.of,
     "uncertainty": _one(Uncertainty, "Uncertainty(mass=0.2)", optional=True),
-    "solve_options": _options,
+    "solve_options": lambda _, value: _as_in_a_file("solve", value).model_dump(),
     "load_findings": _several(Finding),
 }
 
@@ -273,6 +257,10 @@ class SceneFields(Record):
     def _kept(self) -> Latest:
         """What this scene and those changed from it, or made of the same parts, found last."""
         return Latest()
+
+
+AnyScene = TypeVar("AnyScene", bound=SceneFields)
+"""A class of scenes."""
 
 
 def check_names(of_object: str, supports: Sequence[str], links: Sequence[str]) -> None:

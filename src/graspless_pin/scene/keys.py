@@ -8,12 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import capture
 from graspless_pin.scene.body_building import SceneParts, Stage
-from graspless_pin.scene.fields import FIELDS_OF_KEYS, SceneFields
+from graspless_pin.scene.fields import FIELDS_OF_KEYS, AnyScene, SceneFields
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.saving import scene_data
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -23,7 +23,6 @@ from graspless_pin.suggestions import names_in_words
 
 Tree = dict[str, Any]
 """A scene file's content as plain data."""
-_Scene = TypeVar("_Scene", bound=SceneFields)
 _BY_NAME = (
     "q", "effort_limits", "joint_velocities", "joint_accelerations", "friction", "control",
     "rates", "torque", "torque_offset", "effort", "armature", "stiffness", "damping",
@@ -141,7 +140,7 @@ def put(tree: Any, location: Location, value: Any) -> Any:
 _NO_FIELD = ("description", "warnings")
 
 
-def scene_with_keys(scene: _Scene, values: Mapping[str, Any]) -> _Scene:
+def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
     """Return a scene whose file would say something else.
 
     Args:

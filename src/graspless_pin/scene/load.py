@@ -10,7 +10,7 @@ import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
@@ -24,7 +24,7 @@ from graspless_pin.geometry.hand.assembly import AssembledMounts, Mount, assembl
 from graspless_pin.geometry.hand.configuration import independent_rates, joint_positions
 from graspless_pin.geometry.hand.model import Hand, hand_of
 from graspless_pin.geometry.hand.reading import named_positions
-from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
+from graspless_pin.geometry.robots.description import LinkMeshes
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.holding.controller import DAMPING, Controller
 from graspless_pin.problem.fingers import DEFAULT_GAIN
@@ -40,7 +40,7 @@ from graspless_pin.scene.body_building import (
 from graspless_pin.scene.body_schema import HandEntry, MountEntry
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.fields import (
-    SceneFields,
+    AnyScene,
     StatedFields,
     check_load_names,
     check_names,
@@ -63,7 +63,6 @@ from graspless_pin.scene.uncertain_figures import check_uncertain_names
 from graspless_pin.scene.units import merged_angles
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
-_Scene = TypeVar("_Scene", bound=SceneFields)
 _ANYWHERE = {"base_pose"}
 _NOT_OF_THE_MOUNTS = {
     "group_states",
@@ -78,7 +77,9 @@ _NOT_OF_THE_MOUNTS = {
 """Keys of the hand; each mount is told by itself."""
 
 
-def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None = None) -> _Scene:
+def build_scene(
+    kind: type[AnyScene], source: YamlSource, parts: SceneParts | None = None
+) -> AnyScene:
     """Build the scene of a parsed file.
 
     Args:
@@ -100,7 +101,7 @@ def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None
         parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
         others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
         bodies = parts.made("bodies", (*parted, *others), lambda: _bodies(source, parts, entry))
-        _check_weight(source, entry, bodies.object)
+        _check_weight(source, entry, bodies.fields["object"])
         scene = _with_figures(kind, source, parts, entry, bodies)
     of_hand = () if scene.hand is None else scene.hand.findings
     placed = [one if one in of_hand else source.placed(one) for one in found]
@@ -122,13 +123,11 @@ class Bodies(NamedTuple):
 
     Attributes:
         names: Of supports and links.
-        object: The object.
-        others: Other fields of a scene by name.
+        fields: Those of a scene that are made of them, by name.
     """
 
     names: tuple[str, ...]
-    object: ManipulatedObject
-    others: Mapping[str, Any]
+    fields: Mapping[str, Any]
 
 
 def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
@@ -155,6 +154,7 @@ def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
         return parts.latest.made(f"stated {key}", (value, *sources), lambda: make(value))
 
     fields_by_name = {
+        "object": moved,
         "hand": hand,
         "supports": supports,
         "materials": materials,
@@ -174,7 +174,7 @@ def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
         "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
     }
     emit(*entry_findings(entry, materials))
-    return Bodies(bodies, moved, fields_by_name)
+    return Bodies(bodies, fields_by_name)
 
 
 @kept
@@ -230,11 +230,19 @@ def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledM
 
 
 def _mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) -> Mount:
-    fingers = None
-    if entry.fingers is not None:
-        fingers = {name: item.spec() for name, item in entry.fingers.items()}
+    """Return the robot that an entry names, as it is mounted."""
+    fingers = (
+        None
+        if entry.fingers is None
+        else {name: item.spec() for name, item in entry.fingers.items()}
+    )
+    folders, name = [file.file(folder) for folder in entry.package_dirs], str(entry.robot)
     with file.at(where, ("robot",)):
-        found = _robot(file, entry)
+        if entry.urdf is not None:
+            found = describe_urdf(file.file(entry.urdf), folders)
+        else:
+            is_file = name.endswith((".yaml", ".yml"))
+            found = find_robot(file.file(name) if is_file else name, folders)
     if entry.visuals_collide is not None:
         found = replace(found, visuals_collide=entry.visuals_collide)
     given = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
@@ -242,15 +250,6 @@ def _mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) ->
     meshes = replace(found.meshes, **own) if own else None
     srdf = None if entry.srdf is None else file.file(entry.srdf)
     return Mount(found, None, prefix, fingers, meshes=meshes, root_link=entry.root_link, srdf=srdf)
-
-
-def _robot(file: YamlSource, entry: MountEntry) -> RobotDescription:
-    """Return the robot that an entry names."""
-    folders = [file.file(folder) for folder in entry.package_dirs]
-    if entry.urdf is not None:
-        return describe_urdf(file.file(entry.urdf), folders)
-    name = str(entry.robot)
-    return find_robot(str(file.file(name)) if name.endswith((".yaml", ".yml")) else name, folders)
 
 
 def _gains_of_robots(hand: Hand) -> Controller:
@@ -316,8 +315,8 @@ def _uncertainty(
 
 
 def _with_figures(
-    kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry, bodies: Bodies
-) -> _Scene:
+    kind: type[AnyScene], file: YamlSource, parts: SceneParts, entry: SceneEntry, bodies: Bodies
+) -> AnyScene:
     """Return the scene: its bodies, and the figures of the file, those that changed made anew."""
     last, known = parts.last, {}
     if last is not None and last.scene.path != file.path:
@@ -330,7 +329,7 @@ def _with_figures(
         if not (key in known and known[key] is getattr(entry, key))
     }
     if last is None or last.bodies is not bodies:
-        new |= {"object": bodies.object, **bodies.others}
+        new |= bodies.fields
     if last is None:
         scene = kind(path=file.path, **new)
         vars(scene)["_kept"] = parts.latest

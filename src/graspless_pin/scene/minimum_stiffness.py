@@ -273,8 +273,7 @@ def _gains(scene: SceneFields, problem: QuasistaticProblem) -> tuple[FloatArray,
 
 def _growths(models: Mapping[str, _Found]) -> Mapping[str, float]:
     """Return the growth by model of the surfaces, where there are several."""
-    several = len(models) > 1
-    return {name: one.growth for name, one in models.items() if several}
+    return {name: one.growth for name, one in models.items()} if len(models) > 1 else {}
 
 
 def _worst(models: Mapping[str, _Found]) -> _Found:

@@ -141,8 +141,7 @@ def new_scene_text(
         mass=_mass(mass, density),
         pose=_pose(lying.T_world_object[:3, 3], lying.T_world_object[:3, :3], 7),
         support=support.name,
-        slope=_slope(slope),
-        axes=_axes(slope),
+        **_sloped(slope),
     )
     on_arm = any(arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
     return NewSceneText(text, left_open, kept, unplaceable, on_arm)
@@ -275,14 +274,12 @@ def _mass(mass: float | None, density: float | None) -> str:
     )
 
 
-def _slope(angle: float) -> str:
+def _sloped(angle: float) -> dict[str, str]:
+    """Return the support's pose and the axes of tangents, both empty on level ground."""
     if not angle:
-        return ""
-    return f"    pose: {{rpy_deg: [0, {_short(math.degrees(angle), 6)}, 0]}} # falls towards +x\n"
-
-
-def _axes(angle: float) -> str:
-    if not angle:
-        return ""
-    downhill = _vector([math.cos(angle), 0.0, -math.sin(angle)], 7)
-    return f"tangent_axes: [{downhill}] # t1 points downhill, t2 across\n"
+        return {"slope": "", "axes": ""}
+    turn, downhill = math.degrees(angle), _vector([math.cos(angle), 0.0, -math.sin(angle)], 7)
+    return {
+        "slope": f"    pose: {{rpy_deg: [0, {_short(turn, 6)}, 0]}} # falls towards +x\n",
+        "axes": f"tangent_axes: [{downhill}] # t1 points downhill, t2 across\n",
+    }

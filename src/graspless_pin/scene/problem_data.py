@@ -128,8 +128,8 @@ def problem_at(scene: SceneFields, state: JointedContacts) -> QuasistaticProblem
     """
     contacts, joints, loads = state.contacts, state.joints, loads_of(scene, state)
     # Contacts that are given may be anything; those found are right by themselves.
-    made = problem_of_own_arrays
-    problem = (made if scene.given_contacts is None else QuasistaticProblem)(
+    make = problem_of_own_arrays if scene.given_contacts is None else QuasistaticProblem
+    problem = make(
         state.positions,
         contacts.arrays.normals,
         loads.wrench,

@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from graspless_pin.atomic_write import draft_of, make_folder_of
 from graspless_pin.errors import SceneError
@@ -21,7 +21,7 @@ from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import errors_of_text, is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
 from graspless_pin.intake.yaml_text import parse_yaml
-from graspless_pin.scene.fields import SceneFields, label_of
+from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
@@ -33,7 +33,6 @@ _POSE = {"position", "matrix"}
 _WHOLE = ("materials", "inertia", "points")
 _MAY_BE_EMPTY = ("materials", "supports", "tangent_axes", "loads")
 _WITH_PATHS = ("hand", "object", "supports")
-_Scene = TypeVar("_Scene", bound=SceneFields)
 PathText = Callable[[Path], str]
 
 
@@ -86,7 +85,7 @@ def scene_text(scene: SceneFields, target: Path) -> str:
     return _written(scene, target)[0]
 
 
-def scene_as_written(scene: _Scene) -> _Scene:
+def scene_as_written(scene: AnyScene) -> AnyScene:
     """Return a scene whose hand and object are to the last bit where a file of it puts them.
 
     A search that ends at a limit may end otherwise after a difference in the last bit: what is

@@ -125,14 +125,13 @@ class Scene(SceneFields):
                 f"hand      {fingers}: {counted(len(hand.joint_names), 'joint')}, "
                 f"{len(hand.actuated_joint_names)} under force control"
             )
-        for support in self.supports[:_MOST_LINES]:
-            moves = ", moves" if support.is_moving else ""
-            lines.append(f"support   {support.name}: {_shape(support.shape)}{moves}")
-        if len(self.supports) > _MOST_LINES:
-            lines.append(f"          and {len(self.supports) - _MOST_LINES} more")
-        lines += [f"load      {load}" for load in self.loads[:_MOST_LINES]]
-        if len(self.loads) > _MOST_LINES:
-            lines.append(f"          and {len(self.loads) - _MOST_LINES} more")
+        lines += _first(
+            [
+                f"support   {one.name}: {_shape(one.shape)}{', moves' * one.is_moving}"
+                for one in self.supports
+            ]
+        )
+        lines += _first([f"load      {load}" for load in self.loads])
         if self.acceleration is not None:
             lines.append(f"moves     {self.acceleration}")
         if self.uncertainty is not None:
@@ -143,10 +142,8 @@ class Scene(SceneFields):
         else:
             twist = self.motion.object_twist
             lines.append(f"motion    {_point(twist[:3])} m/s, {_point(twist[3:])} rad/s")
-        findings = self.findings
-        lines += [f"{one.severity!s:<9} {one}" for one in findings[:_MOST_LINES]]
-        if len(findings) > _MOST_LINES:
-            lines.append(f"          and {len(findings) - _MOST_LINES} more in scene.findings")
+        found = [f"{one.severity!s:<9} {one}" for one in self.findings]
+        lines += _first(found, " in scene.findings")
         return "\n".join(lines)
 
     @cached_property
@@ -362,6 +359,12 @@ def load_scene(path: str | Path) -> Scene:
     if not isinstance(path, str | os.PathLike):
         raise ArgumentError("path", what_to_pass("path", path, "path of a scene file"))
     return build_scene(Scene, YamlSource.read(Path(path)))
+
+
+def _first(lines: list[str], where: str = "") -> list[str]:
+    """Return the first lines of one kind, and how many more there are, and where."""
+    more = len(lines) - _MOST_LINES
+    return [*lines[:_MOST_LINES], f"          and {more} more{where}"] if more > 0 else lines
 
 
 def _contacts(scene: Scene) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +33,7 @@ from graspless_pin.problem.members import Member, feedback_torques, under_comman
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.scene.contact_arrays import contacts_of
-from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.fields import AnyScene, SceneFields
 from graspless_pin.scene.problem_data import fingers_of_motors, problem_of, rest_problem
 from graspless_pin.scene.stated import Load
 from graspless_pin.solution import TorqueSolution
@@ -48,7 +48,6 @@ _FROM_BEST = (
     Holding.FINGER_MOVES, Holding.FAILS,
 )  # fmt: skip
 _PUSH = "push of a member"
-_Scene = TypeVar("_Scene", bound=SceneFields)
 
 
 def hand_support_contacts(scene: SceneFields) -> tuple[tuple[str, str], ...]:
@@ -304,7 +303,7 @@ def verdicts_of_members(
     return verdicts_under(scene, members, robust.torques, robust.feedback, limits=limits, **options)
 
 
-def under_feedback(scene: _Scene, stiffness: FloatArray | None) -> _Scene:
+def under_feedback(scene: AnyScene, stiffness: FloatArray | None) -> AnyScene:
     """Return a scene under its controller with other gains (L,), by joint; None: its own."""
     if stiffness is None:
         return scene
@@ -351,7 +350,7 @@ def verdicts_under(
     return MemberVerdicts(tuple(members[:count]), tuple(verdicts), len(members) - count)
 
 
-def scene_of_member(scene: _Scene, member: Member) -> _Scene:
+def scene_of_member(scene: AnyScene, member: Member) -> AnyScene:
     """Return a scene changed to what a member is: object, gravity, push and friction.
 
     Inertia goes with the mass, about the centre of mass where that is. What acted on the centre of

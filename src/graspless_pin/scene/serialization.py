@@ -77,7 +77,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         ],
         "friction": dict(scene.friction),
         "materials": _materials(scene),
-        "contacts": None,
+        "contacts": scene.given_contacts and [vars(one) for one in scene.given_contacts],
         "motion": motion
         and {
             "object_twist": _twist(motion.object_twist),
@@ -92,13 +92,9 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         **{name: getattr(scene, name) for name in PLAIN_FIGURES},
         "tangent_axes": list(scene.tangent_axes),
         "controller": controller.stiffness if in_a_word else vars(controller),
-        "uncertainty": None,
+        "uncertainty": scene.uncertainty and stated_uncertainty(scene.uncertainty),
         "solve": SolveEntry().model_dump() | dict(scene.solve_options),
     }
-    if scene.uncertainty is not None:
-        stated["uncertainty"] = stated_uncertainty(scene.uncertainty)
-    if scene.given_contacts is not None:
-        stated["contacts"] = [vars(contact) for contact in scene.given_contacts]
     return plain(stated)
 
 

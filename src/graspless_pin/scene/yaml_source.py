@@ -167,7 +167,11 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
     try:
         return model.model_validate(source.data)
     except ValidationError as error:
-        raise source.kind.error(_validation_text(source, error, model)) from None
+        mistakes = _mistakes(source.data, error, model)
+        lines = [*dict.fromkeys(source.message(*one) for one in mistakes)]
+        more = len(lines) - _MOST_TOLD + max(0, error.error_count() - _MOST_EXAMINED)
+        rest = [f"... and {more} mistakes more"] if more > 0 else []
+        raise source.kind.error("\n".join([*lines[:_MOST_TOLD], *rest])) from None
 
 
 def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
@@ -244,15 +248,6 @@ def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bo
     nodes = _nodes_at(_json_schema(model), data, location)
     kinds = {node.get("type") for node in nodes}
     return "integer" in kinds and "number" not in kinds
-
-
-def _validation_text(source: YamlSource, error: ValidationError, model: type[BaseModel]) -> str:
-    """Return one line a mistake."""
-    lines = [*dict.fromkeys(source.message(*one) for one in _mistakes(source.data, error, model))]
-    more = len(lines) - _MOST_TOLD + max(0, error.error_count() - _MOST_EXAMINED)
-    return "\n".join(
-        [*lines[:_MOST_TOLD], *([f"... and {more} mistakes more"] if more > 0 else [])]
-    )
 
 
 def _mistakes(

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ from graspless_pin.geometry.bodies.meshes import hull_corners, simplified_for_cu
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.geometry.outside_calls import ITERATIONS, SEED, run_coacd
 from graspless_pin.intake.fields import Seconds, no_truth_value
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, read_only, real_number, whole_number
 from graspless_pin.progress import waiting_for
 
 if TYPE_CHECKING:
@@ -56,6 +56,8 @@ MOST_PIECES = 1000
 """More convex pieces than any mesh needs."""
 
 Convex = Literal["hull", "decompose"]
+WAYS = get_args(Convex)
+"""How meshes are made convex."""
 Concavity = Annotated[
     float,
     Field(
@@ -100,20 +102,15 @@ class Cut:
         Raises:
             ArgumentError: One is outside its range; named as scenes and robot files name it.
         """
-        if not _is_number(self.concavity) or not 0.01 <= self.concavity <= 1.0:
+        if real_number("concavity", self.concavity, 0.01) > 1.0:
             raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
-        if not _is_number(self.time_limit) or not 0.0 < self.time_limit <= LONGEST_TIME:
+        if not 0.0 < real_number("decompose_time_limit", self.time_limit, 0.0) <= LONGEST_TIME:
             raise ArgumentError(
                 "decompose_time_limit",
                 f"needs seconds above 0, at most {LONGEST_TIME:g}, got {self.time_limit!r}",
             )
-        most = self.max_pieces
-        if most is not None and not (type(most) is int and 1 <= most <= MOST_PIECES):
-            raise ArgumentError("max_pieces", f"needs 1 to {MOST_PIECES}, got {most!r}")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
+        if self.max_pieces is not None:
+            whole_number("max_pieces", self.max_pieces, 1, MOST_PIECES)
 
 
 def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[FloatArray, ...]:

@@ -18,7 +18,13 @@ from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, P
 from graspless_pin.geometry.bodies.shape import Shape
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
-from graspless_pin.problem.checks import FloatArray, checked_inertia, finite_array, read_only
+from graspless_pin.problem.checks import (
+    FloatArray,
+    checked_inertia,
+    finite_array,
+    read_only,
+    real_number,
+)
 from graspless_pin.records import Brief, PickledByFields, changed
 from graspless_pin.suggestions import names_in_words, nearest_name
 
@@ -363,10 +369,8 @@ class Materials(PickledByFields):
                 key = f"materials[{first!r}][{second!r}]"
                 if not (str(first).strip() and str(second).strip()):
                     raise ArgumentError(key, "needs two names")
-                if isinstance(value, bool) or not (math.isfinite(value) and value >= 0.0):
-                    raise ArgumentError(key, f"needs a coefficient of zero or more, got {value!r}")
-                pair = frozenset((first, second))
-                if coefficients.setdefault(pair, float(value)) != value:
+                pair, figure = frozenset((first, second)), real_number(key, value, 0.0)
+                if coefficients.setdefault(pair, figure) != figure:
                     raise ArgumentError(
                         key, f"is {value:g}, but {coefficients[pair]:g} the other way round"
                     )

@@ -24,7 +24,6 @@ from typing import (
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, GetPydanticSchema, create_model
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
@@ -408,7 +407,15 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
     Raises:
         MeshError: coal cannot use their hull, or would crash over it since it is next to flat.
     """
-    _check_thickness(points, label)
+    centered = points - points.mean(axis=0)
+    across = np.linalg.svd(centered, full_matrices=False)[2]
+    size = float(np.ptp(centered, axis=0).max())
+    thickness = float(np.ptp(centered @ across[-1]))
+    if thickness < _THINNEST * size:  # coal would end the process over it
+        raise MeshError(
+            f"{label} is next to flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
+            f"thickness of at least {_THINNEST:g} of its width"
+        )
     corners: Any = coal.StdVec_Vec3s()
     corners.extend(points)
     error: Exception | None = None
@@ -422,23 +429,6 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
     raise MeshError(f"{label} has no usable convex hull; simplify it ({error})") from error
 
 
-def _check_thickness(points: FloatArray, label: str) -> None:
-    """Refuse what is so thin that coal ends the process over it.
-
-    Raises:
-        MeshError: If it is.
-    """
-    centered = points - points.mean(axis=0)
-    across = np.linalg.svd(centered, full_matrices=False)[2]
-    size = float(np.ptp(centered, axis=0).max())
-    thickness = float(np.ptp(centered @ across[-1]))
-    if thickness < _THINNEST * size:
-        raise MeshError(
-            f"{label} is next to flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
-            f"thickness of at least {_THINNEST:g} of its width"
-        )
-
-
 def checked_lengths(name: str, value: Any, count: int) -> Any:
     """Return one length, or three along x, y, z as a tuple.
 
@@ -446,20 +436,14 @@ def checked_lengths(name: str, value: Any, count: int) -> Any:
         ArgumentError: It is not a positive number, or they are not three.
     """
     if count == 3:
-        return _three_lengths(name, value)
+        array = as_numbers(name, value, "three positive numbers")
+        within = (array >= SMALLEST_LENGTH) & (array <= LARGEST_LENGTH)
+        if array.shape != (3,) or not within.all():
+            found = array.tolist()
+            raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {found}")
+        return tuple(array.tolist())
     if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
         raise ArgumentError(name, f"needs a positive number, got {value!r}")
     if not SMALLEST_LENGTH <= value <= LARGEST_LENGTH:
         raise ArgumentError(name, f"needs a positive number {_RANGE}, got {value!r}")
     return value
-
-
-def _three_lengths(name: str, values: ArrayLike) -> tuple[float, ...]:
-    array = as_numbers(name, values, "three positive numbers")
-    if (
-        array.shape != (3,)
-        or not (array >= SMALLEST_LENGTH).all()
-        or not (array <= LARGEST_LENGTH).all()
-    ):
-        raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {array.tolist()}")
-    return tuple(array.tolist())

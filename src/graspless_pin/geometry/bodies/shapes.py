@@ -18,6 +18,7 @@ from graspless_pin.geometry.bodies.convex_sets import ConvexSet, Plane, Revolved
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
+    WAYS,
     Concavity,
     Convex,
     Cut,
@@ -47,6 +48,7 @@ from graspless_pin.geometry.bodies.shape import (
     convex_geometry,
 )
 from graspless_pin.intake.fields import Length
+from graspless_pin.problem.checks import one_of
 
 _SECTIONS = 32  # of a circle
 _SIMULATED_SECTIONS = 256
@@ -305,8 +307,7 @@ class MeshShape(Shape):
         object.__setattr__(self, "path", Path(self.path))
         count = 1 if np.ndim(self.scale) == 0 else 3
         object.__setattr__(self, "scale", checked_lengths("scale", self.scale, count))
-        if self.convex not in ("hull", "decompose"):
-            raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
+        one_of(WAYS, "convex", self.convex)
         self.cut()
 
     def cut(self) -> Cut:

@@ -276,14 +276,13 @@ class LinkDistances:
         shapes: (K) geometries with their poses, `LinkGeometry`.
     """
 
-    def __init__(self, hand: Hand, links: Collection[str], pieces: Sequence[CollisionBody]) -> None:
+    def __init__(self, hand: Hand, links: Collection[str], pieces: PlacedBodies) -> None:
         """Take the shapes of ``links`` in ``hand``, to be measured against a body's pieces."""
         self.shapes = tuple(item for item in hand.tree.geometries if item.link in links)
         self.links = tuple(item.link for item in self.shapes)
         self._tree = hand.tree
         self._pieces = [(piece.geometry, _transform(piece.T_world_geometry)) for piece in pieces]
-        placed = PlacedBodies.of(pieces)
-        self._centers, self._radii = box_centers(placed), solids_of(placed.shapes).reaches
+        self._centers, self._radii = box_centers(pieces), solids_of(pieces.shapes).reaches
 
     def at(self, positions: FloatArray) -> FloatArray:
         """Return the (K,) signed distances with all joints at (n,) ``positions``, m."""

@@ -54,7 +54,9 @@ def joint_positions(
         try:
             positions[indices] = list(q.values())
         except (TypeError, ValueError):
-            positions[indices] = [_finite(name, value) for name, value in q.items()]
+            positions[indices] = [
+                real_number(f"q[{name!r}]", value, -np.inf) for name, value in q.items()
+            ]
     if len(coupling.leaders) < len(positions):
         given = positions[indices].tolist()
         positions = coupling.all_positions(coupling.independent(positions))
@@ -138,9 +140,9 @@ def _within_limits(
         return positions
     if q is None:
         q = {tree.joint_names[joint]: positions[joint] for joint in leaders}
-    for name, value in q.items():
-        _finite(name, value)
     given = [tree.joint_index[name] for name in q]
+    for name, value in zip(q, positions[given].tolist(), strict=True):
+        real_number(f"q[{name!r}]", value, -np.inf)
     outside = ~((lower <= positions) & (positions <= upper))
     moved = np.any(tree.coupling.S[:, np.isin(leaders, given)] != 0.0, axis=1)
     for index in np.flatnonzero(moved & outside).tolist():
@@ -169,17 +171,6 @@ def _followed(tree: KinematicTree, index: int) -> str:
     return ", ".join(repr(tree.leader_names[column]) for column in tree.coupling.drivers([index]))
 
 
-def _finite(name: str, value: float) -> float:
-    """Return ``value`` as a finite float."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(f"q[{name!r}]", f"needs a number, got {value!r}") from error
-    if not math.isfinite(number):
-        raise ArgumentError(f"q[{name!r}]", f"needs a finite number, got {value!r}")
-    return number
-
-
 class PosedLinks(NamedTuple):
     """The links of a tree at one configuration.
 
@@ -201,9 +192,9 @@ class PosedLinks(NamedTuple):
         """
         if link not in self.tree.link_joints:
             raise unknown_name("link", "link", link, tuple(self.tree.link_frames))
-        joint = self.tree.link_joints[link]
+        T_world_joint = self.kinematics.T_world_joint[self.tree.link_joints[link]]
         frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
-        return self.kinematics.T_world_joint[joint] @ frame.placement.homogeneous
+        return T_world_joint @ frame.placement.homogeneous
 
     def point_jacobians(self, links: Sequence[str | None], points: ArrayLike) -> FloatArray:
         """Return (K, 3, n) velocities of points fixed to links per rate of each movable joint.

@@ -17,7 +17,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import KinematicTree, LinkGeometry
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray, unknown_name
+from graspless_pin.problem.checks import FloatArray, choice, unknown_name
 from graspless_pin.records import Brief, Record
 
 
@@ -43,7 +43,7 @@ def check_fingers(tree: KinematicTree, fingers: Mapping[str, FingerSpec]) -> dic
     checked: dict[str, FingerSpec] = {}
     owner: dict[tuple[str, str], str] = {}
     for finger, spec in fingers.items():
-        links = spec.links or _moved_links(tree, finger, spec.joints)
+        links = spec.links or _moved_links(tree, spec.joints)
         tips = () if spec.tip is None else (spec.tip,)
         for kind, names, known in (
             ("joint", spec.joints, tree.joint_names),
@@ -98,11 +98,14 @@ def plan_control(
     leaders = tree.leader_names
     still = dict.fromkeys(sorted(tree.locked), ControlMode.POSITION)
     if isinstance(control, str):
-        mode = _mode("control", control)
+        mode = choice(ControlMode, "control", control)
         if mode is ControlMode.HYBRID:
             raise ArgumentError("control", "hybrid control is per finger: give {finger: 'hybrid'}")
         return ControlPlan(dict.fromkeys(leaders, mode) | still, ())
-    modes = {name: _mode(f"control[{name!r}]", mode) for name, mode in (control or {}).items()}
+    modes = {
+        name: choice(ControlMode, f"control[{name!r}]", mode)
+        for name, mode in (control or {}).items()
+    }
     groups = {name: joints for name, joints in (arms or {}).items() if name not in fingers}
     by_joint = dict.fromkeys(leaders, ControlMode.FORCE)
     by_joint |= {joint: ControlMode.POSITION for joint in held if joint in by_joint}
@@ -163,21 +166,9 @@ def _modes_of_fingers(
     return {joint: modes[finger] for joint, finger in asked.items()}
 
 
-def _mode(argument: str, value: ControlMode | str) -> ControlMode:
-    """Return the control mode that ``value`` names."""
-    try:
-        return ControlMode(value)
-    except ValueError as error:
-        known = ", ".join(mode.value for mode in ControlMode)
-        raise ArgumentError(argument, f"unknown control mode {value!r}; known: {known}") from error
-
-
-def _moved_links(tree: KinematicTree, finger: str, joints: Sequence[str]) -> tuple[str, ...]:
+def _moved_links(tree: KinematicTree, joints: Sequence[str]) -> tuple[str, ...]:
     """Return the links that any of ``joints`` moves, in model order."""
-    for joint in joints:
-        if joint not in tree.joint_index:
-            raise unknown_name(f"fingers[{finger!r}]", "joint", joint, tree.joint_names)
-    columns = [tree.joint_index[joint] for joint in joints]
+    columns = [tree.joint_index[joint] for joint in joints if joint in tree.joint_index]
     return tuple(
         link for link, carrier in tree.link_joints.items() if tree.supports[carrier, columns].any()
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -57,35 +57,23 @@ def looked_for(places: Sequence[Path]) -> str:
     return named if more <= 0 else f"{named} and {more} more places"
 
 
-class _Missing(NamedTuple):
-    """What of a place is not there.
-
-    Attributes:
-        parts: Names of folders and a file, from the first that does not exist on.
-        folder: The folder that does, and holds the first of them not.
-    """
-
-    parts: tuple[str, ...]
-    folder: Path
-
-
 def what_to_do(mesh: LinkMesh) -> str:
     """Return what to do about a mesh that is missing: the name that was probably meant, if any."""
-    missing: list[_Missing] = []
+    # Of each place what is not there: folders and the file; and the folder that holds them not.
+    missing: list[tuple[tuple[str, ...], Path]] = []
     for place in mesh.looked:
         with suppress(OSError, ValueError):  # no file can have such a name
             folder = next(one for one in place.parents if one.is_dir())
-            missing.append(_Missing(place.relative_to(folder).parts, folder))
-    missing.sort(key=lambda one: len(one.parts))
-    for one in missing:
+            missing.append((place.relative_to(folder).parts, folder))
+    for parts, folder in sorted(missing, key=lambda one: len(one[0])):
         with suppress(OSError):  # a folder that nobody may look into
-            is_folder = len(one.parts) > 1
-            known = [item.name for item in one.folder.iterdir() if item.is_dir() == is_folder]
-            if near := nearest_name(one.parts[0], known, _ALIKE):
+            is_folder = len(parts) > 1
+            known = [item.name for item in folder.iterdir() if item.is_dir() == is_folder]
+            if near := nearest_name(parts[0], known, _ALIKE):
                 return f"did you mean {near!r}?"
     scheme, _, address = mesh.written.partition("://")
     package = Path(address).parts
-    if scheme == "package" and not any(len(one.parts) < len(package) for one in missing):
+    if scheme == "package" and not any(len(parts) < len(package) for parts, _ in missing):
         return "give package_dirs, the folder that holds the package"
     return "put the file there or correct the path"
 

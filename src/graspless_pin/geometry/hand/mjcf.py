@@ -198,8 +198,10 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
         name = model.equality(index).name or f"no. {index + 1}"
         where = f"{source.path}: the equality {name!r}"
         if kind in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
-            ends = _bodies(source, int(index), first, second)
-            if all(inside[end] for end in ends):
+            ends = np.array([first, second])
+            if model.eq_objtype[index] == source.mujoco.mjtObj.mjOBJ_SITE:
+                ends = model.site_bodyid[ends]
+            if inside[ends].all():
                 names = " and ".join(repr(model.body(end).name) for end in ends)
                 raise RobotError(
                     f"{where} closes a loop between {names}; joints have to form a tree: "
@@ -267,14 +269,6 @@ def _couple(
     arm = arms[follower]
     leaders = {joint: -other / arm for joint, other in arms.items() if joint != follower}
     found[follower] = leaders, length / arm
-
-
-def _bodies(source: MjcfSource, index: int, first: int, second: int) -> tuple[int, int]:
-    """Return the bodies that an equality joins, which may name sites."""
-    model = source.model
-    if model.eq_objtype[index] == source.mujoco.mjtObj.mjOBJ_SITE:
-        return int(model.site_bodyid[first]), int(model.site_bodyid[second])
-    return first, second
 
 
 def _both_ways(bounds: Sequence[float] | FloatArray) -> float:

@@ -66,15 +66,14 @@ def unit_findings(robot: RobotModel, boxes: Mapping[str, FloatArray]) -> Iterato
     """
     boxes = _with_joints(robot, boxes)
     longest = sum(float(np.linalg.norm(high - low)) for low, high in boxes.values())
-    code, label = FindingCode.UNLIKELY_SIZE, robot.label
-    yield from gathered(code, label, "such lengths", _lengths(robot, boxes, longest))
-    code = FindingCode.UNLIKELY_DENSITY
-    yield from gathered(code, label, "such links", _masses(robot, boxes))
-    code = FindingCode.UNLIKELY_INERTIA
-    yield from gathered(code, label, "such links", _inertias(robot, boxes, longest))
-    code = FindingCode.ANGLE_IN_DEGREES
-    yield from gathered(code, label, "such limits", _limits(robot))
-    yield from gathered(code, label, "such multipliers", _multipliers(robot))
+    for code, kind, found in (
+        (FindingCode.UNLIKELY_SIZE, "such lengths", _lengths(robot, boxes, longest)),
+        (FindingCode.UNLIKELY_DENSITY, "such links", _masses(robot, boxes)),
+        (FindingCode.UNLIKELY_INERTIA, "such links", _inertias(robot, boxes, longest)),
+        (FindingCode.ANGLE_IN_DEGREES, "such limits", _limits(robot)),
+        (FindingCode.ANGLE_IN_DEGREES, "such multipliers", _multipliers(robot)),
+    ):
+        yield from gathered(code, robot.label, kind, found)
 
 
 def _with_joints(robot: RobotModel, boxes: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

@@ -30,7 +30,7 @@ from graspless_pin.geometry.hand.robot_model import (
     root_of_tree,
 )
 from graspless_pin.geometry.hand.robot_units import gathered
-from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.poses import rigid, rotation_matrix
 from graspless_pin.geometry.robots.description import JointCoupling, RobotDescription
 from graspless_pin.intake.files import is_file
 from graspless_pin.problem.checks import FloatArray
@@ -208,27 +208,18 @@ def _link(described: RobotDescription, link: ET.Element, *, with_shapes: bool) -
     """Read one link."""
     name = link.get("name", "")
     where = f"{described.urdf_path}: link {name!r}"
-    collisions: list[LinkShape] = []
-    visuals: list[LinkShape] = []
-    if with_shapes:
-        of_collisions, of_visuals = link.findall("collision"), link.findall("visual")
-        if described.visuals_collide and not of_collisions:
-            of_collisions = of_visuals
-        collisions = [
-            shape
-            for element in of_collisions
-            if (shape := _shape(described, where, element, leave_out_empty=True))
-        ]
-        # They are drawn only: half a link would mislead more than its collision shapes do.
-        try:
-            visuals = [
-                shape
-                for element in of_visuals
-                if (shape := _shape(described, where, element, leave_out_empty=False))
-            ]
-        except RobotError:
-            visuals = []
-    return RobotLink(name, *_inertial(where, link), tuple(collisions), tuple(visuals))
+    of_collisions, of_visuals = (
+        link.findall(use) if with_shapes else [] for use in ("collision", "visual")
+    )
+    if described.visuals_collide and not of_collisions:
+        of_collisions = of_visuals
+    collisions = [_shape(described, where, one, leave_out_empty=True) for one in of_collisions]
+    try:
+        visuals = [_shape(described, where, one, leave_out_empty=False) for one in of_visuals]
+    except RobotError:  # drawn only: half a link would mislead more than its collision shapes do
+        visuals = []
+    shapes = (tuple(filter(None, found)) for found in (collisions, visuals))
+    return RobotLink(name, *_inertial(where, link), *shapes)
 
 
 def _inertial(where: str, link: ET.Element) -> tuple[float, FloatArray, FloatArray]:
@@ -306,7 +297,7 @@ def _origin(where: str, element: ET.Element) -> FloatArray:
     what = f"{element.tag} origin"
     position = _numbers(where, f"{what} xyz", stated.get("xyz", "0 0 0"), 3)
     angles = _numbers(where, f"{what} rpy", stated.get("rpy", "0 0 0"), 3)
-    return pose_matrix(position, angles)
+    return rigid(position, rotation_matrix(np.array(angles)))
 
 
 def _number(where: str, what: str, text: str, *, unlimited: bool = False) -> float:

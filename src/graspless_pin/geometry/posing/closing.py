@@ -63,7 +63,7 @@ class March:
         start = tree.coupling.independent(hand.positions)
         self._lower, self._upper = searched_ranges(tree, start, _UNLIMITED)
         links = {link for finger in fingers for link in hand.fingers[finger].links}
-        self._distances = LinkDistances(hand, links, target.collision_bodies())
+        self._distances = LinkDistances(hand, links, target.placed_bodies)
         self._reach = _reaches(self._distances, hand)
 
     def refuse_overlap(self, independent: FloatArray) -> None:
@@ -347,7 +347,7 @@ def _report(
     hand: Hand, target: ManipulatedObject, finger: str, at_limit: set[int], gap: float
 ) -> FingerClosing:
     """Measure where a finger ended."""
-    probe = LinkDistances(hand, hand.fingers[finger].links, target.collision_bodies())
+    probe = LinkDistances(hand, hand.fingers[finger].links, target.placed_bodies)
     distances = probe.at(hand.positions)
     return FingerClosing(
         finger=finger,

@@ -72,7 +72,7 @@ class Tip:
         self.normal = normal
         self._tree = hand.tree
         links = {*hand.fingers[finger].links, self.link}
-        self._distances = LinkDistances(hand, links, target.collision_bodies())
+        self._distances = LinkDistances(hand, links, target.placed_bodies)
 
     def touch(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tip's point farthest along the normal and its Jacobian.

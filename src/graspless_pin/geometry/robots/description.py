@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from graspless_pin.errors import ArgumentError, RobotError
-from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT, Cut
+from graspless_pin.geometry.bodies.decomposition import (
+    DEFAULT_CONCAVITY,
+    DEFAULT_TIME_LIMIT,
+    WAYS,
+    Cut,
+)
+from graspless_pin.problem.checks import one_of
 from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.records import Brief, Record
 from graspless_pin.suggestions import names_in_words
@@ -78,12 +84,10 @@ class LinkMeshes:
         Raises:
             ArgumentError: One is not among those above.
         """
-        by_link = isinstance(self.convex, Mapping)
-        words = dict(self.convex) if isinstance(self.convex, Mapping) else {"": self.convex}
-        for link, word in words.items():
-            if word not in ("hull", "decompose"):
-                argument = f"convex[{link!r}]" if by_link else "convex"
-                raise ArgumentError(argument, f"needs 'hull' or 'decompose', got {word!r}")
+        if not isinstance(self.convex, Mapping):
+            one_of(WAYS, "convex", self.convex)
+        for link, word in self.convex.items() if isinstance(self.convex, Mapping) else ():
+            one_of(WAYS, f"convex[{link!r}]", word)
         self._cut()
 
     def _cut(self) -> Cut:
