@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 
 _MOST_NAMES = 30
@@ -21,8 +21,13 @@ def names_in_words(name: str, known: Iterable[str]) -> str:
     names = [str(one) for one in known]
     near = nearest_name(name, names)
     meant = "" if near is None else f"did you mean {near!r}? "
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return f"{meant}known: {', '.join(names[:_MOST_NAMES]) or 'none'}{more}"
+    return f"{meant}known: {first_of(names, _MOST_NAMES) or 'none'}"
+
+
+def first_of(words: Sequence[str], most: int, between: str = ", ") -> str:
+    """Return the first few of some words in a row, and how many more there are."""
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return between.join(words[:most]) + more
 
 
 _INSTEAD = {

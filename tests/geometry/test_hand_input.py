@@ -98,7 +98,7 @@ MISTAKES = [
     (lambda h: h.with_configuration({"joint_1.0": 2.0}), r"'joint_1.0'\]: is 2, outside .*1.61\]"),
     (lambda h: h.with_configuration({"joint_12.0": 0.0}), r"the joint's limits \[0.263, 1.396\]"),
     (lambda h: h.with_configuration({"joint_1.0": float("nan")}), "must be a finite number"),
-    (lambda h: h.with_configuration({"joint_1.0": "bent"}), "is 'bent'; it must be a finite number"),
+    (lambda h: h.with_configuration({"joint_1.0": "bent"}), "is 'bent'; it must be a finite"),
     (lambda _: assembled(control="soft"), "is 'soft'; it must be one of 'force', 'position'"),
     (lambda _: assembled(control={"joint_1.0": "hybrid"}), "hybrid control is per finger"),
     (lambda _: assembled(control={"index": "hybrid", "joint_1.0": "force"}),

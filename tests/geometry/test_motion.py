@@ -134,7 +134,7 @@ def test_a_support_that_rises_into_the_object_is_named() -> None:
 
 def test_an_unknown_support_is_named_with_those_that_are_there() -> None:
     floor = Support("floor", HalfSpace(), np.eye(4))
-    with pytest.raises(ArgumentError, match="has no support 'table'; known: 'floor'"):
+    with pytest.raises(ArgumentError, match="unknown support 'table'; known: floor"):
         support_velocities(SCENE, [floor])
 
 

@@ -83,7 +83,7 @@ def test_packages_beside_the_urdf_and_beside_its_package_are_found(tmp_path, ins
 
 def test_a_missing_mesh_names_few_places(tmp_path):
     file = write_urdf(tmp_path, link("a", MESH.format("package://gone/part.stl")))
-    with pytest.raises(MeshError, match=r"gone/part.stl, .*, .* and \d+ more places\); give pack"):
+    with pytest.raises(MeshError, match=r"gone/part.stl, .*, .* and \d+ more\); give pack"):
         Hand.from_urdf(file)
 
 

@@ -9,8 +9,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from graspless_pin.intake.yaml_edit import edited_yaml, same_data
-from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.intake.yaml_text import edited_yaml, parse_yaml, same_data
 
 TEXT = """\
 # A hand.

@@ -15,7 +15,7 @@ import numpy as np
 
 from graspless_pin.errors import ArgumentError, MeshError, RobotError
 from graspless_pin.findings import Finding, FindingCode, capture, causes_first
-from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
+from graspless_pin.geometry.bodies.meshes import scale_findings
 from graspless_pin.geometry.hand.actuation import is_placeholder
 from graspless_pin.geometry.hand.assembly import (
     EffortRecord,
@@ -27,6 +27,7 @@ from graspless_pin.geometry.hand.assembly import (
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
 from graspless_pin.geometry.hand.link_meshes import (
+    NEEDED_SCALE,
     is_flat,
     load_link_mesh,
     looked_for,
@@ -37,6 +38,7 @@ from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, robot_names
 from graspless_pin.intake.files import read_bytes
+from graspless_pin.suggestions import first_of
 
 
 @dataclass(frozen=True)
@@ -204,11 +206,10 @@ def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
         )
     turned = [f"{name} ({up})" for name, up in up_axes.items() if up not in ("", "Z_UP")]
     if turned:
-        more = f" and {len(turned) - 3} more" if len(turned) > 3 else ""
         yield Finding(
             FindingCode.MESH_AXES,
             "robot",
-            f"collision meshes say that another axis than z is up: {', '.join(turned[:3])}{more}",
+            f"collision meshes say that another axis than z is up: {first_of(turned, 3)}",
             "nothing to do if the robot looks right: readers of URDF leave its meshes as they are, "
             "and so does this one",
         )
@@ -224,7 +225,7 @@ def _audit_mesh(
         yield Finding(
             FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
-            f"{mesh.written!r} is missing (looked for {looked_for(mesh.looked)}); {grave}",
+            f"{mesh.written!r} is missing (looked for {looked_for(mesh)}); {grave}",
             what_to_do(mesh),
         )
         return
@@ -236,15 +237,9 @@ def _audit_mesh(
     except MeshError as error:
         yield Finding(FindingCode.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
         return
-    extent = float(np.ptp(vertices, axis=0).max())
-    if not SMALLEST_MESH <= extent <= LARGEST_MESH:
-        scale = " ".join(f"{one:g}" for one in mesh.scale)
-        yield Finding(
-            FindingCode.MESH_SCALE,
-            where,
-            f"{mesh.file.name} with scale {scale} is {extent:.3g} m large",
-            'lengths are metres: a mesh in millimetres needs scale="0.001 0.001 0.001"',
-        )
+    scale = " ".join(f"{one:g}" for one in mesh.scale)
+    named = f"{mesh.file.name} with scale {scale}"
+    yield from scale_findings(where, named, vertices, NEEDED_SCALE)
     if is_flat(vertices):
         yield Finding(
             FindingCode.UNUSABLE_MESH,

@@ -1,11 +1,15 @@
-"""Plain YAML with line numbers and bounds: data only, no tags, no duplicate keys."""
+"""Plain YAML with line numbers and bounds: data only, no tags, no duplicate keys.
+
+And a YAML text that is changed so that it holds other data: patched, not written anew, so that
+comments, order, line breaks and the digits of numbers stay.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -189,3 +193,252 @@ def _advice(error: yaml.MarkedYAMLError) -> str:
         advice = "a file holds one document"
     column = f"column {error.problem_mark.column + 1}: " if error.problem_mark else ""
     return f"{column}{problem}; {advice}"
+
+
+_WIDTH = 100
+_MOST_ROUNDS = 100
+_ANCHOR = re.compile(r"&[^\s,\[\]{}]+")
+_COMMA = re.compile(r"[ \t]*,[ \t]*")
+_LINE_END = re.compile(r"\r\n|[\r\n\x85\u2028\u2029]")
+
+
+class _Edit(NamedTuple):
+    """Put a text in the place of what stands from start to end."""
+
+    start: int
+    end: int
+    text: str
+
+
+class _Loader(YamlLoader):
+    """Gives an alias its own place in the text; it has its anchor's content."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        alias = self.peek_event() if self.check_event(yaml.AliasEvent) else None
+        node = super().compose_node(parent, index)
+        if alias is None:
+            return node
+        return yaml.ScalarNode("alias", None, alias.start_mark, alias.end_mark)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Indents the items of lists, writes anchors out, and keeps every text on one line."""
+
+    def represent(self, data: Any) -> None:
+        """Write the outermost mapping or list in a block unless all is to be on one line."""
+        node = self.represent_data(data)
+        if isinstance(node, yaml.CollectionNode) and not self.default_flow_style:
+            node.flow_style = False
+        self.serialize(node)
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+        return True
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:  # noqa: ARG002
+        super().increase_indent(flow, indentless=False)
+
+
+def _one_line(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    style = None if text.isprintable() else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _one_line)
+
+
+def yaml_of(data: Any) -> str:
+    """Return data as YAML: the innermost mappings and lists on one line, the others in blocks."""
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=_WIDTH,
+                     default_flow_style=None)  # fmt: skip
+
+
+def edited_yaml(text: str, data: Any) -> str:
+    """Return a YAML text with as little changed as makes it hold some data.
+
+    Where that is not possible, as with merged keys, a mapping or the whole text is written anew.
+
+    Args:
+        text: What `parse_yaml` takes.
+        data: Plain Python data that the result is to hold.
+
+    Raises:
+        TextError: See `parse_yaml`.
+    """
+    found = parse_yaml(text).data
+    for _ in range(_MOST_ROUNDS):
+        if same_data(found, data):
+            return text
+        root = _Loader(text).get_single_node()
+        if root is None:
+            break
+        # What the others have moved is looked at in the next round.
+        free = len(text)
+        for edit in sorted(_edits(text, root, found, data), reverse=True):
+            if edit.end <= free:
+                text = text[: edit.start] + edit.text + text[edit.end :]
+                free = edit.start
+        try:
+            found = parse_yaml(text).data
+        except TextError:  # an anchor is gone that an alias needs
+            break
+    return yaml_of(data)
+
+
+def same_data(one: Any, other: Any) -> bool:
+    """Return whether two files hold the same; the order of keys does not count, and 1 is 1.0."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(same_data(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same_data, one, other))
+    if isinstance(one, bool) or isinstance(other, bool):
+        return one is other
+    return one == other
+
+
+def _edits(text: str, node: yaml.Node, found: Any, wanted: Any) -> Iterator[_Edit]:
+    """Yield what has to be done to the text of one node."""
+    if same_data(found, wanted):
+        return
+    edits = None
+    if found and wanted and isinstance(node, yaml.MappingNode) and isinstance(wanted, dict):
+        edits = _mapping_edits(text, node, found, wanted)
+    elif found and wanted and isinstance(node, yaml.SequenceNode) and isinstance(wanted, list):
+        edits = _sequence_edits(text, node, found, wanted)
+    yield from [_replaced(text, node, wanted)] if edits is None else edits
+
+
+def _mapping_edits(
+    text: str, node: yaml.MappingNode, found: dict[Any, Any], wanted: dict[Any, Any]
+) -> list[_Edit] | None:
+    """Return the edits of a mapping's keys; None: it has to be replaced as a whole."""
+    names = [key.value for key, _ in node.value]
+    kept = [name for name in names if name in wanted]
+    bare = node.flow_style and text[node.start_mark.index] not in "{&"  # [key: value]
+    if names != list(found) or not kept or bare:
+        return None
+    edits = []
+    for (_, value), name in zip(node.value, names, strict=True):
+        if name in wanted:
+            edits += _edits(text, value, found[name], wanted[name])
+    spans = [(key.start_mark.index, _end(value)) for key, value in node.value]
+    gone = [index for index, name in enumerate(names) if name not in wanted]
+    new = {name: value for name, value in wanted.items() if name not in found}
+    return edits + _changed_length(text, node, spans, gone, new)
+
+
+def _sequence_edits(
+    text: str, node: yaml.SequenceNode, found: list[Any], wanted: list[Any]
+) -> list[_Edit] | None:
+    """Return the edits of a list's items; None: it has to be replaced as a whole."""
+    labels, goal = [_label(item) for item in found], [_label(item) for item in wanted]
+    kept = [label for label in labels if label in goal]
+    if kept and kept == goal[: len(kept)] and len(kept) < max(len(labels), len(goal)):
+        gone = [index for index, label in enumerate(labels) if label not in goal]
+        spans = [_item_span(text, node, item) for item in node.value]
+        return _changed_length(text, node, spans, gone, wanted[len(kept) :])
+    if len(found) != len(wanted):
+        return None
+    pairs = zip(node.value, found, wanted, strict=True)
+    return [edit for item, old, new in pairs for edit in _edits(text, item, old, new)]
+
+
+def _label(item: Any) -> str:
+    """Return what tells an item of a list from others: its name, or all of it."""
+    names = (item.get("name"), item.get("prefix")) if isinstance(item, dict) else ()
+    return next((name for name in names if isinstance(name, str)), repr(item))
+
+
+def _changed_length(
+    text: str, node: yaml.CollectionNode, spans: list[tuple[int, int]], gone: list[int], new: Any
+) -> list[_Edit]:
+    """Return the edits that take some children out and add some after the last."""
+    out = _out_of_line if node.flow_style else _out_of_block
+    edits = [out(text, spans, index) for index in gone]
+    end = spans[-1][1]
+    if new and node.flow_style:
+        edits.append(_Edit(end, end, f", {flow_of(new)[1:-1]}"))
+    elif new:
+        lines = block_of(new, spans[0][0] - _line_start(text, spans[0][0]))
+        if text[:end].endswith("\n"):  # a text block, which ends with its line
+            edits.append(_Edit(end, end, f"{lines}\n"))
+        else:
+            at = _line_end(text, end)[0]
+            edits.append(_Edit(at, at, f"\n{lines}"))
+    return edits
+
+
+def _out_of_line(text: str, spans: list[tuple[int, int]], index: int) -> _Edit:
+    """Take a child out of ``{...}`` or ``[...]``, with one comma."""
+    start, end = spans[index]
+    if comma := _COMMA.match(text, end):
+        return _Edit(start, comma.end(), "")
+    if index and "#" not in text[spans[index - 1][1] : start]:
+        start = spans[index - 1][1]
+    return _Edit(start, end, "")
+
+
+def _out_of_block(text: str, spans: list[tuple[int, int]], index: int) -> _Edit:
+    """Take a child's lines out; comments on lines of their own stay."""
+    start, end = spans[index]
+    if not text[:end].endswith("\n"):
+        end = _line_end(text, end)[1]
+    line = _line_start(text, start)
+    if not text[line:start].strip():
+        return _Edit(line, end, "")
+    # The first key of a list's item, behind the dash; more follow, or the item would be replaced.
+    following = spans[index + 1][0] if index + 1 < len(spans) else spans[index][1]
+    return _Edit(start, spans[index][1] if text[end:following].strip() else following, "")
+
+
+def _replaced(text: str, node: yaml.Node, wanted: Any) -> _Edit:
+    """Put data in the place of a node; its anchor stays."""
+    start, end = node.start_mark.index, _end(node)
+    anchor = _ANCHOR.match(text, start)
+    start = anchor.end() if anchor else start
+    in_block = isinstance(node, yaml.CollectionNode) and not node.flow_style and not anchor
+    if in_block and wanted and isinstance(wanted, dict | list):
+        return _Edit(start, end, block_of(wanted, node.start_mark.column).lstrip(" "))
+    key = text[:start].rstrip()
+    if key.endswith(":") and "\n" in text[len(key) : start]:  # the value stood below its key
+        start = len(key)
+    before = " " if anchor or (key.endswith(":") and start == len(key)) else ""
+    after = "\n" if text[start:end].endswith("\n") else ""
+    return _Edit(start, end, before + flow_of(wanted) + after)
+
+
+def _end(node: yaml.Node) -> int:
+    """Return where the text of a node ends; marks of blocks stand after the comments below."""
+    if isinstance(node, yaml.CollectionNode) and not node.flow_style:
+        last = node.value[-1]
+        return _end(last[1] if isinstance(last, tuple) else last)
+    return node.end_mark.index
+
+
+def _item_span(text: str, node: yaml.SequenceNode, item: yaml.Node) -> tuple[int, int]:
+    """Return where an item of a list starts, with its dash in a block, and where it ends."""
+    start = item.start_mark.index
+    if not node.flow_style:
+        start = text.rindex("-", 0, start)
+    return start, _end(item)
+
+
+def _line_end(text: str, index: int) -> tuple[int, int]:
+    """Return where a line ends, and where the next one starts."""
+    found = _LINE_END.search(text, index)
+    return found.span() if found else (len(text), len(text))
+
+
+def _line_start(text: str, index: int) -> int:
+    return max(text.rfind(end, 0, index) for end in "\n\r\x85\u2028\u2029") + 1
+
+
+def flow_of(data: Any) -> str:
+    """Return data as YAML on one line, as it may stand inside of ``[...]``."""
+    line = yaml.dump([data], Dumper=_Dumper, sort_keys=False, allow_unicode=True,
+                     default_flow_style=True, width=float("inf"))  # fmt: skip
+    return line.strip()[1:-1]
+
+
+def block_of(data: Any, column: int) -> str:
+    """Return data as YAML in lines that start at a column, the last without its end."""
+    return "\n".join(" " * column + line for line in yaml_of(data).splitlines())

@@ -6,7 +6,7 @@ And the units of generalised forces: not every column of J is a turning joint's,
 from __future__ import annotations
 
 import operator
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -113,9 +113,7 @@ def motor_torques(names: Sequence[str], given: ArrayLike | Mapping[str, float]) 
         ArgumentError: If one is unknown or missing, or they are no L finite numbers.
     """
     if isinstance(given, Mapping):
-        for name in given:
-            if name not in names:
-                raise unknown_name("torques", "joint", name, names)
+        check_known("torques", "joint", given, names)
         if missing := [name for name in names if name not in given]:
             raise ArgumentError(
                 "torques", f"has none of {', '.join(map(repr, missing))}; give one for each joint"
@@ -260,6 +258,17 @@ def choice(options: type[_Choice], name: str, value: str) -> _Choice:
 def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> ArgumentError:
     """Return the error for a name that is not among the known ones, which it lists."""
     return ArgumentError(argument, f"unknown {kind} {name!r}; {names_in_words(name, known)}")
+
+
+def check_known(argument: str, kind: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Refuse names that are not among the known ones.
+
+    Raises:
+        ArgumentError: Listing those that are.
+    """
+    for name in names:
+        if name not in known:
+            raise unknown_name(argument, kind, name, tuple(known))
 
 
 def one_of(known: Collection[str], name: str, value: str) -> str:

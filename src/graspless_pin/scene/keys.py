@@ -161,7 +161,7 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
         if first not in SceneEntry.model_fields or first in _NO_FIELD:
             known = [name for name in SceneEntry.model_fields if name not in _NO_FIELD]
             raise ArgumentError(key, f"is no key of a scene; {names_in_words(first, known)}")
-        tree = put(tree, location, copied(plain(value)))
+        tree = put(tree, location, plain(value))
         changed.add(first)
     source, parts = YamlSource(path, tree), SceneParts()
     entry = parts.validated(source)

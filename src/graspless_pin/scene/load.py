@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from graspless_pin.algorithms.uncertainty import Uncertainty
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import Severity, capture, emit
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials
 from graspless_pin.geometry.hand.assembly import AssembledMounts, Mount, assembled_mounts
@@ -429,12 +429,11 @@ def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
 
 
 def _acceleration(file: YamlSource, hand: Hand | None, entry: AccelerationEntry) -> Acceleration:
-    for argument in ("joint_velocities", "joint_accelerations"):
-        named = getattr(entry, argument)
-        if named and hand is None:
-            raise file.error(("acceleration", argument), "the scene has no hand that could move")
-        if hand is not None:
-            with file.at(("acceleration",)):
-                independent_rates(hand.tree, named, argument)
     with file.at(("acceleration",)):
+        for argument in ("joint_velocities", "joint_accelerations"):
+            named = getattr(entry, argument)
+            if named and hand is None:
+                raise ArgumentError(argument, "the scene has no hand that could move")
+            if hand is not None:
+                independent_rates(hand.tree, named, argument)
         return Acceleration(**dict(entry))

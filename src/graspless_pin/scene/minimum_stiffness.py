@@ -336,11 +336,16 @@ def _by_surface(
         growth, fastest = motion.fastest(stiffness)
         if growth > 0.0:
             fastest = fastest / fastest[np.argmax(np.abs(fastest))]
-        stable = motion.stable_feedback(stiffness, _shares(scene, problem))
-        least_growth, _ = motion.fastest(motion.stiffness(best))
-        neutral = motion.neutral(stiffness)
         models[name] = _Found(
-            motion, bearing, stiffness, worst, growth, fastest, stable, neutral, least_growth
+            motion,
+            bearing,
+            stiffness,
+            worst,
+            growth,
+            fastest,
+            stable=motion.stable_feedback(stiffness, _shares(scene, problem)),
+            neutral=motion.neutral(stiffness),
+            least_growth=motion.fastest(motion.stiffness(best))[0],
         )
     return problem, models
 

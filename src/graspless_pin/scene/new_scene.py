@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from graspless_pin.geometry.posing.opposing import carrier_of, fingers_that_clos
 from graspless_pin.geometry.posing.settling import clear_base, lying_object
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
-from graspless_pin.intake.yaml_edit import flow_of, yaml_of
+from graspless_pin.intake.yaml_text import block_of, flow_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.entry_findings import unit_findings
 from graspless_pin.scene.saving import paths_beside
@@ -180,7 +179,7 @@ supports:
 def _block(data: Mapping[str, Any], column: int) -> str:
     """Return what is there of some data in lines that start at a column."""
     there = {name: value for name, value in data.items() if value is not None}
-    return textwrap.indent(yaml_of(plain(there)), " " * column).rstrip()
+    return block_of(plain(there), column)
 
 
 def _pose(position: ArrayLike, R: FloatArray, digits: int) -> str:

@@ -19,8 +19,7 @@ from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import errors_of_text, is_file, read_text
-from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
-from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.intake.yaml_text import edited_yaml, parse_yaml, same_data, yaml_of
 from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SceneEntry

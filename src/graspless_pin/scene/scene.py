@@ -45,7 +45,7 @@ from graspless_pin.scene.scene_stability import (
 from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import counted
-from graspless_pin.suggestions import what_to_pass
+from graspless_pin.suggestions import first_of, what_to_pass
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution
@@ -373,10 +373,9 @@ def _contacts(scene: Scene) -> str:
     except GrasplessPinError as error:
         return f"none: {error}"
     bodies = Counter(touching.bodies)
-    each = ", ".join(f"{name} {count}" for name, count in list(bodies.items())[:_MOST_LINES])
-    more = f" and {len(bodies) - _MOST_LINES} bodies more" if len(bodies) > _MOST_LINES else ""
+    each = first_of([f"{name} {count}" for name, count in bodies.items()], _MOST_LINES)
     sliding = int(touching.sliding.any(axis=1).sum())
-    return f"{len(touching.bodies)}, {sliding} sliding: {each}{more}"
+    return f"{len(touching.bodies)}, {sliding} sliding: {each}"
 
 
 def _shape(shape: Shape) -> str:

@@ -185,8 +185,8 @@ def unknown_of(scene: SceneFields) -> str:
         return why
     if scene.controller.holds_joints:
         hybrid = () if scene.hand is None else scene.hand.control.hybrid_fingers
-        told = ", ".join(hybrid)
-        return f"undecided: joints hold their positions, but {told} follows" if hybrid else ""
+        told = f"undecided: joints hold their positions, but {', '.join(hybrid)} follows"
+        return told if hybrid else ""
     touching = hand_support_contacts(scene)
     if not touching:
         return ""

@@ -23,7 +23,7 @@ from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
-from graspless_pin.scene.units import degrees_of
+from graspless_pin.scene.units import degrees_of, rounded_angle
 from graspless_pin.scene.yaml_source import plain
 
 _SAME_ROTATION = 1e-12
@@ -127,16 +127,14 @@ def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
         form: One of `ROTATION_FORMS`; where rounding would show, the matrix is taken.
     """
     matrix = np.asarray(R)
+    if form == "matrix":
+        return {"matrix": plain(matrix)}
     if form == "quaternion":
         numbers = Rotation.from_matrix(matrix).as_quat().tolist()
-    elif form == "matrix":
-        return {"matrix": plain(matrix)}
     else:
         angles = roll_pitch_yaw(matrix)
-        if form == "rpy_deg":
-            numbers = [degrees_of(angle) for angle in angles]
-        else:
-            numbers = [float(f"{angle:.13g}") + 0.0 for angle in angles]
+        in_file = degrees_of if form == "rpy_deg" else rounded_angle
+        numbers = [in_file(angle) for angle in angles]
     back = pose_matrix(np.zeros(3), stated_turn({form: numbers})[1])
     if np.abs(back[:3, :3] - matrix).max() > _SAME_ROTATION:
         return {"matrix": plain(matrix)}

@@ -237,4 +237,9 @@ def parted_angles(
 
 def degrees_of(angle: float) -> float:
     """Return an angle (rad) in degrees, to the digits that a file shows."""
-    return float(f"{math.degrees(angle):.13g}") + 0.0
+    return rounded_angle(math.degrees(angle))
+
+
+def rounded_angle(angle: float) -> float:
+    """Return an angle to the digits that a file shows."""
+    return float(f"{angle:.13g}") + 0.0

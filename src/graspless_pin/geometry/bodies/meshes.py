@@ -7,6 +7,7 @@ collision geometries are drawn as meshes, too: `Triangles`, metres, outward face
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -304,30 +305,27 @@ def hull_points(path: Path, scale: MeshScale) -> FloatArray:
     """
     points, found = _hull_points(path, scale, file_state(path))
     emit(*found)
-    warn_of_scale(f"mesh '{path}' with scale {scale}", points, "needs scale 0.001")
+    named = f"mesh '{path}' with scale {scale}"
+    emit(*scale_findings(named, named, points, "needs scale 0.001"))
     return points
 
 
-def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
-    """Warn of a mesh whose size says that its unit is not the metre.
+def scale_findings(subject: str, what: str, points: FloatArray, remedy: str) -> Iterator[Finding]:
+    """Find that the size of a mesh says that its unit is not the metre: over 5 m, below 1 mm.
 
     Args:
+        subject: What the finding is about.
         what: What the message calls the mesh.
         points: (V, 3) its vertices, m.
         remedy: What a file in millimetres needs.
-
-    Warns:
-        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm.
     """
     extent = float(np.ptp(points, axis=0).max())
     if not SMALLEST_MESH <= extent <= LARGEST_MESH:
-        emit(
-            Finding(
-                FindingCode.MESH_SCALE,
-                what,
-                f"{what} is {extent:.3g} m large",
-                f"lengths are metres: a file in millimetres {remedy}",
-            )
+        yield Finding(
+            FindingCode.MESH_SCALE,
+            subject,
+            f"{what} is {extent:.3g} m large",
+            f"lengths are metres: a file in millimetres {remedy}",
         )
 
 

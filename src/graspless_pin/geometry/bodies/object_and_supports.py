@@ -8,7 +8,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +24,7 @@ from graspless_pin.problem.checks import (
     read_only,
     real_number,
 )
-from graspless_pin.records import Brief, PickledByFields, changed
+from graspless_pin.records import Brief, PickledByFields, Record, changed
 from graspless_pin.suggestions import names_in_words, nearest_name
 
 
@@ -337,7 +336,7 @@ _SIMILAR_NAMES = 0.8
 
 
 @dataclass(frozen=True)
-class Materials(PickledByFields):
+class Materials(Record):
     """Coefficients of friction by pair of materials; the order of a pair does not matter.
 
     See the example of `load_scene`.
@@ -347,11 +346,6 @@ class Materials(PickledByFields):
     """
 
     coefficients: Mapping[Pair, float]
-
-    def __post_init__(self) -> None:
-        """Make the table read-only."""
-        if not isinstance(self.coefficients, MappingProxyType):
-            object.__setattr__(self, "coefficients", MappingProxyType(dict(self.coefficients)))
 
     @classmethod
     def from_table(cls, table: Mapping[str, Mapping[str, float]]) -> Materials:

@@ -13,11 +13,11 @@ from typing import overload
 
 import numpy as np
 
-from graspless_pin.errors import ArgumentError, StateError, StateFault
+from graspless_pin.errors import StateError, StateFault
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.poses import turning_velocities
-from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
-from graspless_pin.records import Brief
+from graspless_pin.problem.checks import FloatArray, check_known, read_only, squared_lengths
+from graspless_pin.records import Brief, Record
 
 
 class BodyKind(Enum):
@@ -56,7 +56,7 @@ class ContactPoint:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactArrays(Brief, Sequence[ContactPoint]):
+class ContactArrays(Brief, Record, Sequence[ContactPoint]):
     """M contacts as arrays; a contact is made when it is asked for.
 
     Attributes:
@@ -72,11 +72,6 @@ class ContactArrays(Brief, Sequence[ContactPoint]):
     positions: FloatArray
     normals: FloatArray
     distances: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        self.positions.setflags(write=False)
-        self.normals.setflags(write=False)
 
     @classmethod
     def of(cls, contacts: Sequence[ContactPoint]) -> ContactArrays:
@@ -175,11 +170,9 @@ def support_velocities(contacts: Sequence[ContactPoint], supports: Sequence[Supp
     for k, (body, kind) in enumerate(zip(touching.bodies, touching.kinds, strict=True)):
         if kind is BodyKind.SUPPORT:
             rows.setdefault(body, []).append(k)
+    check_known("supports", "support", rows, by_name)
     for name, own in rows.items():
-        support = by_name.get(name)
-        if support is None:
-            known = ", ".join(f"'{name}'" for name in by_name) or "none"
-            raise ArgumentError("supports", f"has no support '{name}'; known: {known}")
+        support = by_name[name]
         if support.is_moving:
             velocities[own] = velocities_at(
                 support.velocity, support.T_world_support[:3, 3], touching.positions[own]

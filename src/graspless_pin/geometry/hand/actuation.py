@@ -27,7 +27,13 @@ from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_numbers
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, unknown_name
+from graspless_pin.problem.checks import (
+    FloatArray,
+    JointUnit,
+    check_known,
+    read_only,
+    unknown_name,
+)
 from graspless_pin.records import Brief, Record
 
 
@@ -147,10 +153,9 @@ def _moment_arms(tree: KinematicTree, name: str, joints: Mapping[str, float]) ->
     argument = f"tendons[{name!r}]"
     if name in tree.joint_index:
         raise ArgumentError(argument, "has the name of a joint; choose another one")
+    check_known(argument, "joint", joints, tree.joint_index)
     row = np.zeros(len(tree.joint_names))
     for joint, arm in joints.items():
-        if joint not in tree.joint_index:
-            raise unknown_name(argument, "joint", joint, tree.joint_names)
         row[tree.joint_index[joint]] = arm
     independent = row @ tree.coupling.S
     independent[[name in tree.locked for name in tree.leader_names]] = 0.0

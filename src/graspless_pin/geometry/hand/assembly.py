@@ -46,7 +46,13 @@ from graspless_pin.geometry.robots.description import (
 )
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray, read_only, real_number, unknown_name
+from graspless_pin.problem.checks import (
+    FloatArray,
+    check_known,
+    read_only,
+    real_number,
+    unknown_name,
+)
 from graspless_pin.records import Brief, changed
 
 
@@ -212,9 +218,7 @@ def _add(
         if robot.fingers:
             fingers = check_fingers(tree, _prefix_fingers(prefix, robot.fingers))
         for arms in tendons.values():
-            for joint in arms:
-                if joint not in tree.joint_index:
-                    raise unknown_name("tendons", "joint", joint, tree.joint_names)
+            check_known("tendons", "joint", arms, tree.joint_index)
         limits = {prefix + name: limit for name, limit in robot.effort_limits.items()}
         expanded = expand_overrides(tree, fingers, limits, tendons)
         notes = {prefix + name: note for name, note in robot.effort_unknown.items()}

@@ -18,7 +18,12 @@ from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import as_numbers, finite_numbers
-from graspless_pin.problem.checks import FloatArray, all_true, real_number, unknown_name
+from graspless_pin.problem.checks import (
+    FloatArray,
+    all_true,
+    check_known,
+    real_number,
+)
 
 
 def joint_positions(
@@ -41,10 +46,8 @@ def joint_positions(
             joint's limits or against the coupling.
     """
     coupling, index_of = tree.coupling, tree.joint_index
-    try:
-        indices = [index_of[name] for name in q]
-    except KeyError as error:
-        raise unknown_name("q", "joint", str(error.args[0]), tree.joint_names) from error
+    check_known("q", "joint", q, index_of)
+    indices = [index_of[name] for name in q]
     positions = np.clip(0.0, tree.lower, tree.upper) if start is None else start.copy()
     if start is None:
         leaders, (low, high) = np.array(coupling.leaders, dtype=int), tree.ranges
@@ -105,10 +108,9 @@ def independent_rates(
         ArgumentError: If a name is unknown or a coupled joint's, or a rate is not finite.
     """
     leaders = tree.leader_names
+    check_known(argument, "independent joint", rates, leaders)
     values = np.zeros(len(leaders))
     for name, rate in rates.items():
-        if name not in leaders:
-            raise unknown_name(argument, "independent joint", name, leaders)
         values[leaders.index(name)] = real_number(f"{argument}[{name!r}]", rate, -np.inf)
     return values
 
@@ -190,8 +192,7 @@ class PosedLinks(NamedTuple):
         Raises:
             ArgumentError: If there is no such link.
         """
-        if link not in self.tree.link_joints:
-            raise unknown_name("link", "link", link, tuple(self.tree.link_frames))
+        check_known("link", "link", [link], self.tree.link_frames)
         T_world_joint = self.kinematics.T_world_joint[self.tree.link_joints[link]]
         frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
         return T_world_joint @ frame.placement.homogeneous
@@ -224,12 +225,8 @@ def joints_of(tree: KinematicTree, links: Sequence[str | None]) -> list[int]:
     Raises:
         ArgumentError: If a link is unknown.
     """
-    carriers = tree.link_joints
-    try:
-        return [0 if link is None else carriers[link] for link in links]
-    except KeyError as error:
-        known = tuple(tree.link_frames)
-        raise unknown_name("links", "link", str(error.args[0]), known) from error
+    check_known("links", "link", (one for one in links if one is not None), tree.link_joints)
+    return [0 if link is None else tree.link_joints[link] for link in links]
 
 
 def checked_points(links: Sequence[str | None], points: ArrayLike) -> FloatArray:

@@ -17,7 +17,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import KinematicTree, LinkGeometry
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import FloatArray, choice, unknown_name
+from graspless_pin.problem.checks import FloatArray, check_known, choice, unknown_name
 from graspless_pin.records import Brief, Record
 
 
@@ -46,12 +46,11 @@ def check_fingers(tree: KinematicTree, fingers: Mapping[str, FingerSpec]) -> dic
         links = spec.links or _moved_links(tree, spec.joints)
         tips = () if spec.tip is None else (spec.tip,)
         for kind, names, known in (
-            ("joint", spec.joints, tree.joint_names),
-            ("link", (*links, *tips), tuple(tree.link_frames)),
+            ("joint", spec.joints, tree.joint_index),
+            ("link", (*links, *tips), tree.link_frames),
         ):
+            check_known(f"fingers[{finger!r}]", kind, names, known)
             for name in names:
-                if name not in known:
-                    raise unknown_name(f"fingers[{finger!r}]", kind, name, known)
                 if owner.setdefault((kind, name), finger) != finger:
                     raise ArgumentError(
                         f"fingers[{finger!r}]",
@@ -227,9 +226,7 @@ def discover_hands(
         ArgumentError: If a named palm is not a link of the robot.
     """
     walker = _Walker(tree, root)
-    for palm in palms:
-        if palm not in walker.links:
-            raise unknown_name("palm", "link", palm, walker.links)
+    check_known("palm", "link", palms, walker.links)
     found = tuple(palms) or tuple(walker.palms_below(root)) or walker.fixed_jaw()
     branches = [branch for palm in found for branch in walker.branches(palm)]
     branches.sort(key=walker.order.__getitem__)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ from graspless_pin.errors import MeshError
 from graspless_pin.geometry.bodies.meshes import scaled_mesh
 from graspless_pin.geometry.hand.robot_model import LinkMesh
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.suggestions import nearest_name
+from graspless_pin.suggestions import first_of, nearest_name
 
 if TYPE_CHECKING:
     import trimesh
@@ -24,6 +23,10 @@ _ALIKE = 0.75
 """How much names of files are, of which one was probably meant."""
 FLATNESS = 1e-7
 """Thickness over length below which a mesh (single-precision vertices) has no volume."""
+
+
+NEEDED_SCALE = 'needs scale="0.001 0.001 0.001" in the URDF'
+"""What a mesh in millimetres needs."""
 
 
 def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
@@ -40,7 +43,7 @@ def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
     if mesh.file is None:
         raise MeshError(
             f"{label}: link {link!r} needs the collision mesh {mesh.written!r}, which is missing "
-            f"(looked for {looked_for(mesh.looked)}); {what_to_do(mesh)}"
+            f"(looked for {looked_for(mesh)}); {what_to_do(mesh)}"
         )
     try:
         return scaled_mesh(mesh.file, mesh.scale, upright=False)
@@ -50,11 +53,9 @@ def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
         ) from error
 
 
-def looked_for(places: Sequence[Path]) -> str:
+def looked_for(mesh: LinkMesh) -> str:
     """Return where a mesh was looked for, in words: the likeliest places."""
-    more = len(places) - _MOST_PLACES
-    named = ", ".join(str(file) for file in places[:_MOST_PLACES]) or "nowhere"
-    return named if more <= 0 else f"{named} and {more} more places"
+    return first_of([*map(str, mesh.looked)], _MOST_PLACES) or "nowhere"
 
 
 def what_to_do(mesh: LinkMesh) -> str:

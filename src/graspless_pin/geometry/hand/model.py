@@ -37,7 +37,7 @@ from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_pose, invert, turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
-from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, unknown_name
+from graspless_pin.problem.checks import FloatArray, JointUnit, check_known, finite_array
 from graspless_pin.records import Record, changed
 
 _LONGEST_LIST = 80  # characters of a list of fingers
@@ -202,9 +202,8 @@ class Hand(Record):
             T = as_pose("T_world_base", T_world_base)
             return displaced_hand(self, T @ invert(self.T_world_base))
         ways = dict.fromkeys(self.base_poses, np.eye(4))
+        check_known("T_world_base", "mount", T_world_base, ways)
         for prefix, pose in T_world_base.items():
-            if prefix not in ways:
-                raise unknown_name("T_world_base", "mount", prefix, tuple(ways))
             T = as_pose(f"T_world_base[{prefix!r}]", pose)
             ways[prefix] = T @ invert(self.base_poses[prefix])
         return displaced_hand(self, np.array([*ways.values()]))

@@ -31,7 +31,7 @@ from graspless_pin.intake.files import (
     refuse_other_kind,
 )
 from graspless_pin.intake.text import parse_xml
-from graspless_pin.suggestions import names_in_words, nearest_name
+from graspless_pin.suggestions import first_of, names_in_words, nearest_name
 
 URDF = FileKind("URDF", 16, RobotError)
 
@@ -275,12 +275,11 @@ def _applied(robot: RobotModel, file: Path, named: AbstractSet[str]) -> RobotMod
     of_pairs, lacking = _lacking(robot, root, named)
     told = [*of_pairs, *(f"{words} ({name!r})" for name, words in lacking.items())]
     if told:
-        more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
         emit(
             Finding(
                 FindingCode.READER_REMARK,
                 robot.root,
-                f"{file} names what the robot does not have: {'; '.join(told[:_MOST_TOLD])}{more}",
+                f"{file} names what the robot does not have: {first_of(told, _MOST_TOLD, '; ')}",
                 "correct these names: until then such pairs are not disabled, and such groups and "
                 "states cannot be asked for",
             )
@@ -333,8 +332,7 @@ def _lacking(
             ))
         ]  # fmt: skip
         if found:
-            more = f" and {len(found) - _MOST_TOLD} more" if len(found) > _MOST_TOLD else ""
-            lacking[name] = f"{', '.join(found[:_MOST_TOLD])}{more}"
+            lacking[name] = first_of(found, _MOST_TOLD)
     return [f"{one} (disable_collisions)" for one in of_pairs], lacking
 
 

@@ -328,9 +328,8 @@ def root_of_tree(
         raise RobotError(
             f"{label}: has more than {MOST_LINKS} links, the most that a robot may have"
         )
-    check_name_lengths(label, "link", links)
-    check_name_lengths(label, "joint", joints)
     for kind, names in (("link", links), ("joint", joints)):
+        check_name_lengths(label, kind, names)
         for name, count in Counter(names).items():
             if not name:
                 raise RobotError(f"{label}: a <{kind}> has no name")

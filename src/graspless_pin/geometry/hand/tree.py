@@ -22,7 +22,7 @@ from graspless_pin.geometry.bodies.decomposition import Cut, convex_pieces
 from graspless_pin.geometry.bodies.meshes import (
     DENSE_MESH,
     hull_corners,
-    warn_of_scale,
+    scale_findings,
 )
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.hand.coupling import (
@@ -33,7 +33,7 @@ from graspless_pin.geometry.hand.coupling import (
     limits_that_agree,
     resolve_couplings,
 )
-from graspless_pin.geometry.hand.link_meshes import is_flat, load_link_mesh
+from graspless_pin.geometry.hand.link_meshes import NEEDED_SCALE, is_flat, load_link_mesh
 from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel
 from graspless_pin.geometry.hand.robot_units import unit_findings
 from graspless_pin.geometry.hand.work_space import (
@@ -416,7 +416,7 @@ def _mesh_pieces(label: str, link: str, mesh: LinkMesh, cut: Cut | None) -> tupl
     points = [np.array(surface.vertices, dtype=np.float64)]
     if is_flat(points[0]):
         raise MeshError(f"{what} has no volume; give it a thickness or use a box")
-    warn_of_scale(what, points[0], 'needs scale="0.001 0.001 0.001" in the URDF')
+    emit(*scale_findings(what, what, points[0], NEEDED_SCALE))
     if cut is not None:
         points = convex_pieces(surface, what, cut)
     elif len(points[0]) > DENSE_MESH:

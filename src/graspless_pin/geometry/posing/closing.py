@@ -32,7 +32,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     hand_at,
     searched_ranges,
 )
-from graspless_pin.problem.checks import FloatArray, real_number, unknown_name
+from graspless_pin.problem.checks import FloatArray, check_known, real_number
 from graspless_pin.records import Brief
 
 DEEPEST_START = 1e-3
@@ -335,12 +335,11 @@ def _given_rates(
     leaders = hand.tree.leader_names
     columns = sorted({column for finger in fingers for column in driving_columns(hand, finger)})
     known = [leaders[column] for column in columns]
-    given: dict[int, float] = {}
-    for name, rate in rates.items():
-        if name not in known:
-            raise unknown_name("rates", "joint of the closing fingers", name, known)
-        given[leaders.index(name)] = real_number(f"rates[{name!r}]", rate, -np.inf)
-    return given
+    check_known("rates", "joint of the closing fingers", rates, known)
+    return {
+        leaders.index(name): real_number(f"rates[{name!r}]", rate, -np.inf)
+        for name, rate in rates.items()
+    }
 
 
 def _report(

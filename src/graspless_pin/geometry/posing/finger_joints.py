@@ -17,7 +17,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import KinematicTree, LinkGeometry
-from graspless_pin.problem.checks import FloatArray, unknown_name
+from graspless_pin.problem.checks import FloatArray, check_known
 from graspless_pin.records import Record
 
 AT_LIMIT = 1e-4
@@ -38,9 +38,7 @@ def chosen_fingers(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]
         raise ArgumentError(
             "hand", "has no fingers; name their joints in the robot file or in the scene"
         )
-    for name in fingers or ():
-        if name not in hand.fingers:
-            raise unknown_name("fingers", "finger", name, tuple(hand.fingers))
+    check_known("fingers", "finger", fingers or (), hand.fingers)
     return tuple(hand.fingers) if fingers is None else tuple(dict.fromkeys(fingers))
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.errors import RobotError
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
     WAYS,
     Cut,
 )
-from graspless_pin.problem.checks import one_of
+from graspless_pin.problem.checks import one_of, unknown_name
 from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.records import Brief, Record
 from graspless_pin.suggestions import names_in_words
@@ -107,9 +107,8 @@ class LinkMeshes:
             return dict.fromkeys(links if self.convex == "decompose" else (), self._cut())
         for link in self.convex:
             if prefix + link not in links:
-                known = ", ".join(name.removeprefix(prefix) for name in links) or "none"
-                message = f"unknown link with a collision mesh {link!r}; known: {known}"
-                raise ArgumentError("convex", message)
+                known = [name.removeprefix(prefix) for name in links]
+                raise unknown_name("convex", "link with a collision mesh", link, known)
         named = [prefix + link for link, word in self.convex.items() if word == "decompose"]
         return dict.fromkeys(named, self._cut())
 
