@@ -191,7 +191,10 @@ def _updated(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dict[str
 
 def _updated_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
     if meant is None or _robots(meant) != _robots(wanted):
-        meant = {"mounts": wanted["mounts"], **_stated_alone(hand)}
+        with capture():  # of limits that the scene replaces
+            alone = stated_hand(Hand.assemble(hand.mounts), str)
+        own = {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
+        meant = {"mounts": wanted["mounts"], **alone, **own}
         mounts = [_plainly(mount) for mount in wanted["mounts"]]
         data = mounts[0] if len(mounts) == 1 and not mounts[0]["prefix"] else {"mounts": mounts}
         if data is mounts[0]:
@@ -220,13 +223,6 @@ def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
         {name: value for name, value in mount.items() if name != "base_pose"}
         for mount in stated["mounts"]
     ]
-
-
-def _stated_alone(hand: Hand) -> dict[str, Any]:
-    """Return what its robots alone would make of a hand."""
-    with capture():  # of limits that the scene replaces
-        alone = stated_hand(Hand.assemble(hand.mounts), str)
-    return alone | {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
 
 
 def _updated_part(data: Any, meant: Any, wanted: Any, key: str = "") -> Any:

@@ -63,7 +63,14 @@ def joint_positions(
     if len(coupling.leaders) < len(positions):
         given = positions[indices].tolist()
         positions = coupling.all_positions(coupling.independent(positions))
-        _check_followers(tree, dict(zip(indices, given, strict=True)), positions)
+        for index, value in zip(indices, given, strict=True):
+            if abs(value - positions[index]) > FOLLOWER_TOLERANCE:
+                name, followed = tree.joint_names[index], _followed(tree, index)
+                raise ArgumentError(
+                    f"q[{name!r}]",
+                    f"is {value:g}, but this joint mimics {followed} and stands at "
+                    f"{positions[index]:g}; name only {followed}",
+                )
     return _within_limits(tree, positions, q)
 
 
@@ -113,20 +120,6 @@ def independent_rates(
     for name, rate in rates.items():
         values[leaders.index(name)] = real_number(f"{argument}[{name!r}]", rate, -np.inf)
     return values
-
-
-def _check_followers(
-    tree: KinematicTree, given: Mapping[int, float], positions: FloatArray
-) -> None:
-    """Refuse positions of coupled joints that disagree with what they follow."""
-    for index, value in given.items():
-        if abs(value - positions[index]) > FOLLOWER_TOLERANCE:
-            name, followed = tree.joint_names[index], _followed(tree, index)
-            raise ArgumentError(
-                f"q[{name!r}]",
-                f"is {value:g}, but this joint mimics {followed} and stands at "
-                f"{positions[index]:g}; name only {followed}",
-            )
 
 
 def _within_limits(

@@ -43,7 +43,13 @@ def check_fingers(tree: KinematicTree, fingers: Mapping[str, FingerSpec]) -> dic
     checked: dict[str, FingerSpec] = {}
     owner: dict[tuple[str, str], str] = {}
     for finger, spec in fingers.items():
-        links = spec.links or _moved_links(tree, spec.joints)
+        columns = [tree.joint_index[joint] for joint in spec.joints if joint in tree.joint_index]
+        moved = (
+            link
+            for link, carrier in tree.link_joints.items()
+            if tree.supports[carrier, columns].any()
+        )
+        links = spec.links or tuple(moved)
         tips = () if spec.tip is None else (spec.tip,)
         for kind, names, known in (
             ("joint", spec.joints, tree.joint_index),
@@ -163,14 +169,6 @@ def _modes_of_fingers(
                 "joints of its own",
             )
     return {joint: modes[finger] for joint, finger in asked.items()}
-
-
-def _moved_links(tree: KinematicTree, joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the links that any of ``joints`` moves, in model order."""
-    columns = [tree.joint_index[joint] for joint in joints if joint in tree.joint_index]
-    return tuple(
-        link for link, carrier in tree.link_joints.items() if tree.supports[carrier, columns].any()
-    )
 
 
 _FAR_END = 0.9  # share of a jaw's reach from its joint that is its far end
