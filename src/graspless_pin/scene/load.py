@@ -242,7 +242,7 @@ def _mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) ->
             found = describe_urdf(file.file(entry.urdf), folders)
         else:
             is_file = name.endswith((".yaml", ".yml"))
-            found = find_robot(file.file(name) if is_file else name, folders)
+            found = find_robot(str(file.file(name)) if is_file else name, folders)
     if entry.visuals_collide is not None:
         found = replace(found, visuals_collide=entry.visuals_collide)
     given = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
