@@ -1,4 +1,4 @@
-"""What a kept `Evaluation` costs: the memory of 200 of them, as tracemalloc counts it."""
+"""What a kept `Evaluation` costs: the memory of 100 of them, as tracemalloc counts it."""
 
 import gc
 import tracemalloc
@@ -14,7 +14,7 @@ from graspless_pin.scene import Scene
 
 MOST = 20_000 if core is not None else 22_000
 """Bytes; the numpy beside the loops keeps a little more."""
-KEPT = 200
+KEPT = 100
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ def test_example_studies_can_run(file, tmp_path):
     study = load_study(file)
     check_study(study)
     assert len(study.samples) in (12, 30, 128, 10_000)
-    some = study.samples[:: len(study.samples) // 4]
-    assert all(study.scene_at(sample).solve().problem.contact_count >= 6 for sample in some)
+    ends = study.samples[0], study.samples[-1]
+    assert all(study.scene_at(sample).solve().problem.contact_count >= 6 for sample in ends)
 
 
 def test_a_study_from_the_command_line(tmp_path):
