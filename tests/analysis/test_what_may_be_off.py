@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_attainable_tolerances import changed
 from tests.oracles.uncertain_members import BALANCED, imbalance, yielding
 
 from graspless_pin import (
@@ -18,28 +19,14 @@ from graspless_pin.errors import ArgumentError, NoSolutionError
 COULOMB = "coulomb"
 
 
-def changed(problem, torques, one, times):
+def off_by(problem, torques, one, times):
     """Return a problem and torques of which a quantity is off by ``times`` what just fails."""
-    off = times * one.failing
-    w = problem.external_wrench
-    if one.quantity in (Quantity.MASS_MORE, Quantity.MASS_LESS):
-        sign = 1.0 if one.quantity is Quantity.MASS_MORE else -1.0
-        return problem.with_changes(external_wrench=(1.0 + sign * off) * w), torques
-    if one.quantity is Quantity.CENTER:
-        moved = np.concatenate([np.zeros(3), np.cross(off * one.direction, w[:3])])
-        return problem.with_changes(external_wrench=w + moved), torques
-    if one.quantity is Quantity.PUSH:
-        push = np.concatenate([off * one.direction, np.zeros(3)])
-        return problem.with_changes(external_wrench=w + push), torques
-    if one.quantity is Quantity.MOMENT:
-        moment = np.concatenate([np.zeros(3), off * one.direction])
-        return problem.with_changes(external_wrench=w + moment), torques
-    if one.quantity is Quantity.FRICTION:
-        return problem.with_changes(friction=(1.0 - off) * problem.friction), torques
-    if one.quantity is Quantity.JOINT:
-        return problem, torques + off * one.direction
-    sign = 1.0 if one.quantity is Quantity.TORQUE_MORE else -1.0
-    return problem, (1.0 + sign * off) * torques
+    less = one.quantity in (Quantity.MASS_LESS, Quantity.TORQUE_LESS)
+    turned = one.quantity in (Quantity.CENTER, Quantity.PUSH, Quantity.MOMENT, Quantity.JOINT)
+    way = one.direction if turned else -1.0 if less else 1.0
+    off = times * one.failing * way
+    mu, w, made, offset = changed(problem, one.quantity, off, len(torques))
+    return problem.with_changes(friction=mu, external_wrench=w), made * torques + offset
 
 
 @pytest.mark.parametrize(
@@ -61,7 +48,7 @@ def test_each_is_borne_just_so_far(name, feedback):
         if one.quantity is Quantity.TILT or np.isinf(one.failing):
             continue
         within, beyond = (
-            imbalance(*changed(problem, torques, one, times), added) for times in (0.98, 1.01)
+            imbalance(*off_by(problem, torques, one, times), added) for times in (0.98, 1.01)
         )
         assert within < BALANCED, one.quantity
         # Contacts that slide fail with more friction or less, and not all alike.

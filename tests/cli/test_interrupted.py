@@ -75,7 +75,6 @@ def test_when_a_command_has_begun(monkeypatch, capsys):
             main(guarded=False)
     finally:
         signal.signal(signal.SIGINT, outside)
-        gc.unfreeze()
     assert error.value.code == INTERRUPTED == 130
     assert capsys.readouterr().err == "interrupted\n"
     assert seen == [(signal.default_int_handler, True)]

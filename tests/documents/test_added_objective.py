@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import yaml
 from package_copy import command, copied, inserted, run, walkthrough
 from page_blocks import ROOT
 from scipy.optimize import linprog
+from tests.core.edge_form import Mode, constraints_in_mode, letters_of
 
 from graspless_pin import QuasistaticProblem, enumerate_modes, load_scene
 from graspless_pin.report import read_solution
@@ -84,56 +84,21 @@ def scenes(tmp_path_factory) -> dict[str, Path]:
     return found
 
 
-def diagonal(blocks: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-    """A matrix with blocks of three columns on its diagonal."""
-    return np.vstack([
-        np.hstack([np.zeros((len(block), 3 * before)), block,
-                   np.zeros((len(block), 3 * (len(blocks) - before - 1)))])
-        for before, block in enumerate(blocks)
-    ])  # fmt: skip
+def least(problem: QuasistaticProblem, evenness: float, mode: Mode | None) -> float:
+    """The optimum by scipy, in edge weights; None: plain Coulomb friction, which bounds all modes.
 
-
-def least(problem: QuasistaticProblem, evenness: float, signs: np.ndarray | None) -> float:
-    """The optimum by scipy, in forces along n, t1, t2 of a problem at rest without gravity torques.
-
-    Args:
-        problem: Its arrays.
-        evenness: See the objective.
-        signs: (M, 2) of a mode; None: friction anywhere in the cones, which bounds all modes.
+    To the columns of `constraints_in_mode`, the last of which is the largest |torque|, come the
+    sizes of all torques.
     """
-    M, L, r = problem.contact_count, problem.joint_count, problem.cone_edges
-    frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
-    arms = [-np.cross(np.eye(3), p).T for p in problem.positions]
-    slopes = problem.friction * np.cos(np.pi / r)
-    angles = 2.0 * np.pi * (np.arange(r) + 0.5) / r
-    faces = [
-        np.column_stack([np.full(r, -slope), np.cos(angles), np.sin(angles)]) / np.hypot(1.0, slope)
-        for slope in slopes
-    ]
-    W = np.vstack([np.tile(np.eye(3), M), np.hstack(arms)]) @ diagonal(frames)
-    torque = problem.jacobian.T @ diagonal(frames)
-    below = [
-        np.hstack([diagonal(faces), np.zeros((M * r, L + 1))]),
-        np.hstack([torque, -np.eye(L), np.zeros((L, 1))]),
-        np.hstack([-torque, -np.eye(L), np.zeros((L, 1))]),
-        np.hstack([np.zeros((L, 3 * M)), np.eye(L), -np.ones((L, 1))]),
-    ]
-    g = problem.gravity_torques
-    sides = [np.full(M * r, -MARGIN), -g, g, np.zeros(L)]
-    bounds = []
-    for contact, most in enumerate(problem.max_normal_force):
-        bounds.append((MARGIN, most - MARGIN))
-        if signs is None:
-            bounds += [(-np.inf, np.inf)] * 2
-            continue
-        for sign in signs[contact]:  # friction opposes the sliding; without, there is none
-            bounds.append((-np.inf if sign > 0 else 0.0, np.inf if sign < 0 else 0.0))
-    limits = np.minimum(problem.upper_torque, -problem.lower_torque)
-    bounds += [(0.0, limit) for limit in limits] + [(0.0, np.inf)]
+    below, b_ub, equal, b_eq, bounds = constraints_in_mode(problem, mode, MARGIN)
+    size, joints = len(bounds), problem.joint_count
+    torques = np.eye(size)[-1 - joints : -1]
+    sizes = [np.hstack([sign * torques, -np.eye(joints)]) for sign in (1.0, -1.0)]
+    rows = [np.hstack([one, np.zeros((len(one), joints))]) for one in (below, equal)]
     found = linprog(
-        np.concatenate([np.zeros(3 * M), np.ones(L), [evenness]]),
-        np.vstack(below), np.concatenate(sides),
-        np.hstack([W, np.zeros((6, L + 1))]), -problem.external_wrench, bounds,
+        np.concatenate([np.zeros(size - 1), [evenness], np.ones(joints)]),
+        np.vstack([rows[0], *sizes]), np.append(b_ub, np.zeros(2 * joints)),
+        rows[1], b_eq, [*bounds, *[(0.0, None)] * joints],
     )  # fmt: skip
     return float(found.fun) if found.status == 0 else np.inf
 
@@ -145,7 +110,7 @@ def expected() -> dict[str, float]:
     modes = enumerate_modes(pair, maximal=True)
     return {
         HAND: least(hand, EVENNESS, None),
-        PAIR: min(least(pair, EVENNESS, mode.signs) for mode in modes),
+        PAIR: min(least(pair, EVENNESS, letters_of(mode)) for mode in modes),
     }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-import cvxpy
 import numpy as np
 
 from graspless_pin import QuasistaticProblem
@@ -28,6 +27,8 @@ def conic_optimum(
     Returns:
         None where SCS finds nothing feasible; NaN where it does not come to its accuracy.
     """
+    import cvxpy  # every test process loads this module, and few of them solve
+
     M, F = problem.contact_count, float(np.linalg.norm(problem.external_wrench[:3]))
     # Forces over the load, so that accuracies mean the same everywhere.
     f = cvxpy.Variable(3 * M)

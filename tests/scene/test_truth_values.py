@@ -21,13 +21,13 @@ def models_of(module: ModuleType) -> Iterator[type[BaseModel]]:
             yield model
 
 
-def fields_of(model: type[BaseModel]) -> Iterator[Any]:
-    """Every field of a model, with its type and its checks."""
+def fields_of(model: type[BaseModel]) -> Iterator[tuple[str, TypeAdapter[Any]]]:
+    """Every field of a model by its name, with its type and its checks."""
     for key, field in model.model_fields.items():
         kind: Any = field.annotation
         for check in field.metadata:
             kind = Annotated[kind, check]
-        yield pytest.param(TypeAdapter(kind), id=f"{model.__name__}.{key}")
+        yield f"{model.__name__}.{key}", TypeAdapter(kind)
 
 
 def truths(node: dict[str, Any]) -> Iterator[Any]:
@@ -49,28 +49,24 @@ def truths(node: dict[str, Any]) -> Iterator[Any]:
 
 MODULES = (body_schema, scene_schema, study_schema, files)
 MODELS = [model for module in MODULES for model in models_of(module)]
-NUMBERS = [
-    field
-    for model in (*MODELS, *(shape.entry() for shape in SHAPES.values()))
-    for field in fields_of(model)
-    if list(truths(field.values[0].json_schema()))
-]
+EXPECTED = """SceneEntry.cone_edges ObjectEntry.mass BoxEntry.size PoseEntry.matrix
+    MountEntry.concavity HandEntry.effort_limits SamplingEntry.samples SamplingEntry.seed
+    VariableEntry.steps ComputeEntry.node_limit EffortEntry.limit TendonEntry.moment_arms
+    RobotFile.concavity"""
 
 
-@pytest.mark.parametrize("adapter", NUMBERS)
-def test_truth_values_are_no_numbers(adapter):
-    # A study's values may be true or false themselves: those of keys that are.
-    if "boolean" in str(adapter.json_schema()):
-        assert adapter.validate_python([True]) == [True]
-        return
-    for value in truths(adapter.json_schema()):
-        with pytest.raises(ValidationError):
-            adapter.validate_python(value)
-
-
-def test_there_are_numbers():
-    expected = """SceneEntry.cone_edges ObjectEntry.mass BoxEntry.size PoseEntry.matrix
-        MountEntry.concavity HandEntry.effort_limits SamplingEntry.samples SamplingEntry.seed
-        VariableEntry.steps ComputeEntry.node_limit EffortEntry.limit TendonEntry.moment_arms
-        RobotFile.concavity"""
-    assert set(expected.split()) <= {field.id for field in NUMBERS}
+def test_truth_values_are_no_numbers():
+    numbers = set()
+    for model in (*MODELS, *(shape.entry() for shape in SHAPES.values())):
+        for name, adapter in fields_of(model):
+            schema = adapter.json_schema()
+            wrong = list(truths(schema))
+            numbers.update([name] if wrong else [])
+            # A study's values may be true or false themselves: those of keys that are.
+            if wrong and "boolean" in str(schema):
+                assert adapter.validate_python([True]) == [True], name
+                continue
+            for value in wrong:
+                with pytest.raises(ValidationError):
+                    pytest.fail(f"{name} is {adapter.validate_python(value)}")
+    assert set(EXPECTED.split()) <= numbers

@@ -9,11 +9,8 @@ from concurrent.futures import Executor, wait
 from pathlib import Path
 from typing import Any
 
-import dask.config
 import pandas as pd
 import pytest
-from distributed import Client, LocalCluster
-from distributed.utils import get_mp_context
 from faulty_evaluations import crashes_at_the_end, hangs_at_seven, misbehaves
 from study_tools import FRICTION, SLOPE, Here, data, study, study_file
 from tests.core.child_calls import is_running
@@ -171,6 +168,10 @@ def test_processes_that_do_not_start_are_told(tmp_path, monkeypatch):
 @pytest.fixture
 def cluster():
     """Two workers. Their processes are forked from one that has loaded what they need."""
+    import dask.config  # all test processes load this module, and one of them runs this
+    from distributed import LocalCluster
+    from distributed.utils import get_mp_context
+
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
         get_mp_context().set_forkserver_preload(["distributed", "graspless_pin.studies"])
         with LocalCluster(
@@ -189,6 +190,8 @@ def test_dask_gives_the_same_table_where_a_worker_is_lost_and_a_sample_crashes(
     tmp_path, monkeypatch, cluster
 ):
     """A worker is killed while it has samples; its nanny starts another one. No sample ends one."""
+    from distributed import Client
+
     with (
         dask_executor(cluster.scheduler_address) as (executor, threads),
         Client(cluster) as client,
