@@ -60,6 +60,15 @@ def page(allegro) -> Element:
     return read_html(allegro[2])
 
 
+@pytest.fixture
+def without_plots(monkeypatch):
+    """The page's text alone: what is plotted takes most of its time."""
+    monkeypatch.setattr("graspless_pin.report.html.sections._inline_svg", lambda *_: "")
+
+
+TEXT_ALONE = pytest.mark.usefixtures("without_plots")
+
+
 def test_it_is_small_and_its_colours_follow_the_page(page: Element, allegro):
     assert len(allegro[2].encode()) < 5_000_000
     # No drawing has a fixed colour of the light palette.
@@ -70,6 +79,7 @@ def test_it_is_small_and_its_colours_follow_the_page(page: Element, allegro):
     assert colors <= {"#ffffff", "#000000", "#b0b0b0"}, colors
 
 
+@TEXT_ALONE
 def test_it_says_which_cones_there_are(page: Element):
     assert "32 cone edges" in page.text
     rounded = solved(SPHERE)[0].with_changes(cone="round")
@@ -152,6 +162,7 @@ def test_the_ranges(page: Element):
             assert ends[-1] == pytest.approx(bounds.upper[index, k], abs=1e-4)
 
 
+@TEXT_ALONE
 @pytest.mark.parametrize("rough", [False, True])
 def test_ranges_over_all_outcomes_of_rest_are_told_where_they_differ(rough: bool):
     walls = QuasistaticProblem(
@@ -222,6 +233,7 @@ def test_what_does_not_see_is_told(page: Element):
     assert "the object box" in words and "supported by slope" in words and "7 contact" in words
 
 
+@TEXT_ALONE
 def test_why_not():
     scene, solution = solved(SLIDING, sliding_rule="constrained")
     page = read_html(report_html(case_of_scene(scene, solution)))
@@ -236,6 +248,7 @@ def test_why_not():
     assert len(page.section("contacts").rows()) == 6
 
 
+@TEXT_ALONE
 def test_a_document_brings_its_scene(tmp_path):
     scene, solution = solved(SPHERE)
     document = through_json(solution, scene)
@@ -247,6 +260,7 @@ def test_a_document_brings_its_scene(tmp_path):
     assert [row[1] for row in page.section("contacts").rows()] == list(scene.contacts.bodies)
 
 
+@TEXT_ALONE
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("loops", "said"), [("yes", "yes"), ("no", "no: numpy did their work"), (None, None)]
@@ -261,6 +275,7 @@ def test_it_says_whether_compiled_loops_ran(loops, said):
     assert dict(zip(names, facts, strict=True)).get("compiled loops") == said
 
 
+@TEXT_ALONE
 def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
     scene, solution = solved(SPHERE)
     document = through_json(solution, scene)
@@ -278,6 +293,7 @@ def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
     assert opened == []
 
 
+@TEXT_ALONE
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("old", "new", "message"),
@@ -311,6 +327,7 @@ def test_a_scene_changed_in_python_has_no_command():
     assert "now leads to another problem" in again.missing
 
 
+@TEXT_ALONE
 def test_a_problem_from_arrays():
     case = case_of_document(through_json(maximize_margin(pinched_block())))
     page = read_html(report_html(case))
@@ -349,6 +366,7 @@ def test_without_the_extra(monkeypatch, module, allegro):
         report_html(case)
 
 
+@TEXT_ALONE
 def test_ranges_that_take_too_long_are_marked():
     """Where a limit came before the proof the page has what was reached, and says so."""
     scene, solution = solved(SPHERE)
@@ -372,6 +390,7 @@ def test_ranges_that_take_too_long_are_marked():
                 assert number(last) == pytest.approx(b, abs=1e-4)
 
 
+@TEXT_ALONE
 def test_marks_are_only_spoken_of_where_there_are_some():
     """All ranges can be proven where only the margin at worst is not."""
     scene, solution, bounds = solved_allegro()
@@ -394,6 +413,7 @@ def test_marks_are_only_spoken_of_where_there_are_some():
     assert not section.all("table")
 
 
+@TEXT_ALONE
 def test_micro_figures_have_digits():
     """A millionth of the forces on a thousandth of the lengths, and no row of zeros."""
     solution = minimize_torque(micro_block(), 1e-7)
@@ -412,6 +432,7 @@ def test_micro_figures_have_digits():
     assert f"{solution.margin:.5g}".replace("-", "−") in page.text
 
 
+@TEXT_ALONE
 def test_an_objective_of_ones_own_is_named():
     """Solved, or read back from its document."""
 
