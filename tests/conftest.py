@@ -121,6 +121,12 @@ def without_loops(monkeypatch: pytest.MonkeyPatch) -> None:
     leave_out_loops(monkeypatch)
 
 
+@pytest.fixture
+def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report's text alone: what is plotted takes most of its time."""
+    monkeypatch.setattr("graspless_pin.report.html.sections._inline_svg", lambda *_: "")
+
+
 @pytest.fixture(params=["compiled", "numpy"])
 def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """How the loops run."""

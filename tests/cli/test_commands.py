@@ -273,6 +273,7 @@ def test_options_that_the_scene_gives_a_meaning_are_taken(tmp_path):
         ("plot", "--kind", "tolerances", "-o", "x.png"),
     ],
 )
+@pytest.mark.usefixtures("without_plots")
 def test_no_command_ends_with_0_where_a_finding_is_serious(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "scene.yaml"
@@ -327,6 +328,7 @@ def test_a_failed_write_keeps_what_was_there(tmp_path, monkeypatch, step):
         ("simulate", "--export"),
     ],
 )
+@pytest.mark.usefixtures("without_plots")
 def test_folders_of_outputs_are_made(command, tmp_path):
     """Paths in scene files are those from there."""
     scene, folder = tmp_path / "scene.yaml", tmp_path / "a" / "b"
@@ -388,6 +390,7 @@ def test_commands_that_need_torques_take_the_figures_of_algorithms():
         assert "--margin: is no option of the algorithm" in useless.stderr
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_report_is_of_the_algorithm_that_is_asked_for(tmp_path: Path):
     page = tmp_path / "page.html"
     asked = ("--algorithm", "torque", "--margin", "0.4", "--no-ranges", "--no-verdict", "-o", page)

@@ -81,6 +81,7 @@ def test_a_scene_file_may_be_replaced_by_its_own_next_state(scene):
 
 
 @pytest.mark.parametrize("command", QUICK)
+@pytest.mark.usefixtures("without_plots")
 def test_own_files_are_replaced_and_others_are_not(scene, command):
     file = Path("out.html" if command == "report" else "out.json")
     options = *QUICK[command], file

@@ -60,12 +60,6 @@ def page(allegro) -> Element:
     return read_html(allegro[2])
 
 
-@pytest.fixture
-def without_plots(monkeypatch):
-    """The page's text alone: what is plotted takes most of its time."""
-    monkeypatch.setattr("graspless_pin.report.html.sections._inline_svg", lambda *_: "")
-
-
 TEXT_ALONE = pytest.mark.usefixtures("without_plots")
 
 

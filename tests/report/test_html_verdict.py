@@ -14,6 +14,8 @@ from graspless_pin.report import solution_document
 from graspless_pin.report.html import case_of_document, case_of_scene, report_html
 from graspless_pin.visualization.motion import draw_motion
 
+pytestmark = pytest.mark.usefixtures("without_plots")
+
 Weak = tuple[Scene, TorqueSolution, StabilityVerdict]
 
 

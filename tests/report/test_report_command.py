@@ -98,6 +98,7 @@ def test_what_needs_torques_says_that_there_are_none(tmp_path):
     assert "note: --simulate is left out: there are no torques" in result.stderr
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_infeasible_is_an_answer(tmp_path):
     scene, solution = solved(SLIDING, sliding_rule="constrained")
     file, target = tmp_path / "solution.json", tmp_path / "report.html"
@@ -142,6 +143,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     assert "cannot be written" in result.stderr
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_verdict_and_a_simulation(tmp_path):
     target = tmp_path / "report.html"
     assert run(WALLS, "-o", target, "--no-ranges", "--simulate").exit_code == 0
@@ -167,6 +169,7 @@ def test_a_simulation_needs_the_scene(tmp_path):
     assert "--simulate: needs the scene. The document names no scene file." in result.stderr
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_document_that_is_refused_is_told_in_the_terminal_and_on_the_page(tmp_path):
     file, target = tmp_path / "solution.json", tmp_path / "report.html"
     document = through_json(maximize_margin(pinched_block()))
@@ -179,6 +182,7 @@ def test_a_document_that_is_refused_is_told_in_the_terminal_and_on_the_page(tmp_
 
 
 @pytest.mark.parametrize("origin", [None, 5, {}, {"versions": 3}, {"versions": {"numpy": "2.0"}}])
+@pytest.mark.usefixtures("without_plots")
 def test_a_document_need_not_say_what_it_was_made_of(tmp_path, origin):
     file, target = tmp_path / "solution.json", tmp_path / "report.html"
     document = {**through_json(maximize_margin(pinched_block())), "provenance": origin}

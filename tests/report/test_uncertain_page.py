@@ -13,6 +13,8 @@ from tests.cli.cli_tools import run
 
 from graspless_pin import Uncertainty, load_scene
 
+pytestmark = pytest.mark.usefixtures("without_plots")
+
 SET = {"mass": 0.2, "center_of_mass": 0.01}
 QUICK = ("--no-ranges", "--no-verdict")
 SOLVE = {"algorithm": "torque", "margin": 0.1, "static_friction": "coulomb"}
