@@ -124,7 +124,7 @@ def without_loops(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report's text alone: what is plotted takes most of its time."""
-    monkeypatch.setattr("graspless_pin.report.html.sections._inline_svg", lambda *_: "")
+    monkeypatch.setattr("graspless_pin.report.html.sections._inline_svg", lambda *_, **__: "")
 
 
 @pytest.fixture(params=["compiled", "numpy"])
