@@ -74,6 +74,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_unconfigure() -> None:
+    """Let all of it go at the end: libraries look for what is left over."""
+    gc.unfreeze()
+
+
 def leave_out_loops(patch: pytest.MonkeyPatch) -> None:
     """Make all modules loaded so far go without the compiled loops."""
     for module in _users_of_loops(len(sys.modules)):
