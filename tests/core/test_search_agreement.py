@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 from random_scenes import general_scene, infeasible_scene, slope_scene
-from scenes import SIGN_RULES, SLIDING_RULES, assert_holds
+from scenes import SIGN_RULES, SLIDING_RULES, assert_holds, scene
 from tests.oracles.mixed_integer import solve_by_mixed_integer
 
 from graspless_pin import (
@@ -94,6 +94,14 @@ def assert_agreement(
     if first.found:
         assert first.status is Status.OPTIMAL
         assert_holds(first)
+
+
+@pytest.mark.sampled(8)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
+@pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])
+def test_paper_scenes(name, pair, algorithm):
+    assert_agreement(scene(name), algorithm, pair, enumerate_too=True)
 
 
 @pytest.mark.sampled(16)

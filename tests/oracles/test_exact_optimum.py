@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 from tests.core.random_scenes import general_scene, infeasible_scene, slope_scene
-from tests.core.scenes import random_problem, slider, structured_arguments
+from tests.core.scenes import random_problem, scene, slider, structured_arguments
 from tests.oracles.exact_optimum import ExactScene, Question
 from tests.oracles.judging import Outcome, ask, compare
 
@@ -198,6 +198,25 @@ def test_forces_miss_what_is_taken_from_them():
     squeezed = np.array(best.forces, dtype=float)
     squeezed[:, 1] += 20.0, -20.0
     assert float(exact.miss(squeezed)) > 1.0
+
+
+PAPER = {
+    ("sphere", "strict", "exempt"): (1.4509, 0.5187),
+    ("up", "strict", "exempt"): (2.3001, 1.5554),
+    ("up", "strict", "constrained"): (None, None),
+    ("up", "nonzero", "constrained"): (2.3001, 1.5554),
+    ("down", "strict", "exempt"): (3.9772, 0.8482),
+}
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("case", PAPER, ids=" ".join)
+def test_paper_figures(case):
+    name, sign_rule, sliding_rule = case
+    for algorithm, printed in zip(("margin", "torque"), PAPER[case], strict=True):
+        question = Question(algorithm, 0.1, sign_rule=sign_rule, sliding_rule=sliding_rule)
+        best = ExactScene(scene(name), question).optimum()
+        assert (None if best is None else round(float(best.value), 4)) == printed
 
 
 PAIRS = tuple(product(("strict", "exact", "nonzero"), ("exempt", "constrained")))
