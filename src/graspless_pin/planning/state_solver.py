@@ -93,8 +93,7 @@ class StateSolver:
 
     def with_objective(self, objective: Objective) -> StateSolver:
         """Return one for another objective, that has learned nothing."""
-        own, (configurations, _, *others) = self.__reduce__()
-        return own(configurations, objective, *others)
+        return StateSolver(self.configurations, objective, self.options, self.checks)
 
     def with_scene(self, scene: Scene) -> StateSolver:
         """Return one for a pinned scene of another mass and friction; they learn together."""

@@ -170,6 +170,11 @@ class UncertainStateSolver(StateSolver):
         own, given = super().__reduce__()
         return own, (*given, self._set)
 
+    def with_objective(self, objective: Objective) -> UncertainStateSolver:
+        """Return one for another objective."""
+        given = self.configurations, objective, self.options, self.checks
+        return UncertainStateSolver(*given, self._set)
+
     def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
         """Solve for one state: there are no records to do without."""
         return self.evaluate(q, T_world_object, twist)
