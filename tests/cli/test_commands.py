@@ -324,7 +324,7 @@ def test_a_failed_write_keeps_what_was_there(tmp_path, monkeypatch, step):
         ("report", "--no-verdict", "--no-ranges", "-o"),
         ("settle", "-o"),
         ("new", "-o"),
-        ("plot", "--kind", "squeeze", "-o"),
+        ("plot", "--kind", "tolerances", "-o"),
         ("simulate", "--export"),
     ],
 )
