@@ -438,7 +438,7 @@ def test_an_objective_of_ones_own_is_named():
             program.balance()
             program.cones(0.0)
             program.normal_limits(0.0)
-            program.curve(1.0)
+            program.regularize(1.0)
 
     solution = optimize(pinched_block(), Loaded())
     page = read_html(report_html(case_of_document(through_json(solution))))

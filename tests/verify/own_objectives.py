@@ -62,7 +62,7 @@ class Helped(Objective):
             low=np.array([-3.0]), unit=forces.coordinates.joint_scale[first],
             shape=(len(forces.torque_rows),), places=first,
         )  # fmt: skip
-        program.curve(self.regularization)
+        program.regularize(self.regularization)
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         return 3.0 * coordinates.force_scale

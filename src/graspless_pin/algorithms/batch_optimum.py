@@ -26,7 +26,7 @@ from graspless_pin.algorithms.batch_programs import (
 )
 from graspless_pin.algorithms.mode_tree import ModePart, signs_left
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.search_state import CLOSED
+from graspless_pin.algorithms.search_state import OPTIMALITY_TOLERANCE
 from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
@@ -392,5 +392,7 @@ class LoadSweep:
         arguments = loads, begin, self._pool, self._may_begin, figures, torques
         with LOOPS_LOCK:
             if isinstance(self._loops, core.ModePrograms):
-                self._loops.decide(-1.0 if enough is None else enough, CLOSED, self._covers)
+                self._loops.decide(
+                    -1.0 if enough is None else enough, OPTIMALITY_TOLERANCE, self._covers
+                )
             return self._loops.optima(problem, *arguments)

@@ -9,7 +9,7 @@ s along t_m" and "contact l is selected" that exclude each other. At least one o
 way, and each child lets another one. A document's proof bounds and splits the same parts
 (`solution_proof`).
 
-`search_modes` chooses how the modes are searched: so, along directions, or by listing, which is the
+`search_modes` chooses: branch and bound, the search over directions, or enumeration, which is the
 relaxation first and then every maximal mode.
 """
 
@@ -26,7 +26,7 @@ from graspless_pin.algorithms.search_state import (
     SearchState,
     Split,
     best_first,
-    closeness,
+    optimality_tolerance,
     unsolved,
 )
 from graspless_pin.errors import OverrunError, UndecidedMotionError
@@ -110,13 +110,13 @@ def _split(
         return fathomed
     children = split[1]
     if state.rules.sign is SignRule.EXACT:
-        # Where a contact may slide along one tangent alone, contacts would be released in vain, one
-        # after the other: those children that turn friction come first. The last one is visited
-        # first.
+        # Where a contact may slide along one tangent alone, children that release contacts lead
+        # nowhere, one after the other. Those that change a sign are visited before them: the
+        # search visits the last child first.
         children = sorted(children, key=lambda child: -np.count_nonzero(child.released))
     # Where a mode is as good as the relaxation, the bounds of all nodes are equal but for rounding,
     # which would lead the search from one to another instead of down to an answer.
-    rises = answer.bound > before + 0.5 * closeness(before)
+    rises = answer.bound > before + 0.5 * optimality_tolerance(before)
     return Split(answer.bound if rises else before, children)
 
 

@@ -178,9 +178,10 @@ class ModeOracle:
     def mode_still_admitting(
         self, x: FloatArray, mode: SlidingMode, near: FloatArray
     ) -> tuple[FoundMode, FloatArray] | None:
-        """Return what a mode admits of x, if that is all but rounding and a known motion does it.
+        """Return a known mode that still admits the friction of x, and what it admits of x.
 
-        Where that is so, `mode_for` would find a mode too, though perhaps another one.
+        What it forbids may be rounding alone, and its virtual motion has to be found near the known
+        one. Then `mode_for` would find a mode too, though perhaps another one.
 
         Args:
             x: Solution of the program.
@@ -213,7 +214,7 @@ class ModeOracle:
     def _witness_without_search(
         self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return the signs completed by a motion that needs no search, and it; None: none is."""
+        """Return complete signs and the motion that has them, without a search; None: not found."""
         found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, near)
         self.kinematic_programs += found is not None
         return found
@@ -283,17 +284,17 @@ class ModeOracle:
             for component in range(2):
                 if signs[component]:
                     continue
-                conflicts = self._resting(
+                conflicts = self._conflicts_of_signs(
                     known, index, component, part.signs_along(contact, component)
                 )
                 if conflicts:
                     return Blocked(contact, component, conflicts)
         return None
 
-    def _resting(
+    def _conflicts_of_signs(
         self, known: list[Requirement], index: int, component: int, allowed: list[int]
     ) -> tuple[Conflict, ...]:
-        """Conflicts that let a component of a known contact have no allowed sign; none: it may."""
+        """Return a conflict for each allowed sign of a component; none if one is feasible."""
         contact, signs = known[index]
         conflicts: list[Conflict] = []
         for sign in allowed:

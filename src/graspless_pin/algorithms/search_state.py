@@ -18,13 +18,15 @@ from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 from graspless_pin.tree_search import NO_LIMITS, Limits, Node, TreeSearch
 
-CLOSED = 2e-8
+OPTIMALITY_TOLERANCE = 2e-8
 """Values closer than this, in scaled units or relative to them, count as equal."""
 
 
-def closeness(value: float) -> float:
-    """Return how close others must be to a scaled value to count as equal."""
-    return CLOSED * max(1.0, abs(value)) if np.isfinite(value) else CLOSED
+def optimality_tolerance(value: float) -> float:
+    """Return how far above an optimum a scaled value may be to count as equal to it."""
+    return (
+        OPTIMALITY_TOLERANCE * max(1.0, abs(value)) if np.isfinite(value) else OPTIMALITY_TOLERANCE
+    )
 
 
 @dataclass
@@ -143,7 +145,7 @@ class SearchState:
                 exact = answer.moved(x, self.formulation.program.value(x), residual)
         if exact.value < self.best_value:
             self.keep(exact, found)
-        return exact.value <= answer.value + closeness(exact.value)
+        return exact.value <= answer.value + optimality_tolerance(exact.value)
 
     def keep(self, answer: Answer, found: FoundMode) -> None:
         """Keep a mode and its answer as the best so far."""
@@ -157,7 +159,7 @@ class SearchState:
 
     def closed(self, bound: float) -> bool:
         """Whether nothing at or above this bound can beat the best answer."""
-        return self.best_value <= bound + closeness(self.best_value)
+        return self.best_value <= bound + optimality_tolerance(self.best_value)
 
     def ended(self, *, interrupted: bool = False) -> Status:
         """Return what is known when the search has ended, by a limit or completed."""

@@ -191,7 +191,7 @@ def _search_in_mode(
 def threshold_optima(
     state: SearchState, search: ModeSearch, gap: float = 0.0
 ) -> tuple[float, float] | None:
-    """Return the optimum for a tenth and for ten times the threshold, where it hangs on it.
+    """Return the optimum for a tenth and for ten times the threshold, if that changes it.
 
     Nothing is solved where the motion behind the mode is clearly fast enough and the search refused
     none that a tenth of the threshold would admit: then all three are the same.

@@ -28,7 +28,7 @@ from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.search_state import SearchState, closeness
+from graspless_pin.algorithms.search_state import SearchState, optimality_tolerance
 from graspless_pin.algorithms.solve import (
     as_stable,
     solution_of,
@@ -134,7 +134,7 @@ def _reaches(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | 
     if relaxation.outcome is Outcome.SOLVED:
         for attempt in (_keep_relaxation_if_admitted, _keep_optimum_of_start_mode):
             attempt(state)
-            if state.best_value <= closeness(goal) - goal:
+            if state.best_value <= optimality_tolerance(goal) - goal:
                 return True, state.left_behind()
     capped = replace(full.capped("margin", goal), cutoff=-goal)
     other = SearchState(capped, state.options, state.limits)

@@ -17,7 +17,7 @@ from graspless_pin.algorithms.batch_optimum import LoadSweep, optima_of_states, 
 from graspless_pin.algorithms.batch_programs import are_for
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
-from graspless_pin.algorithms.search_state import closeness
+from graspless_pin.algorithms.search_state import optimality_tolerance
 from graspless_pin.algorithms.warm_search import StartsByContacts
 from graspless_pin.compiled import core
 from graspless_pin.errors import StateError
@@ -123,7 +123,7 @@ def refusals(
 def is_reached(value: float, signed_unit: float, margin: float) -> bool:
     """Return whether a margin is reached, N, by the value of Algorithm 1's program and its unit."""
     goal = margin / abs(signed_unit)
-    return value <= closeness(goal) - goal
+    return value <= optimality_tolerance(goal) - goal
 
 
 class StateLoops:

@@ -10,7 +10,7 @@ import numpy as np
 
 from graspless_pin.algorithms.batch_optimum import WarmOptimum
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.search_state import CLOSED
+from graspless_pin.algorithms.search_state import OPTIMALITY_TOLERANCE
 from graspless_pin.algorithms.warm_search import StartsByContacts, reaches_margin
 from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.planning.attached_states import (
@@ -324,7 +324,7 @@ def status_of_margin(
         bound: What no margin is larger than, N; NaN where there is none.
         required: The margin that is asked for, N.
     """
-    slack = CLOSED * max(force, required)
+    slack = OPTIMALITY_TOLERANCE * max(force, required)
     if found.found and found.margin >= required - slack:
         return found.margin, StateStatus.FOUND
     if found.status in UNDECIDED and not bound < required - slack:

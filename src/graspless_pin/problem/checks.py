@@ -43,7 +43,8 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     """Return a read-only float64 copy of ``value`` with the given shape (None: any length).
 
     Raises:
-        ArgumentError: If the value is not numeric, has another shape or a NaN.
+        ArgumentError: If the value is not numeric, has another shape, a NaN, an entry that is too
+            large, or a mask.
     """
     array: FloatArray | None = None
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
@@ -312,12 +313,12 @@ def checked_inertia(
         )
     roots = np.sqrt(diagonal)
     scale = np.outer(roots, roots)
-    for skew, rule in (
+    for wrong, rule in (
         (np.abs(given - given.T) > _SYMMETRY_TOLERANCE * scale, "the matrix must be symmetric"),
         (np.abs(given) > (1.0 + _SYMMETRY_TOLERANCE) * scale, "it must be positive semidefinite"),
     ):
-        if skew.any():
-            row, column = (int(i) for i in np.argwhere(skew)[0])
+        if wrong.any():
+            row, column = (int(i) for i in np.argwhere(wrong)[0])
             raise ArgumentError(
                 name,
                 f"is {given[row, column]} at index {(row, column)} and {given[column, row]} at "
@@ -349,9 +350,9 @@ class JointUnit(StrEnum):
     """
 
     TORQUE = "N m"
-    """Of a turning joint."""
+    """Of a revolute joint."""
     FORCE = "N"
-    """Of a linear joint, a tendon, or a hybrid finger's normal force."""
+    """Of a prismatic joint, a tendon, or a hybrid finger's normal force."""
 
 
 FREE_BODY = (JointUnit.FORCE,) * 3 + (JointUnit.TORQUE,) * 3
@@ -359,12 +360,12 @@ FREE_BODY = (JointUnit.FORCE,) * 3 + (JointUnit.TORQUE,) * 3
 
 
 def turning(units: Sequence[JointUnit]) -> NDArray[np.bool_]:
-    """Return which coordinates turn: a mask of those whose generalised forces are in N m."""
+    """Return a mask of the coordinates whose generalised forces are in N m."""
     return np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
 
 
 def checked_units(units: Sequence[str] | None, count: int) -> tuple[JointUnit, ...]:
-    """Return the units of ``count`` joints; None: all turn.
+    """Return the units of ``count`` joints; None: all are revolute.
 
     Raises:
         ArgumentError: Naming the index and the value that is wrong.

@@ -75,7 +75,7 @@ class ForceSet(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add the balance, the torques and the cones."""
         reach = FARTHEST if self.farthest else largest_force_sought(program.forces, self.torques)
-        program.look_within(program.forces.cone_box(reach))
+        program.set_proof_box(program.forces.cone_box(reach))
         program.balance()
         program.held_torques(contact_torques(program.forces, self.torques))
         program.cones(0.0)
@@ -94,7 +94,7 @@ class FreeRays(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add the balance and the torques of nothing, and the cones."""
         forces = program.forces
-        program.look_within(forces.cone_box(1.0))
+        program.set_proof_box(forces.cone_box(1.0))
         program.equal("balance", forces.balance_rows, np.zeros(len(forces.balance_rows)))
         program.equal("held", forces.torque_rows, np.zeros(len(forces.torque_rows)))
         program.cones(0.0)
@@ -151,7 +151,7 @@ class HeldMargin(Objective):
         forces = program.forces
         largest = float(forces.limit.max())
         most = largest_force_sought(forces, self.torques)
-        program.look_within(forces.cone_box(min(most + largest, FARTHEST)))
+        program.set_proof_box(forces.cone_box(min(most + largest, FARTHEST)))
         unit = forces.coordinates.force_scale
         e = program.columns("margin", low=-most, box=(-most, largest), cost=-1.0, unit=unit)
         program.balance()
@@ -240,7 +240,7 @@ class LimitRelief(Objective):
         margin = self.required_margin / forces.coordinates.force_scale
         most = _at_hand(forces, margin)
         if self.normal:
-            program.look_within(forces.cone_box(float(forces.limit.max()) + most))
+            program.set_proof_box(forces.cone_box(float(forces.limit.max()) + most))
         # More than that is no help, and the box holds of every solution as the limit is imposed.
         s = program.columns("relief", low=0.0, high=most, box=(0.0, most), cost=1.0)
         up, down = self._given(forces)

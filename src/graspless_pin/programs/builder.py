@@ -82,8 +82,8 @@ class ProgramBuilder:
         Args:
             name: What they are.
             count: How many.
-            box: Finite lower and upper bounds that every optimum keeps, for proofs, which look no
-                further. They are not imposed; an optimum that they hide is an `ArgumentError`.
+            box: Finite lower and upper bounds that every optimum keeps: proofs assume them. They
+                are not imposed; an optimum outside is an `ArgumentError`.
             whole_box: The same for all forces where `ForceRows.boxes` has a second box; None: the
                 same as for the first.
             low: Lower bounds to be imposed.
@@ -250,13 +250,13 @@ class ProgramBuilder:
         forces = self.forces
         self.equal("held", forces.torque_rows, torque, unit=forces.coordinates.joint_scale)
 
-    def curve(self, epsilon: float) -> None:
+    def regularize(self, epsilon: float) -> None:
         """Add the regularisation (epsilon / 2) |f / F|^2 to the objective."""
         if epsilon > 0.0:
             self._curved[0] = self.forces.coordinates.curvature(epsilon)
 
-    def look_within(self, box: FloatArray) -> None:
-        """Have proofs look at forces in another (2, n) box than `ForceRows.boxes`.
+    def set_proof_box(self, box: FloatArray) -> None:
+        """Let proofs of bounds assume forces in another (2, n) box than `ForceRows.boxes`.
 
         Call it before columns are added.
         """

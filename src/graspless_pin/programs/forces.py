@@ -3,8 +3,8 @@
 The unknown is not the edge weights k of (44) and (45) but the force itself, in contact
 coordinates: x_l = (n^T f, t1^T f, t2^T f) / F where there is a friction cone, and n^T f / F alone
 where the direction is known (actual sliding, no friction). F is the load, see `problem.scales`.
-Then C k with k >= 0 becomes H^T f <= 0, (27) fixes variables at zero and (31) bounds them, so all
-modes of a problem differ in bounds only.
+Then C k with k >= 0 becomes H^T f <= 0, (27) fixes variables at zero and (31) bounds them
+(`Formulation.opposing`), so all modes of a problem differ in bounds only.
 
 A planner or a study asks for thousands of problems whose contacts have friction cones at the same
 places. Where their force coordinates stand among the columns is found once, and so are the rows
@@ -183,7 +183,7 @@ def cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> Con
 
 @lru_cache(maxsize=_LAYOUTS_KEPT)
 def reach_of(mask: bytes, friction: bytes) -> FloatArray:
-    """Return (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
+    """Return (2, n) bounds of forces inside cones, in units of the normal-force limits.
 
     Args:
         mask: Bytes of the problem's `has_cone`.
@@ -288,7 +288,7 @@ class ForceRows:
         problem: The problem.
         coordinates: Its force coordinates.
         cones: Rows of the friction cones.
-        reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
+        reach: (2, n) bounds of forces inside cones, in units of the normal-force limits.
         limit: (M,) f_n,max / F.
         balance_rows: (P, n) W f / F, moment rows over the length scale.
         wrench: (P,) right-hand side of the balance (19).

@@ -123,7 +123,7 @@ class Margin(Objective):
         program.cones(e)
         program.normal_limits(e)
         program.torque_limits()
-        program.curve(epsilon)
+        program.regularize(epsilon)
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         """Return F, N."""
@@ -141,20 +141,20 @@ def key_of(figure: str) -> str:
 
 
 def _check(objective: Objective, **figures: float) -> None:
-    """Refuse figures that are not numbers from 0 on."""
+    """Make figures floats, and refuse those that are not numbers from 0 on."""
     for name, value in figures.items():
         if type(value) is not float or not 0.0 <= value <= _LARGEST_UNCHECKED:
             object.__setattr__(objective, name, real_number(key_of(name), value, 0.0))
 
 
 class Side(NamedTuple):
-    """Rows that say which torque, upwards or downwards, t is the largest of.
+    """Rows sign * torque / unit <= level * t: t bounds all torques of one sign.
 
     Attributes:
-        sign: 1 upwards, -1 downwards.
+        sign: 1 or -1.
         joints: (k,) joints that have such a row.
-        unit: (k,) torque that one of the row is, N m.
-        level: (k,) what t is multiplied by.
+        unit: (k,) torque that is 1 in the row, N m.
+        level: (k,) coefficients of t.
     """
 
     sign: float
@@ -227,7 +227,7 @@ class Torque(Objective):
         program.cones(e)
         program.normal_limits(e)
         program.torque_limits()
-        program.curve(self.regularization)
+        program.regularize(self.regularization)
 
     def sides(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> tuple[Side, ...]:
         """Return the rows t >= |J^T f + g|, which say which torque is the largest."""

@@ -370,7 +370,7 @@ class StatedObjective(Objective):
         # Forces have no costs of their own but those of a regularisation.
         curved = own.force_curvature[0, 0] * force**2 / own.unit
         normal = forces.coordinates.normal_columns[0]
-        program.curve(float(curved / forces.coordinates.curvature(1.0)[normal]))
+        program.regularize(float(curved / forces.coordinates.curvature(1.0)[normal]))
 
     def _columns(self, program: ProgramBuilder) -> Columns:
         """Add all columns and return them as one."""

@@ -197,7 +197,7 @@ _Body = TypeVar("_Body", ManipulatedObject, Support)
 
 
 def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArray) -> _Body:
-    """Return a body with the convex pieces that it had, and where they were, if it still does."""
+    """Return a body with the pieces and placements that the last one of its shape and pose had."""
     name, kept = key_text(where), parts.latest
     sources = made.shape, made.name
     pieces = kept.made(f"{name}: pieces", sources, lambda: made.shapes)

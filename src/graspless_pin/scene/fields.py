@@ -112,7 +112,7 @@ def _loads(name: str, value: Any) -> tuple[Load, ...]:
 
 
 def check_load_names(names: Sequence[str]) -> None:
-    """Refuse loads of one name: they are told by it.
+    """Refuse two loads with the same name.
 
     Raises:
         ArgumentError: Naming the load.
@@ -319,10 +319,10 @@ def check_touched(argument: str, body: str, bodies: Sequence[str]) -> None:
 
 
 def checked_scene(scene: object) -> SceneFields:
-    """Return a scene.
+    """Return the argument if it is a scene.
 
     Raises:
-        ArgumentError: If it is none.
+        ArgumentError: If it is not.
     """
     if not isinstance(scene, SceneFields):
         raise ArgumentError("scene", what_to_pass("scene", scene, "Scene"))

@@ -63,8 +63,8 @@ from graspless_pin.scene.uncertain_figures import check_uncertain_names
 from graspless_pin.scene.units import merged_angles
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
-_ANYWHERE = {"base_pose"}
-_NOT_OF_THE_MOUNTS = {
+_POSE_KEYS = {"base_pose"}
+_NOT_OF_ROBOTS = {
     "group_states",
     "q",
     "q_deg",
@@ -74,7 +74,7 @@ _NOT_OF_THE_MOUNTS = {
     "hybrid_force_limit",
     "mounts",
 }
-"""Keys of the hand; each mount is told by itself."""
+"""Keys of a hand on which its assembled robots do not depend; mounts are looked at one by one."""
 
 
 def build_scene(
@@ -190,7 +190,7 @@ def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: Hand
         where: The key of the hand.
         entry: The hand's entry.
     """
-    common = [value for name, value in entry if name not in _NOT_OF_THE_MOUNTS]
+    common = [value for name, value in entry if name not in _NOT_OF_ROBOTS]
     sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
     mounts = parts.made("mounts", (*sources,), lambda: _mounts(file, parts, entry))
     tree = mounts.joined.tree
@@ -213,8 +213,8 @@ def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledM
     if entry.mounts:
         each = enumerate(entry.mounts)
         mounted = [(("hand", "mounts", index), one.prefix, one) for index, one in each]
-    key = entry.model_dump_json(exclude=_NOT_OF_THE_MOUNTS | _ANYWHERE)
-    key += "".join([item.model_dump_json(exclude=_ANYWHERE) for item in entry.mounts])
+    key = entry.model_dump_json(exclude=_NOT_OF_ROBOTS | _POSE_KEYS)
+    key += "".join([item.model_dump_json(exclude=_POSE_KEYS) for item in entry.mounts])
     assembled = parts.hands.get(key)
     if assembled is None:
         mounts = [_mount(file, *place) for place in mounted]
@@ -353,8 +353,8 @@ _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any
     "solve": ("solve_options", lambda _file, value, _: value.model_dump()),
     **{name: (name, lambda _file, value, _: value) for name in PLAIN_FIGURES},
 }
-"""Of keys that no body depends on: the field of a scene, and what makes it of the file, what the
-key holds, and the names of supports and links."""
+"""For each key that no body depends on: the field of a scene, and the function of file, value and
+names of supports and links that returns the field's value."""
 _CHECKED_WITH_OTHER_KEYS = ("gravity", "loads", "max_normal_force", "tangent_axes")
 FIELDS_BY_KEY = {
     key: field for key, (field, _) in _PLAIN.items() if key not in _CHECKED_WITH_OTHER_KEYS

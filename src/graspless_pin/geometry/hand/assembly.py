@@ -1,7 +1,6 @@
-"""From robots fixed to the world to all that a hand is.
+"""Joins mounted robots to one hand: its tree, fingers, tendons, actuators and rotor inertias.
 
-That is, but for where its joints stand and what its motors give: how several robots become one
-tree, their fingers, tendons and limits, and rotor inertias that are given instead of a URDF's.
+Joint positions and the final effort limits are set later.
 """
 
 from __future__ import annotations
@@ -105,8 +104,9 @@ class JoinedMounts:
         palms: The links that carry fingers.
         fingers: All fingers, checked.
         arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
-        held_joints: Joints that neither a finger has nor a palm carries, where there is a palm.
-        outer_joints: The same, where there is no palm, too.
+        held_joints: Joints of no finger and no arm, of robots with a palm: they are held fixed
+            unless control says otherwise.
+        outer_joints: Joints of no finger and no arm, of all robots.
         tendons: Moment arm by joint, m, by tendon.
         tensions: Lowest and highest tension by tendon, N, as far as an MJCF states them.
         effort_limits: (lower, upper) by joint or tendon, as far as the robot files state them.
@@ -335,7 +335,7 @@ ControlModes = ControlMode | str | Mapping[str, ControlMode | str]
 
 @dataclass(frozen=True, eq=False)
 class AssembledMounts:
-    """What a hand is before it is told where its joints stand and what its motors give.
+    """A hand without joint positions and final effort limits.
 
     Attributes:
         joined: The mounted robots as one tree.
@@ -422,7 +422,7 @@ def assembled_mounts(
     return AssembledMounts(joined, plan, actuation, tuple(found))
 
 
-_ANYWHERE = (
+_SAME_AT_ALL_BASES = (
     "joint_index",
     "mount_of",
     "leader_names",
@@ -472,4 +472,4 @@ def displaced_tree(tree: KinematicTree, displacements: Sequence[FloatArray]) -> 
     )
     moved = replace(tree, pinocchio_model=model, geometries=geometries, bases=bases)
     # Asked of the tree that is moved, or each place that it is moved to would work it out.
-    return changed(moved, **{name: getattr(tree, name) for name in _ANYWHERE})
+    return changed(moved, **{name: getattr(tree, name) for name in _SAME_AT_ALL_BASES})

@@ -83,7 +83,7 @@ class KinematicTree(Brief, Record):
         visuals: How links look, of those of which a file says something; only drawing asks.
         bases: The mounted robots: names of their joints and frames, and the Pinocchio inertia of
             what does not move, in world axes.
-        disabled_pairs: Pairs of links that may be in each other, as SRDFs say.
+        disabled_pairs: Pairs of links whose collision is ignored (``disable_collisions``).
         groups: Joints by group of SRDFs.
         group_states: Positions by joint, rad or m, by state of SRDFs, ``GROUP/STATE``.
         lacking: See `RobotModel.lacking`.
@@ -156,7 +156,7 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def locked(self) -> frozenset[str]:
-        """The independent joints whose limits leave no room: they hold whatever they feel."""
+        """The independent joints whose lower and upper limits are equal: they are fixed."""
         lower, upper = self.ranges
         still = np.flatnonzero(np.abs(upper - lower) <= LIMIT_TOLERANCE)
         return frozenset(self.leader_names[column] for column in still)
@@ -327,8 +327,8 @@ def build_tree(
         MeshError: If a mesh is missing, cannot be read or has no volume.
 
     Warns:
-        GrasplessPinWarning: If a mimic joint follows a joint that does not exist, its limits
-            keep one that it follows from moving; or if figures of a robot look like another unit.
+        GrasplessPinWarning: If a mimic joint follows a joint that does not exist, if its limits
+            block a joint that it follows, or if values look like another unit.
     """
     model, bases = pinocchio_model(robots)
     joints = {joint.name: joint for robot, _ in robots for joint in robot.joints}
