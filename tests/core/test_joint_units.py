@@ -114,7 +114,7 @@ def test_many_units_in_words():
     torque, force = JointUnit
     assert units_text((torque, torque)) == "N m"
     assert units_text((force,)) == "N"
-    assert units_text((torque, force)) == "N m; N for linear and hybrid joints"
+    assert units_text((torque, force)) == "N m; N for prismatic and hybrid joints"
     assert units_text(()) == "N m"
 
 

@@ -226,7 +226,7 @@ def test_the_table_reads_back(tmp_path):
 
 
 def test_the_table_of_a_path_with_gaps(tmp_path):
-    """And that of a hand with a linear joint, which has metres and newtons."""
+    """And that of a hand with a prismatic joint, which has metres and newtons."""
     profile = evaluate_path(*changing())
     rows = table_of(profile, tmp_path)
     assert [row["contacts_change"] for row in rows] == ["0", "1", "0", "1", "1"]

@@ -100,7 +100,7 @@ def test_the_trade_off_is_the_curve(sliding: TorqueSolution):
     [
         (None, "absolute", "N m"),
         (("N", "N"), "absolute", "N"),
-        (("N m", "N"), "absolute", "N m; N for linear and hybrid joints"),
+        (("N m", "N"), "absolute", "N m; N for prismatic and hybrid joints"),
         (("N m", "N"), "limits", "share of the limit"),
     ],
 )

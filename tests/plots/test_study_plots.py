@@ -48,7 +48,7 @@ def test_several_results_at_one_place_make_a_band():
     ("value", "label"),
     [
         ("max_torque_Nm", "largest |torque| [N m]"),
-        ("max_torque_N", "largest |force of a linear joint| [N]"),
+        ("max_torque_N", "largest |force of a prismatic joint| [N]"),
         ("disturbance_N", "largest balanced disturbance [N]"),
         ("palm_height_mm", "palm height [mm]"),
         ("friction.supports", "friction coefficient, supports"),

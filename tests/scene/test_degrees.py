@@ -71,7 +71,7 @@ def test_a_linear_joint_has_no_degrees(tmp_path: Path, degrees: int) -> None:
         f"friction: 0.3\nhand: {{robot: panda_hand, q_deg: {{panda_finger_joint1: {degrees}}}}}\n"
         "object: {shape: {type: sphere, radius: 0.1}, mass: 1, pose: {position: [0, 0, 1]}}\n"
     )
-    with pytest.raises(SceneError, match="panda_finger_joint1: is a linear joint; give metres"):
+    with pytest.raises(SceneError, match="panda_finger_joint1: is a prismatic joint; give metres"):
         loaded(tmp_path, text)
 
 

@@ -315,7 +315,7 @@ def test_a_column_that_there_is_not_is_named(tmp_path, suffix):
 
 
 def test_the_largest_torque_stands_under_its_unit(tmp_path):
-    """Of a hand with a linear joint alone N; where both kinds are, each has its column."""
+    """Of a hand with a prismatic joint alone N; where both kinds are, each has its column."""
     gripper = ROOT / "examples" / "panda_slide_cuboid_up_slope.yaml"
     vary = {"friction": {"values": [0.0, 0.5]}}
     lone = Study.from_data({"scene": str(gripper), "vary": {"object.mass": {"values": [0.5]}}})

@@ -63,7 +63,7 @@ def new(
         list[str] | None,
         typer.Option(
             metavar="[NAME=]N_M",
-            help="Effort limit, N m (N of linear joints and tendons), of all actuators whose limit "
+            help="Effort limit, N m (N of prismatic joints, tendons), of all actuators whose limit "
             "the robot's files do not tell, or of one finger, joint or tendon. May be repeated.",
         ),
     ] = None,

@@ -244,7 +244,7 @@ class ConfigurationGradient:
 
     Attributes:
         joint_names: a independent joints, those of `Evaluator.joint_names`.
-        values: (a,) N or N m per rad (per m for linear joints).
+        values: (a,) N or N m per rad (per m for prismatic joints).
         unique: (a,) which entries all optimal forces and multipliers agree on.
         contacts: H indices of the hand's contacts among those of the scene.
         gaps: (H,) gap between link and object, negative where they overlap, m.

@@ -184,7 +184,7 @@ class Evaluation(Brief):
 
     @cached_property
     def torques(self) -> FloatArray:
-        """(L,) motor torques, N m (N for linear and hybrid joints).
+        """(L,) motor torques, N m (N for prismatic and hybrid joints).
 
         Raises:
             NoSolutionError: If there are none; with the reason.

@@ -423,7 +423,7 @@ class Evaluator:
                 object stays, at rest.
             margin: See `is_feasible`.
             resolution: (m, rad): of the way of the object's centre of mass and of sliding joints,
-                and of the turns of the object and of turning joints.
+                and of the turns of the object and of revolute joints.
 
         Returns:
             The first state that is not valid, and where; None: the motion is valid.

@@ -241,7 +241,7 @@ class EvaluatedStates(Record):
         torque_units: L units.
         statuses: (K,) the `StateStatus` of each: ``statuses == StateStatus.FOUND`` is a mask.
         margins: (K,) N, -inf where there are no torques.
-        torques: (K, L) motor torques, N m (N for linear and hybrid joints and tendons); NaN where
+        torques: (K, L) motor torques, N m (N for prismatic and hybrid joints, tendons); NaN where
             there are none.
         contact_counts: (K,) number of contacts that carry force; 0 where there is no problem.
         bounds: (K,) proven bound on the optimum over all modes, see `Certificate.bound`; where

@@ -68,7 +68,7 @@ class PathProfile(Brief):
             wherever the motion goes on as it came, or ends by touching a body.
         torque_names: L names of all torques that occur.
         torque_units: L units.
-        torques: (K, L) motor torques, N m (N for linear and hybrid joints and tendons); NaN where
+        torques: (K, L) motor torques, N m (N for prismatic and hybrid joints, tendons); NaN where
             there are none.
         margins: (K,) N, -inf where there are no torques.
         arrival_margins: (K,) the same of ``arrivals``.

@@ -331,8 +331,8 @@ def path_torques(profile: PathProfile, ax: Axes | None = None) -> Axes:
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: s to the right, N m (N for linear and hybrid joints) up, a line a joint. Crosses
-        are waypoints without torques, dashed lines changes of contacts.
+        The axes: s to the right, N m (N for prismatic and hybrid joints) up, a line a joint.
+        Crosses are waypoints without torques, dashed lines changes of contacts.
 
     Examples:
         >>> from graspless_pin import Waypoint, evaluate_path, load_scene

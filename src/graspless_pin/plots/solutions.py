@@ -117,7 +117,7 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: one horizontal bar a joint, the first on top; N m (N for linear and hybrid
+        The axes: one horizontal bar a joint, the first on top; N m (N for prismatic and hybrid
         joints).
 
     Raises:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _NAMED = {
     "margin_N": "margin e [N]",
     "max_torque_Nm": "largest |torque| [N m]",
-    "max_torque_N": "largest |force of a linear joint| [N]",
+    "max_torque_N": "largest |force of a prismatic joint| [N]",
     "smallest_margin_N": "margin e at worst [N]",
     "largest_margin_N": "margin e at best [N]",
     "disturbance_N": "largest balanced disturbance [N]",

@@ -1,6 +1,6 @@
 """Checks of array arguments: each failure names the argument, the index and the value.
 
-And the units of generalised forces: not every column of J is a turning joint's, nor every row of W.
+And the units of generalised forces: not all columns of J and rows of W are those of rotations.
 """
 
 from __future__ import annotations
@@ -411,4 +411,4 @@ def units_text(units: Sequence[JointUnit]) -> str:
         return JointUnit.TORQUE.value
     if JointUnit.TORQUE not in units:
         return JointUnit.FORCE.value
-    return "N m; N for linear and hybrid joints"
+    return "N m; N for prismatic and hybrid joints"

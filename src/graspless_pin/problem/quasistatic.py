@@ -78,7 +78,7 @@ class QuasistaticProblem:
         object_inertia: (P, P) the passive coordinates' inertia; the object's about the reference
             point, for [linear; angular] accelerations in world axes, kg, kg m and kg m^2; None: not
             known.
-        joint_inertia: (L, L) joint-space inertia, kg m^2 (kg m, kg for linear joints); zero in a
+        joint_inertia: (L, L) joint-space inertia, kg m^2 (kg m, kg for prismatic joints); zero in a
             hybrid finger's row and column; None: not known.
 
     Examples:

@@ -252,7 +252,7 @@ class HandEntry(MountEntry):
         default={}, description="[rad, m] positions by joint name, those left out are 0"
     )
     q_deg: ByName[Finite] = Field(
-        default={}, description="[deg] positions of turning joints by name, instead of q"
+        default={}, description="[deg] positions of revolute joints by name, instead of q"
     )
     control: ModeName | ByName[ModeName] | None = Field(
         default=None,
@@ -301,6 +301,6 @@ class HandEntry(MountEntry):
         if open_ := [str(name) for name, value in named if value is None]:
             raise ValueError(
                 f"is left empty for {', '.join(open_)}; fill in the most that each motor gives "
-                "(N m, or N for a linear joint or tendon), as its data sheet says"
+                "(N m, or N for a prismatic joint or tendon), as its data sheet says"
             )
         return limits

@@ -199,7 +199,7 @@ def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: Hand
         q = named | merged_angles(entry.q, entry.q_deg)
         for name, kind in zip(tree.joint_names, tree.joint_kinds, strict=True):
             if kind == "prismatic" and name in entry.q_deg:
-                message = "is a linear joint; give metres under q"
+                message = "is a prismatic joint; give metres under q"
                 raise file.error((*where, "q_deg", name), message)
         positions = parts.latest.made(
             "hand positions", (tree, repr(q)), lambda: joint_positions(tree, q)

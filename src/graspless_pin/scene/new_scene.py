@@ -208,7 +208,7 @@ def _fingers(robot: RobotDescription, hand: Hand) -> str:
 
 def _positions(hand: Hand) -> str:
     tree = hand.tree
-    lines = ["  q: # rad, m of linear joints; in degrees under q_deg\n"]
+    lines = ["  q: # rad, m of prismatic joints; in degrees under q_deg\n"]
     for name in hand.control.joints:
         index = tree.joint_index[name]
         limits = f"{tree.lower[index]:.4g} .. {tree.upper[index]:.4g}"
@@ -248,7 +248,7 @@ def _efforts(
         empty = "  # effort_limits: {} # N m, N: by joint or finger, instead of the robot's\n"
         return empty, (), kept
     head = (
-        "  effort_limits: # N m (N for linear joints and tendons): the most that each motor gives"
+        "  effort_limits: # N m (N for prismatic joints, tendons): the most that each motor gives"
     )
     return f"{head}\n{''.join(lines)}", tuple(left_open), kept
 

@@ -299,7 +299,7 @@ class TorqueSolution:
 
     @property
     def torques(self) -> FloatArray:
-        """(L,) motor torques J^T f + g, N m (N for linear and hybrid joints)."""
+        """(L,) motor torques J^T f + g, N m (N for prismatic and hybrid joints)."""
         return self.contact_torques + self.problem.gravity_torques
 
     @property

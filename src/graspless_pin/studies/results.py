@@ -58,7 +58,7 @@ _LAST = (
 _EXTREMES = {
     "margin_N": ("margin", "N"),
     "max_torque_Nm": ("max |torque|", "N m"),
-    "max_torque_N": ("max |force of a linear joint|", "N"),
+    "max_torque_N": ("max |force of a prismatic joint|", "N"),
 }
 """Of the columns that a summary tells the extremes of: what they are, and their unit."""
 _ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")

@@ -45,7 +45,7 @@ class Actuation(Brief, Record):
         names: Motors by the name of their joint, then tendons, then passive motions.
         tendons: Names of the tendons among them.
         passive: Names of the passive motions among them.
-        units: Units of their efforts: N of linear joints, tendons, and what moves such joints.
+        units: Units of their efforts: N of prismatic joints, tendons, and what moves such joints.
         from_independent: (a, L) the actuators feel ``from_independent^T tau_a`` when the
             independent joints feel tau_a.
         from_joints: (n, L) the same from all movable joints, couplings included.

@@ -183,7 +183,7 @@ def _impossible(link: RobotLink, moments: FloatArray, longest: float) -> str:
 
 
 def _limits(robot: RobotModel) -> Found:
-    """Find limits of turning joints in degrees."""
+    """Find limits of revolute joints in degrees."""
     most = _MOST_TURNS * 2.0 * math.pi
     found = []
     for joint in (one for one in robot.joints if one.kind == "revolute"):

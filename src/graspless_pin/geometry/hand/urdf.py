@@ -180,7 +180,7 @@ def _rotor_inertias(path: Path, root: ET.Element, joints: Collection[str]) -> di
         joints: Those of which rotors are looked for.
 
     Returns:
-        kg m^2 (kg for linear joints) by joint.
+        kg m^2 (kg for prismatic joints) by joint.
 
     Raises:
         RobotError: If a figure is no number, or an inertia negative.

@@ -56,7 +56,7 @@ def _of_cones(problem: Problem, stated: Part) -> list[Check]:
 
 
 def _units(problem: Problem, stated: Part) -> str:
-    """Return the units of all figures, and which joints turn and which push."""
+    """Return the units of all figures, and which joints are revolute and which prismatic."""
     names = [joint["name"] for joint in stated["joints"]]
     shown = ["SI, world axes"]
     for unit in ("N m", "N"):
