@@ -115,8 +115,7 @@ class BatchContactFinder:
     @property
     def frame(self) -> tuple[FloatArray, FloatArray]:
         """(3,) what positions are about, and (A, 3) the directions that tangents lie along."""
-        axes = np.array(self._scene.tangent_axes).reshape(-1, 3)
-        return self._scene.object.center_of_mass_world, axes
+        return self._scene.object.center_of_mass_world, self._axes
 
     def store(self, scene: Scene, problem: QuasistaticProblem) -> None:
         """Keep what a problem shares with those of the same contacts.
@@ -138,6 +137,10 @@ class BatchContactFinder:
         self._known[touching] = SharedContactData(
             arrays.bodies, joints_of(own.hand.tree, touching), problem
         )
+
+    @cached_property
+    def _axes(self) -> FloatArray:
+        return np.array(self._scene.tangent_axes).reshape(-1, 3)
 
     @cached_property
     def _loops(self) -> Any:

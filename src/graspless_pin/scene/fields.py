@@ -270,9 +270,9 @@ def check_names(of_object: str, supports: Sequence[str], links: Sequence[str]) -
         ArgumentError: Naming the object or the support.
     """
     taken = set(links)
-    arguments = ("object.name", *(f"supports[{index}].name" for index in range(len(supports))))
-    for argument, name in zip(arguments, (of_object, *supports), strict=True):
+    for number, name in enumerate((of_object, *supports)):
         if name in taken:
+            argument = f"supports[{number - 1}].name" if number else "object.name"
             raise ArgumentError(argument, f"{name!r} names another body too; names must differ")
         taken.add(name)
 
