@@ -250,6 +250,23 @@ def test_friction_of_contacts_that_slide_is_that_of_the_model():
         assert friction == pytest.approx(problem.friction[contact] * normal * way, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("slope", "held"), [(20.0, (True, True)), (30.0, (True, False)), (40.0, (False, False))]
+)
+def test_a_block_slides_down_along_the_ribs_first(slope, held):
+    """By hand: it stays up to atan(mu) across the ribs, and up to atan(mu / 2) along them."""
+    turn = np.radians(slope)
+    weight = 9.81 * np.array([np.sin(turn), 0.0, -np.cos(turn), 0.0, 0.0, 0.0])
+    corners = [[x, y, -0.01] for x in (-0.05, 0.05) for y in (-0.05, 0.05)]
+    down, level = np.eye(3)[:2]
+    for tangents, stays in zip(([level, -down], [down, level]), held, strict=True):
+        problem = QuasistaticProblem(
+            corners, [[0.0, 0.0, 1.0]] * 4, weight, friction=0.75, cone="elliptic",
+            tangents=[np.column_stack(tangents)] * 4,
+        )  # fmt: skip
+        assert maximize_margin(problem, static_friction="coulomb").found is stays
+
+
 def test_friction_in_use_is_that_of_the_cone():
     """Half of a force in a face is half of what that face allows; what slides uses all."""
     problem = sliding_scene(3, "elliptic")

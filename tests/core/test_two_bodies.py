@@ -52,6 +52,11 @@ def test_a_pushing_finger_holds_a_stack_on_a_steeper_slope(push, beyond):
         assert not balances(arguments | {"torque_limits": (0.0, 0.999 * enough)})
 
 
+def test_the_oracle_knows_the_slope_by_hand():
+    for angle in (0.1, 0.4, 0.5, 0.6):
+        assert balances(stacked(angle)) == (np.tan(angle) < 0.5)
+
+
 @pytest.mark.parametrize(
     "arguments",
     [sphere_arguments(), cuboid_arguments(), cuboid_arguments(1.0), random_arguments(7, 3)],

@@ -216,7 +216,7 @@ def test_a_mesh_has_no_more_pieces_than_asked_for(
     with pytest.raises(MeshError, match="has 2 parts that are not connected, more than max_pieces"):
         convex_pieces(two, "ells", Cut(0.1, max_pieces=1))
     for wrong in (0, 1001, 2.0, True):
-        with pytest.raises(ArgumentError, match=r"max_pieces: is .*; it must be"):
+        with pytest.raises(ArgumentError, match=r"max_pieces: is .*; it must be (a whole|from 1)"):
             Cut(max_pieces=wrong)  # pyright: ignore[reportArgumentType]
 
 
@@ -265,9 +265,12 @@ def test_the_choice_is_checked() -> None:
     path = Path("part.stl")
     with pytest.raises(ArgumentError, match="convex: is 'soup'; it must be one of 'hull'"):
         MeshShape(path, 1.0, "soup")  # pyright: ignore[reportArgumentType]
-    for value in (0.0, 0.001, 1.5, float("nan")):
-        with pytest.raises(ArgumentError, match=r"concavity: (needs|is)"):
+    for value in (0.0, 0.001, 1.5):
+        with pytest.raises(ArgumentError, match=r"concavity: needs 0\.01 to 1, got"):
             MeshShape(path, 1.0, "decompose", value)
-    for value in (0.0, -1.0, 1e7, float("nan"), float("inf"), True, "60"):
-        with pytest.raises(ArgumentError, match=r"decompose_time_limit: (needs seconds|is)"):
+    for value in (0.0, -1.0, 1e7):
+        with pytest.raises(ArgumentError, match="decompose_time_limit: needs seconds above 0"):
+            MeshShape(path, 1.0, "decompose", 0.02, value)
+    for value in (float("nan"), float("inf"), True, "60"):
+        with pytest.raises(ArgumentError, match=r"decompose_time_limit: is .* a finite number"):
             MeshShape(path, 1.0, "decompose", 0.02, value)  # pyright: ignore[reportArgumentType]

@@ -230,7 +230,7 @@ def test_bad_choices_are_named(urdf, tmp_path):
         LinkMeshes({"hook": "soup"})
     with pytest.raises(ArgumentError, match="convex: is 'soup'; it must be one of 'hull'"):
         LinkMeshes("soup")
-    with pytest.raises(ArgumentError, match=r"concavity: is 0\.0; it must be .* >= 0\.01"):
+    with pytest.raises(ArgumentError, match=r"concavity: needs 0\.01 to 1, got 0\.0"):
         LinkMeshes("decompose", 0.0)
     with pytest.raises(ArgumentError, match=r"convex: unknown link.* 'palm'; known: hook"):
         hook(urdf, LinkMeshes({"palm": "decompose"}))

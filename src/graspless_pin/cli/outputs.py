@@ -42,8 +42,8 @@ class OutputKind(Enum):
         rb"(?s)<!DOCTYPE html>.*<title>[^<]* graspless_pin report<",
     )
     MODEL = "model of graspless-pin", re.escape(MODEL_MARK.encode())
-    PICTURE = "picture", rb""
-    SCENE = "", rb""
+    PICTURE = "picture", b""
+    SCENE = "", b""
 
     def is_own(self, path: Path) -> bool:
         """Return whether a file that is there may be taken for one that commands write as this."""

@@ -134,7 +134,8 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     if "slope" in moved:
         angle = math.radians(_slope(scene)[1] - moved["slope"])
         turn = Rotation.from_rotvec(angle * _tilt_axis(scene))
-        changed = changed.with_changes(gravity=turn.apply(scene.gravity.copy()))
+        gravity = scene.gravity.copy()  # scipy takes no read-only array
+        changed = changed.with_changes(gravity=turn.apply(gravity))
     shift, turn = place_of(moved, OBJECT_PLACE)
     if moved.get(ALONG):
         normal = support_frame(scene)[:, 2]

@@ -102,9 +102,10 @@ class Cut:
         Raises:
             ArgumentError: One is outside its range; named as scenes and robot files name it.
         """
-        if real_number("concavity", self.concavity, 0.01) > 1.0:
+        if not 0.01 <= real_number("concavity", self.concavity, -np.inf) <= 1.0:
             raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
-        if not 0.0 < real_number("decompose_time_limit", self.time_limit, 0.0) <= LONGEST_TIME:
+        seconds = real_number("decompose_time_limit", self.time_limit, -np.inf)
+        if not 0.0 < seconds <= LONGEST_TIME:
             raise ArgumentError(
                 "decompose_time_limit",
                 f"needs seconds above 0, at most {LONGEST_TIME:g}, got {self.time_limit!r}",

@@ -104,9 +104,9 @@ class JoinedMounts:
         palms: The links that carry fingers.
         fingers: All fingers, checked.
         arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
-        held_joints: Joints of no finger and no arm, of robots with a palm: they are held fixed
-            unless control says otherwise.
-        outer_joints: Joints of no finger and no arm, of all robots.
+        held_joints: Joints of no finger that no palm carries (of arms, legs, necks), of robots with
+            a palm: under position control unless it is said otherwise.
+        outer_joints: The same of all robots; of one without a palm, all joints of no finger.
         tendons: Moment arm by joint, m, by tendon.
         tensions: Lowest and highest tension by tendon, N, as far as an MJCF states them.
         effort_limits: (lower, upper) by joint or tendon, as far as the robot files state them.
