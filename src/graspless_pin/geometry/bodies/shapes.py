@@ -47,6 +47,7 @@ from graspless_pin.geometry.bodies.shape import (
     checked_lengths,
     convex_geometry,
 )
+from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.intake.fields import Length
 from graspless_pin.problem.checks import one_of
 
@@ -433,3 +434,21 @@ def _decomposed(
     with capture() as found:
         pieces = convex_pieces(mesh, label, shape.cut())
     return tuple(convex_geometry(piece, label) for piece in pieces), tuple(found)
+
+
+def _fix_box_factor() -> None:
+    """Have coal take boxes at their size in every process.
+
+    Its support function of a box has a factor, 1 or 1 + 1e-10, that is chosen by the first
+    direction that a process asks for, once for half-spaces and once for GJK: 1 if none of the
+    direction's components is zero. The same bodies had other distances in another process.
+    """
+    box, T = coal.Box(1.0, 1.0, 1.0), pose_matrix((0.0, 0.0, 5.0), (0.3, 0.5, 0.7))
+    there = coal.Transform3s(np.array(T[:3, :3]), np.array(T[:3, 3]))
+    # In this order: GJK begins along the first shape's own x axis.
+    for first in coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), coal.Ellipsoid(1.0, 1.0, 1.0):
+        result = coal.DistanceResult()
+        coal.distance(first, coal.Transform3s(), box, there, coal.DistanceRequest(), result)
+
+
+_fix_box_factor()
