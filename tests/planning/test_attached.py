@@ -83,7 +83,7 @@ def test_states_are_those_of_the_same_contacts_moved_along(algorithm, force):
         if not expected.found:
             assert found.statuses[k] is StateStatus.INFEASIBLE
             continue
-        assert found.bounds[k] == pytest.approx(expected.certificate.bound, abs=2e-7)
+        assert found.bounds[k] == pytest.approx(expected.certificate.bound, rel=1e-7, abs=2e-7)
         assert found.residuals[k] <= 1e-7
         if algorithm == "margin":
             assert found.margins[k] == pytest.approx(expected.margin, abs=1e-8)
