@@ -126,7 +126,7 @@ def test_a_disturbance_beyond_a_gap_does_not_count():
     assert found.found and found.magnitudes[0] == pytest.approx(0.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("friction", [0.2, 0.5, 3.0])
+@pytest.mark.parametrize("friction", [0.2, 0.5, 3.0, 100.0])
 def test_least_friction_on_a_slope_by_hand(friction):
     """A point on a slope of 30 degrees, an edge of the cone uphill, needs mu = tan 30 deg."""
     wrench = [-5.0, 0, -5.0 * np.sqrt(3), 0, 0, 0]
