@@ -441,7 +441,7 @@ def _fix_box_factor() -> None:
 
     Its support function of a box has a factor, 1 or 1 + 1e-10, that is chosen by the first
     direction that a process asks for, once for half-spaces and once for GJK: 1 if none of the
-    direction's components is zero. The same bodies had other distances in another process.
+    direction's components is zero. Left to chance, distances differ between processes.
     """
     box, T = coal.Box(1.0, 1.0, 1.0), pose_matrix((0.0, 0.0, 5.0), (0.3, 0.5, 0.7))
     there = coal.Transform3s(np.array(T[:3, :3]), np.array(T[:3, 3]))
