@@ -67,11 +67,17 @@ class Choice:
         return [test for test in self._tests if test.file in _OF_DEFINITIONS]
 
     def _lines(self, mutant: Mutant) -> dict[str, int]:
-        """Lines that run what is changed: its own, or, outside functions, those that use it."""
+        """Lines that run what is changed: its own, or, outside functions, those that use it.
+
+        A decorator runs when a module is loaded: what it does shows where its function runs.
+        """
         own = _bits(range(mutant.line, mutant.last + 1))
         body, names = _inside(self._package / mutant.path, mutant.line)
         if body:
             return {mutant.path: own}
+        decorated = _bits(_decorated(self._package / mutant.path, mutant.line))
+        if decorated:
+            return {mutant.path: decorated}
         used: dict[str, int] = {}
         if names:
             for file in self._package.rglob("*.py"):
@@ -109,6 +115,14 @@ def _inside(file: Path, line: int) -> tuple[bool, frozenset[str]]:
                 one = getattr(target, "target", target)
                 names.add(getattr(one, "id", getattr(one, "name", "")))
     return False, frozenset(names - {""})
+
+
+def _decorated(file: Path, line: int) -> range:
+    """Lines of the body of the function that a line decorates."""
+    for node in ast.walk(_tree(file)):
+        if isinstance(node, ast.FunctionDef) and _first(node) <= line < node.lineno:
+            return range(node.body[0].lineno, (node.end_lineno or 0) + 1)
+    return range(0)
 
 
 def _first(node: ast.stmt) -> int:

@@ -68,6 +68,17 @@ def test_a_bound_is_above_the_cutoff_when_it_clearly_is(cutoff):
         assert found is (Outcome.INFEASIBLE if out else Outcome.SOLVED)
 
 
+@pytest.mark.parametrize("farthest", [10.0, 1e6])
+def test_a_bound_is_above_the_cutoff_by_more_than_its_multipliers_may_round(farthest):
+    """Of two rows that are apart, 1e-14 of the farthest variable counts for each multiplier."""
+    rounding = 2e-14 * farthest
+    for apart, out in ((0.9 * rounding, False), (1.1 * rounding, True)):
+        one = program(rows=((1.0, -np.inf, 0.0), (1.0, apart, np.inf)), bounds=(0.0, farthest))
+        multiplier = 1.0 / apart
+        found = outcome(one, 0.0, z=(multiplier, -multiplier), cutoff=0.0)
+        assert (found is Outcome.INFEASIBLE) == out
+
+
 @pytest.mark.parametrize(("apart", "proof"), [(0.9e-8, False), (1.1e-8, True), (1e-6, True)])
 def test_a_violation_that_no_point_avoids_is_a_proof_if_it_is_larger_than_rounding(
     apart, proof, monkeypatch

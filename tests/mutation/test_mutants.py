@@ -130,6 +130,16 @@ def test_mutants_are_tried_with_tests_that_run_their_line(package):
         assert slow in choice.tests_of(mutant, calls=1e7) or mutant.line == 15
 
 
+def test_a_decorator_is_tried_with_tests_that_run_its_function(tmp_path):
+    text = "class One:\n    @property\n    def value(self):\n        return 1\n\n\nprint(One)\n"
+    (tmp_path / "module.py").write_text(text, encoding="utf-8")
+    runs, loads = ran("tests/a.py::runs", 9, 4), ran("tests/a.py::loads", 9, 7)
+    mutants = [one for one in all_mutants(tmp_path, "module.py") if one.line == 2]
+    assert mutants
+    for mutant in mutants:
+        assert Choice(tmp_path, [loads, runs]).tests_of(mutant, 100.0) == [runs]
+
+
 def test_neither_the_choice_nor_the_work_of_a_test_depends_on_how_long_it_takes(package):
     quiet, busy = (
         [ran(f"tests/{n}.py::test", n * 1_000_000, 8, 9, seconds=n**power) for n in range(1, 9)]

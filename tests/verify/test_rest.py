@@ -224,6 +224,10 @@ def test_contacts_are_not_counted_from_behind():
         node["contact"] = -1
     with pytest.raises(ValueError, match="says nothing of a contact"):
         rest_lines(made)
+    made = copy.deepcopy(document("slope"))
+    made["stability"]["proof"]["nodes"][0]["contact"] = -2  # the root is of contact -1
+    with pytest.raises(ValueError, match=r"is -2; it must be a whole number, -1 to"):
+        rest_lines(made)
 
 
 @pytest.mark.parametrize("number", [6, 24, 27])

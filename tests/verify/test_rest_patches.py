@@ -190,3 +190,16 @@ def test_bounds_hold_for_what_a_patch_does(number):
             still = PatchSlip(contacts, np.zeros((len(f), 2, 3)), arcs, None)
             states = states.with_patch(still, float(speeds.max()))
         assert slack_of(dynamics, states, y, f, rng) >= -1e-8
+
+
+def test_what_is_known_of_two_patches_is_kept_apart():
+    """The latest of each, in whichever order they come."""
+    images, axes = planar(4)[0], np.eye(3)
+    one, other = (
+        [replace(part, contacts=contacts) for part in faces(images[:2], axes)]
+        for contacts in ((0, 1), (2, 3))
+    )
+    states = KnownStates.unknown(4)
+    for part in (one[1], other[2], one[3], other[4]):
+        states = states.with_patch(part, 0.0)
+    assert states.known(one[0]) is one[3] and states.known(other[0]) is other[4]

@@ -31,7 +31,7 @@ from graspless_pin.modes.sectors import (
 from graspless_pin.modes.virtual_motions import CLEARLY, RANK_TOLERANCE
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
-from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
+from graspless_pin.solvers import Answer, Outcome
 
 _LEAST_OPTIMUM = 0.01
 """Optima below this share of the load are found to the gap of this size."""
@@ -180,7 +180,7 @@ class _DirectionSearch:
         still = [one for one in self.always if one not in self.motions.directions(motion)]
         if still:
             return Split(bound, self._moved(node, still[0]))
-        self._keep(self._without_traces(answer, sliding_angles), motion, sliding_angles)
+        self._keep(answer, motion, sliding_angles)
         return Fathomed(bound)
 
     def _sliding_angles(self, x: FloatArray) -> dict[int, float]:
@@ -279,14 +279,6 @@ class _DirectionSearch:
         sliding, motion = self.motions.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is not None:
             self._try(motion, sliding_angles)
-
-    def _without_traces(self, answer: Answer, sliding_angles: dict[int, float]) -> Answer:
-        """Return an answer without friction too small to count, where that breaks no constraint."""
-        x, program = answer.x.copy(), self._formulation.program
-        for contact in set(self._cones) - sliding_angles.keys():
-            x[self._formulation.coordinates.tangent_columns[contact]] = 0.0
-        residual = program.residual(x)
-        return answer.moved(x, answer.value, residual) if residual <= PRIMAL_TOLERANCE else answer
 
     def _keep(self, answer: Answer, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Keep an answer and the motion behind it, if it is the best so far."""

@@ -293,8 +293,7 @@ class ContactStarts:
         if found is None:
             return None
         optimum, place = found
-        if place:
-            self._starts = (starts[place], *starts[:place], *starts[place + 1 :])
+        self._starts = (starts[place], *starts[:place], *starts[place + 1 :])
         return optimum
 
     def search(

@@ -209,10 +209,10 @@ class QuasistaticProblem:
         unknown = sorted(set(changes) - set(known))
         if unknown:
             raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(known)}")
-        columns, jacobian = 0, changes.get("jacobian", self.jacobian)
-        with suppress(ValueError, IndexError):  # the constructor says that it is no matrix
-            columns = 0 if jacobian is None else np.shape(jacobian)[1]
-        if columns != self.joint_count:
+        columns: tuple[int, ...] = ()
+        with suppress(ValueError):  # the constructor says that it is no matrix
+            columns = np.shape(changes.get("jacobian", self.jacobian))[1:]
+        if columns != (self.joint_count,):
             values["joint_units"] = None
         if "wrench_matrix" in changes:
             rows = 0
