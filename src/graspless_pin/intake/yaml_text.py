@@ -259,14 +259,15 @@ def edited_yaml(text: str, data: Any) -> str:
 
     Args:
         text: What `parse_yaml` takes.
-        data: Plain Python data that the result is to hold.
+        data: Plain Python data that the result is to hold; the order of keys does not count, and
+            numbers and truth values that are equal are the same.
 
     Raises:
         TextError: See `parse_yaml`.
     """
     found = parse_yaml(text).data
     for _ in range(_MOST_ROUNDS):
-        if same_data(found, data):
+        if found == data:
             return text
         root = _Loader(text).get_single_node()
         if root is None:
@@ -284,20 +285,9 @@ def edited_yaml(text: str, data: Any) -> str:
     return yaml_of(data)
 
 
-def same_data(one: Any, other: Any) -> bool:
-    """Return whether two files hold the same; the order of keys does not count, and 1 is 1.0."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(same_data(one[key], other[key]) for key in one)
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(same_data, one, other))
-    if isinstance(one, bool) or isinstance(other, bool):
-        return one is other
-    return one == other
-
-
 def _edits(text: str, node: yaml.Node, found: Any, wanted: Any) -> Iterator[_Edit]:
     """Yield what has to be done to the text of one node."""
-    if same_data(found, wanted):
+    if found == wanted:
         return
     edits = None
     if found and wanted and isinstance(node, yaml.MappingNode) and isinstance(wanted, dict):

@@ -19,7 +19,7 @@ from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import errors_of_text, is_file, read_text
-from graspless_pin.intake.yaml_text import edited_yaml, parse_yaml, same_data, yaml_of
+from graspless_pin.intake.yaml_text import edited_yaml, parse_yaml, yaml_of
 from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -227,7 +227,7 @@ def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _updated_part(data: Any, meant: Any, wanted: Any, key: str = "") -> Any:
     """Return what a part of a file has to say: see `_updated`."""
-    if same_data(meant, wanted):
+    if meant == wanted:
         return data
     if key not in _WHOLE and all(isinstance(one, list) for one in (data, meant, wanted)):
         return _updated_items(data, meant, wanted)
@@ -243,13 +243,13 @@ def _updated_part(data: Any, meant: Any, wanted: Any, key: str = "") -> Any:
         value = wanted.get(name)
         if value is None or (not value and name in _MAY_BE_EMPTY):
             updated.pop(name, None)
-        elif name not in meant or not same_data(meant[name], value):
+        elif name not in meant or meant[name] != value:
             updated[name] = _updated_part(updated.get(name), meant.get(name), value, name)
     if key == "q":  # not what follows a joint that has moved
         updated = {name: value for name, value in updated.items() if name in wanted}
     if key == "object":
-        reshaped = not same_data(meant["shape"], wanted["shape"])
-        if reshaped or not same_data(meant["mass"], wanted["mass"]):
+        reshaped = meant["shape"] != wanted["shape"]
+        if reshaped or meant["mass"] != wanted["mass"]:
             updated.pop("density", None)
             updated["mass"] = wanted["mass"]
         if reshaped:  # the centroid has moved
@@ -274,9 +274,9 @@ def _name(item: Any, index: int) -> Any:
 
 
 def _updated_pose(updated: dict[str, Any], meant: dict[str, Any], wanted: dict[str, Any]) -> Any:
-    if not same_data(meant["position"], wanted["position"]):
+    if meant["position"] != wanted["position"]:
         updated["position"] = wanted["position"]
-    if not same_data(meant["matrix"], wanted["matrix"]):
+    if meant["matrix"] != wanted["matrix"]:
         forms = [name for name, value in updated.items() if name != "position" and value]
         kept = {name: value for name, value in updated.items() if name == "position"}
         updated = kept | stated_rotation(wanted["matrix"], *forms)
