@@ -26,15 +26,16 @@ from graspless_pin.geometry.hand.assembly import (
 )
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
-from graspless_pin.geometry.hand.link_meshes import (
+from graspless_pin.geometry.hand.reading import URDF, read_robot
+from graspless_pin.geometry.hand.robot_model import (
     NEEDED_SCALE,
+    LinkMesh,
+    RobotModel,
     is_flat,
     load_link_mesh,
     looked_for,
     what_to_do,
 )
-from graspless_pin.geometry.hand.reading import URDF, read_robot
-from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, robot_names
 from graspless_pin.intake.files import read_bytes

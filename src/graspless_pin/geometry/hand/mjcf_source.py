@@ -16,8 +16,7 @@ from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.bodies.meshes import hull_corners
 from graspless_pin.geometry.bodies.shape import Hull
 from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, MeshShape, Shape, Sphere
-from graspless_pin.geometry.hand.link_meshes import is_flat
-from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape
+from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, is_flat
 from graspless_pin.geometry.poses import invert, rigid
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.problem.checks import FloatArray

@@ -33,8 +33,14 @@ from graspless_pin.geometry.hand.coupling import (
     limits_that_agree,
     resolve_couplings,
 )
-from graspless_pin.geometry.hand.link_meshes import NEEDED_SCALE, is_flat, load_link_mesh
-from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, RobotModel
+from graspless_pin.geometry.hand.robot_model import (
+    NEEDED_SCALE,
+    LinkMesh,
+    LinkShape,
+    RobotModel,
+    is_flat,
+    load_link_mesh,
+)
 from graspless_pin.geometry.hand.robot_units import unit_findings
 from graspless_pin.geometry.hand.work_space import (
     Kinematics,
