@@ -91,7 +91,7 @@ def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
     """Root may read everything, so the refusal is played."""
     monkeypatch.setattr("graspless_pin.intake.files.os.fdopen", _refuse)
     monkeypatch.setattr(
-        "graspless_pin.scene.yaml_source.read_text", lambda path, _: path.read_text()
+        "graspless_pin.intake.yaml_source.read_text", lambda path, _: path.read_text()
     )
     result = with_urdf(tmp_path, jointed())
     message = f":4: hand.urdf: {tmp_path / 'hand.urdf'}: cannot be read (Permission denied)"

@@ -16,6 +16,7 @@ from cli_tools import EXAMPLES, PAPER, run
 from graspless_pin import Status, Uncertainty, load_scene, served_share
 from graspless_pin.algorithms import uncertain_members
 from graspless_pin.cli.solve import proven_answer
+from graspless_pin.intake.yaml_source import plain
 from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import read_document, solution_document
 from graspless_pin.report.robust import robust_text
@@ -23,7 +24,6 @@ from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.fields import FIELDS
 from graspless_pin.scene import robust_answer as robust_answers
 from graspless_pin.scene.robust_answer import robust_answer
-from graspless_pin.scene.yaml_source import plain
 
 CUBOID = PAPER / "cuboid_at_rest.yaml"
 SPHERE = PAPER / "sphere_on_slope.yaml"

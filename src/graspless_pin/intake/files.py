@@ -153,11 +153,13 @@ class FileKind:
         name: For messages, such as ``scene``.
         mebibytes: The largest size that is read.
         error: Makes the error of a message.
+        advice: Returns what to say of a text at a key that takes a number: of figures with units.
     """
 
     name: str
     mebibytes: int
     error: Callable[[str], GrasplessPinError]
+    advice: Callable[[str, tuple[str | int, ...]], str] = lambda _found, _location: ""
 
 
 def read_bytes(path: Path, kind: FileKind) -> bytes:

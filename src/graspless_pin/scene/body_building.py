@@ -22,6 +22,7 @@ from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.hand.assembly import AssembledMounts
 from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated, with_known
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import changed
 from graspless_pin.scene.body_schema import (
@@ -33,7 +34,6 @@ from graspless_pin.scene.body_schema import (
     TwistEntry,
 )
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, validated, with_known
 
 _MOST_HANDS = 16
 _Entry = TypeVar("_Entry")

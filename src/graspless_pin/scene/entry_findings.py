@@ -12,10 +12,10 @@ from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject,
 from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.hand.robot_units import HIGHEST_DENSITY
 from graspless_pin.geometry.poses import transformed
+from graspless_pin.intake.yaml_source import Location
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_schema import PoseEntry
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.yaml_source import Location
 
 MOST_ANGLE = 2.0 * math.pi + 1e-9
 """Larger angles, rad, are taken for degrees."""

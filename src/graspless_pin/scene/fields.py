@@ -21,12 +21,12 @@ from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Materials, Support
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.controller import Controller
+from graspless_pin.intake.yaml_source import YamlSource, checked_key, key_text
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Record, changed, frozen
 from graspless_pin.scene.body_schema import HandEntry, ObjectEntry
-from graspless_pin.scene.scene_schema import SceneEntry, SolveEntry
+from graspless_pin.scene.scene_schema import SCENE, SceneEntry, SolveEntry
 from graspless_pin.scene.stated import Acceleration, GivenContact, Load, Motion
-from graspless_pin.scene.yaml_source import YamlSource, checked_key, key_text
 from graspless_pin.suggestions import names_in_words, what_to_pass
 
 _Check = Callable[[str, Any], Any]
@@ -97,7 +97,7 @@ def _several(kind: type, example: str = "", *, optional: bool = False) -> _Check
 
 def _as_in_a_file(name: str, value: Any) -> Any:
     """Check a figure by the schema of scene files."""
-    return checked_key(SceneEntry, _LEAST, name, value)
+    return checked_key(SCENE, SceneEntry, _LEAST, name, value)
 
 
 def _friction(name: str, value: Any) -> Mapping[str, float]:
@@ -147,7 +147,7 @@ _CHECKS: dict[str, _Check] = {
     "points_per_patch": _as_in_a_file,
     "tangent_axes": lambda name, value: tuple(map(np.array, _as_in_a_file(name, value))),
     "count_own_weight": _one(bool),
-    "hybrid_force_limit": partial(checked_key, HandEntry, {"robot": "allegro"}),
+    "hybrid_force_limit": partial(checked_key, SCENE, HandEntry, {"robot": "allegro"}),
     "max_penetration": _as_in_a_file,
     "controller": Controller.of,
     "uncertainty": _one(Uncertainty, "Uncertainty(mass=0.2)", optional=True),

@@ -12,13 +12,13 @@ from typing import Any
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import capture
+from graspless_pin.intake.yaml_source import Location, YamlSource, plain, validated
 from graspless_pin.scene.body_building import SceneParts, Stage
 from graspless_pin.scene.fields import FIELDS_OF_KEYS, AnyScene, SceneFields
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.saving import scene_data
-from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.scene_schema import SCENE, SceneEntry
 from graspless_pin.scene.units import IN_DEGREES, in_radians
-from graspless_pin.scene.yaml_source import Location, YamlSource, plain, validated
 from graspless_pin.suggestions import names_in_words
 
 Tree = dict[str, Any]
@@ -153,7 +153,7 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
     """
     tree = in_radians(scene_data(scene))
     path = scene.path or Path(scene.name)
-    defaults = validated(YamlSource(path, tree), SceneEntry).model_dump()
+    defaults = validated(YamlSource(path, tree, SCENE), SceneEntry).model_dump()
     changed = set()
     for key, value in values.items():
         location = place_key(tree, defaults, key)
@@ -163,7 +163,7 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
             raise ArgumentError(key, f"is no key of a scene; {names_in_words(first, known)}")
         tree = put(tree, location, plain(value))
         changed.add(first)
-    source, parts = YamlSource(path, tree), SceneParts()
+    source, parts = YamlSource(path, tree, SCENE), SceneParts()
     entry = parts.validated(source)
     if "hand" not in changed and scene.hand is not None:
         # Nothing of it has changed: it is not read again.

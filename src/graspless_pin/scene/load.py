@@ -27,6 +27,7 @@ from graspless_pin.geometry.hand.reading import named_positions
 from graspless_pin.geometry.robots.description import LinkMeshes
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.holding.controller import DAMPING, Controller
+from graspless_pin.intake.yaml_source import Location, YamlSource
 from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.scene.body_building import (
     Last,
@@ -61,7 +62,6 @@ from graspless_pin.scene.scene_schema import (
 from graspless_pin.scene.stated import Acceleration, GivenContact, HandMotion, Load, Motion
 from graspless_pin.scene.uncertain_figures import check_uncertain_names
 from graspless_pin.scene.units import merged_angles
-from graspless_pin.scene.yaml_source import Location, YamlSource
 
 _POSE_KEYS = {"base_pose"}
 _NOT_OF_ROBOTS = {

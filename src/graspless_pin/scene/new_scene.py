@@ -26,12 +26,12 @@ from graspless_pin.geometry.posing.opposing import carrier_of, fingers_that_clos
 from graspless_pin.geometry.posing.settling import clear_base, lying_object
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
+from graspless_pin.intake.yaml_source import plain
 from graspless_pin.intake.yaml_text import block_of, flow_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.entry_findings import unit_findings
 from graspless_pin.scene.saving import paths_beside
 from graspless_pin.scene.serialization import stated_robot, stated_rotation
-from graspless_pin.scene.yaml_source import plain
 
 SCHEMA_FILE = "scene.schema.json"
 """Beside a new scene: the JSON schema, which editors read."""

@@ -19,13 +19,13 @@ from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import errors_of_text, is_file, read_text
+from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.intake.yaml_text import edited_yaml, parse_yaml, yaml_of
 from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
-from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.scene_schema import SCENE, SceneEntry
 from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
 from graspless_pin.scene.units import merged_angles, parted_angles
-from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_text, validated
 
 _SAME_NUMBER = 1e-11
 _POSE = {"position", "matrix"}
@@ -121,13 +121,13 @@ def _data_for(
     _check_sayable(scene)
     path_text = paths_beside(target)
     if scene.path is not None and is_file(scene.path):
-        source = YamlSource.read(scene.path)
+        source = YamlSource.read(scene.path, SCENE)
         meant = stated_scene(build_scene(SceneFields, source), path_text)
         return _updated(_rebased(source, path_text), meant, wanted, scene), True
     data = _updated({}, {"hand": None}, wanted, scene)
     if scene.name == target.stem:
         del data["name"]
-    entry = validated(YamlSource(target, data), SceneEntry)
+    entry = validated(YamlSource(target, data, SCENE), SceneEntry)
     return entry.model_dump(mode="json", exclude_defaults=True), False
 
 

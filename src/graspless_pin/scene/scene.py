@@ -27,6 +27,7 @@ from graspless_pin.errors import (
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.shapes import Shape
 from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.intake.yaml_source import YamlSource
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Objective
@@ -36,13 +37,13 @@ from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_findings import findings_of, unused_figures
+from graspless_pin.scene.scene_schema import SCENE
 from graspless_pin.scene.scene_stability import (
     MemberVerdicts,
     rest_model_of,
     verdict_of,
     verdicts_of_members,
 )
-from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import counted
 from graspless_pin.suggestions import first_of, what_to_pass
@@ -358,7 +359,7 @@ def load_scene(path: str | Path) -> Scene:
     """
     if not isinstance(path, str | os.PathLike):
         raise ArgumentError("path", what_to_pass("path", path, "path of a scene file"))
-    return build_scene(Scene, YamlSource.read(Path(path)))
+    return build_scene(Scene, YamlSource.read(Path(path), SCENE))
 
 
 def _first(lines: list[str], where: str = "") -> list[str]:

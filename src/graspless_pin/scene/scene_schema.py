@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, figure_types
 from graspless_pin.bounds import MOST_CONE_EDGES
+from graspless_pin.errors import SceneError
 from graspless_pin.holding.controller import DAMPING
 from graspless_pin.holding.verdict import NODE_LIMIT
 from graspless_pin.intake.fields import (
@@ -30,6 +31,7 @@ from graspless_pin.intake.fields import (
     Share,
     no_truth_value,
 )
+from graspless_pin.intake.files import FileKind
 from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.scene.body_schema import (
     Direction,
@@ -39,7 +41,9 @@ from graspless_pin.scene.body_schema import (
     TwistEntry,
     Vector,
 )
+from graspless_pin.scene.units import si_advice
 
+SCENE = FileKind("scene", 4, SceneError, si_advice)
 ConeEdges = Annotated[int, Field(ge=3, le=MOST_CONE_EDGES), BeforeValidator(no_truth_value)]
 if TYPE_CHECKING:
     AlgorithmName = ConeName = str

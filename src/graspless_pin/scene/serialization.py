@@ -18,13 +18,13 @@ from graspless_pin.geometry.poses import pose_matrix, roll_pitch_yaw
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 from graspless_pin.holding.controller import DAMPING
+from graspless_pin.intake.yaml_source import plain
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.scene.units import degrees_of, rounded_angle
-from graspless_pin.scene.yaml_source import plain
 
 _SAME_ROTATION = 1e-12
 ROBOT = (

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.geometry.bodies.shapes import SHAPES
-from graspless_pin.intake.yaml_text import Location
+from graspless_pin.intake.yaml_source import FIGURE, Location
 
 ANY = ""
 """The kind of a key that has no unit."""
@@ -128,10 +128,6 @@ def offset_key(location: Location, unit: Unit | None) -> str | None:
     return key
 
 
-_FIGURE = re.compile(
-    r"\s*(?:±|\+/?-)?\s*"
-    r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°%][^\s]*(?: [^\s]+)?)?\s*"
-)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _SPELLINGS = {"°": "deg", "degrees": "deg", "degree": "deg", "meters": "m", "metres": "m"}
 _FURTHER = {
@@ -153,12 +149,6 @@ _FURTHER = {
 }
 
 
-def plain_figure(found: Any) -> float | None:
-    """Return what is a number, or a text that is one without a unit; None for all else."""
-    figure = None if isinstance(found, bool) else _FIGURE.fullmatch(str(found))
-    return None if figure is None or figure[2] else float(figure[1].replace(",", "."))
-
-
 def si_advice(found: str, location: Location) -> str:
     """Return what to write instead of a text that is a figure; empty if it is none.
 
@@ -166,7 +156,7 @@ def si_advice(found: str, location: Location) -> str:
         found: What stands at a key that takes a number.
         location: The key.
     """
-    figure = _FIGURE.fullmatch(found)
+    figure = FIGURE.fullmatch(found)
     if figure is None:
         return ""
     value, written = float(figure[1].replace(",", ".")), figure[2]

@@ -22,12 +22,12 @@ from graspless_pin.geometry.hand.joint_columns import (
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert
+from graspless_pin.intake.yaml_source import plain
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.problem_data import friction_at
 from graspless_pin.scene.serialization import stated_hand, stated_scene
-from graspless_pin.scene.yaml_source import plain
 from graspless_pin.simulation.mjcf import (
     HAND,
     Mjcf,

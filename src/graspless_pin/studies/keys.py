@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, StudyError
 from graspless_pin.geometry.poses import invert, pose_matrix, rigid, transformed
+from graspless_pin.intake.yaml_source import Location, is_whole_number
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.keys import Tree, place_key, put
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import ANY, SI_UNITS, UNITS, Unit, kinds_of, offset_key
-from graspless_pin.scene.yaml_source import Location, is_whole_number
 from graspless_pin.studies.study_schema import MoveEntry, PosingEntry, TurnEntry, VariableEntry
 from graspless_pin.suggestions import names_in_words
 

@@ -32,12 +32,12 @@ from graspless_pin.atomic_write import remove_stale_drafts
 from graspless_pin.child_process import usable_cores
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.findings import capture
+from graspless_pin.intake.yaml_source import validated
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.scene.keys import Tree
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.yaml_source import validated
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, compute_here, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard

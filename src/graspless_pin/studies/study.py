@@ -18,6 +18,7 @@ from graspless_pin.algorithms.named_objectives import useless
 from graspless_pin.caching import Bounded, is_alike
 from graspless_pin.errors import ArgumentError, SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
+from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.intake.yaml_text import texts_of
 from graspless_pin.planning.placing import HandPlacement, place_hand
 from graspless_pin.scene.body_building import SceneParts
@@ -26,9 +27,8 @@ from graspless_pin.scene.keys import Tree, copied
 from graspless_pin.scene.load import FIELDS_BY_KEY, build_scene
 from graspless_pin.scene.poses import close_fingers
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.units import in_radians
-from graspless_pin.scene.yaml_source import Location, YamlSource, key_text, validated
+from graspless_pin.scene.scene_schema import SCENE, SceneEntry
+from graspless_pin.scene.units import in_radians, si_advice
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import MOVABLE, Sample, Variable, displace, make_variable
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
@@ -245,7 +245,7 @@ def scene_and_posing(tree: Tree) -> tuple[Tree, Tree]:
 def posing_of(scene: Scene, tree: Tree) -> PosingEntry:
     """Return how the hand of a sample is placed or closed, by the sample's keys."""
     assert scene.path is not None  # noqa: S101 - the scene of a study comes from a file
-    return validated(YamlSource(scene.path, scene_and_posing(tree)[1]), PosingEntry)
+    return validated(YamlSource(scene.path, scene_and_posing(tree)[1], SCENE), PosingEntry)
 
 
 def placement_of(scene: Scene, entry: PlaceEntry) -> HandPlacement:
@@ -314,7 +314,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
     file = folder / entry.scene
     if not is_file(file):
         raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
-    scene = YamlSource.read(file)
+    scene = YamlSource.read(file, SCENE)
     usual = validated(scene, SceneEntry)
     _check_posing(entry, usual, fail)
     tree = in_radians(scene.data)
@@ -455,5 +455,5 @@ def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
     return hashlib.sha256(content.encode()).hexdigest()
 
 
-_STUDY = FileKind("study", 4, StudyError)
+_STUDY = FileKind("study", 4, StudyError, si_advice)
 _NAMED = FileKind("file of a scene", 64, StudyError)

@@ -6,13 +6,12 @@ The schema of robot files (``robots/*.yaml``): what may stand in one, unknown ke
 from __future__ import annotations
 
 import difflib
-import reprlib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import (
@@ -42,16 +41,13 @@ from graspless_pin.intake.fields import (
 )
 from graspless_pin.intake.files import (
     FileKind,
-    errors_of_text,
     is_file,
-    kind_of_data,
     kind_of_file,
     read_bytes,
     read_text,
     refuse_other_kind,
 )
-from graspless_pin.intake.yaml_text import parse_yaml
-from graspless_pin.suggestions import names_in_words
+from graspless_pin.intake.yaml_source import YamlSource, validated
 
 Source = Annotated[str, Field(max_length=2000)]
 
@@ -209,34 +205,9 @@ def _robot_file(file: Path, text: str) -> RobotFile:
     """Validate the text of a robot file, once: a study asks for its hand in every sample.
 
     Raises:
-        RobotError: If it is not plain YAML or not valid; names file, key and what was found.
+        RobotError: If it is not plain YAML or not valid; names file, line, key and what was found.
     """
-    with errors_of_text(file, ROBOT_FILE):
-        content = parse_yaml(text).data
-    if not isinstance(content, dict):
-        raise RobotError(
-            f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."
-        )
-    refuse_other_kind(file, ROBOT_FILE, kind_of_data(content))
-    try:
-        return RobotFile.model_validate(content)
-    except ValidationError as error:
-        # A value that may be of several kinds has errors of each: the deepest is of the one meant.
-        errors = error.errors()
-        about = [one for one in errors if one["loc"][:1] == errors[0]["loc"][:1]]
-        first = max(about, key=lambda one: len(one["loc"]))
-        found = reprlib.repr(first["input"])
-        # Of a key that may be of several kinds the kind is named in brackets.
-        key = ".".join(str(part) for part in first["loc"] if "[" not in str(part)) or "file"
-        if first["type"] == "extra_forbidden":
-            parts = {"controller": GainsEntry, "fingers": FingerEntry, "couplings": CouplingEntry,
-                     "tendons": TendonEntry, "effort_limits": EffortEntry}  # fmt: skip
-            kind = parts.get(str(first["loc"][0]), RobotFile) if first["loc"][1:] else RobotFile
-            words = names_in_words(str(first["loc"][-1]), kind.model_fields)
-            raise RobotError(f"{file}: {key}: unknown key (found {found}); {words}") from error
-        raise RobotError(
-            f"{file}: {key}: {first['msg']} (found {reprlib.repr(first['input'])})"
-        ) from error
+    return validated(YamlSource.parsed(file, text, ROBOT_FILE), RobotFile)
 
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"

@@ -29,14 +29,18 @@ from graspless_pin.intake.files import (
     refuse_other_kind,
 )
 from graspless_pin.intake.yaml_text import Location, parse_yaml
-from graspless_pin.scene.units import plain_figure, si_advice
 from graspless_pin.suggestions import names_in_words, nearest_name
 
-SCENE = FileKind("scene", 4, SceneError)
 _NEEDED = {
     "scene": "a scene needs object and friction",
     "study": "a study needs scene and vary",
+    "robot file": "a robot file needs name, and urdf or model",
 }
+FIGURE = re.compile(
+    r"\s*(?:±|\+/?-)?\s*"
+    r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°%][^\s]*(?: [^\s]+)?)?\s*"
+)
+"""A number, perhaps with its unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +56,11 @@ class YamlSource:
 
     path: Path
     data: Any
-    kind: FileKind = SCENE
+    kind: FileKind
     lines: Mapping[Location, int] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, path: Path, kind: FileKind = SCENE) -> YamlSource:
+    def read(cls, path: Path, kind: FileKind) -> YamlSource:
         """Read and parse a file.
 
         Args:
@@ -67,7 +71,11 @@ class YamlSource:
             GrasplessPinError: The kind's error, if the file is missing, empty, too large or no
                 regular file, is not UTF-8 text or not plain YAML.
         """
-        text = read_text(path, kind)
+        return cls.parsed(path, read_text(path, kind), kind)
+
+    @classmethod
+    def parsed(cls, path: Path, text: str, kind: FileKind) -> YamlSource:
+        """Parse the text of a file; arguments and errors as of `read`."""
         with errors_of_text(path, kind):
             parsed = parse_yaml(text)
         if not parsed.lines:
@@ -93,7 +101,8 @@ class YamlSource:
 
     def message(self, location: Location, message: str) -> str:
         """Return a message that names the file, the line and the key."""
-        return f"{self.where(location)}: {key_text(location)}: {message}"
+        key = key_text(location) if location else self.kind.name
+        return f"{self.where(location)}: {key}: {message}"
 
     def error(self, location: Location, message: str) -> GrasplessPinError:
         """Return the error for a part of the file."""
@@ -167,7 +176,7 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
     try:
         return model.model_validate(source.data)
     except ValidationError as error:
-        mistakes = _mistakes(source.data, error, model)
+        mistakes = _mistakes(source.data, error, model, source.kind)
         lines = [*dict.fromkeys(source.message(*one) for one in mistakes)]
         more = len(lines) - _MOST_TOLD + max(0, error.error_count() - _MOST_EXAMINED)
         rest = [f"... and {more} mistakes more"] if more > 0 else []
@@ -198,10 +207,11 @@ def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
     return entry
 
 
-def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> Any:
+def checked_key(kind: FileKind, model: type[BaseModel], least: Node, name: str, value: Any) -> Any:
     """Return one key's value as the schema of a file has it.
 
     Args:
+        kind: The kind of file.
         model: The schema.
         least: A content of the file that is sound.
         name: The key.
@@ -214,7 +224,7 @@ def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> A
     try:
         return getattr(model.model_validate(data), name)
     except ValidationError as error:
-        location, mistake = next(_mistakes(data, error, model))
+        location, mistake = next(_mistakes(data, error, model, kind))
         raise ArgumentError(key_text(location), mistake) from None
 
 
@@ -251,7 +261,7 @@ def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bo
 
 
 def _mistakes(
-    data: Any, error: ValidationError, model: type[BaseModel]
+    data: Any, error: ValidationError, model: type[BaseModel], kind: FileKind
 ) -> Iterator[tuple[Location, str]]:
     """Yield where a mistake is and what it is called."""
     items = [(_in_file(data, item), item) for item in error.errors()[:_MOST_EXAMINED]]
@@ -261,40 +271,46 @@ def _mistakes(
         if not any(
             len(other) > len(location) and other[: len(location)] == location for other, _ in items
         ):
-            yield location, _mistake(schema, data, location, item)
+            yield location, _mistake(schema, data, location, item, kind)
 
 
-def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
-    kind, parts = item["type"], item["loc"]
-    if kind == "value_error":
+def _mistake(schema: Node, data: Any, location: Location, item: Any, kind: FileKind) -> str:
+    fault, parts = item["type"], item["loc"]
+    if fault == "value_error":
         return item["msg"].removeprefix("Value error, ")
-    if kind == "extra_forbidden":
+    if fault == "extra_forbidden":
         known = sorted(
             {key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)}
         )
         return f"unknown key; {names_in_words(str(location[-1]), known)}"
-    if parts[-1] == "[key]":
+    if fault == "invalid_key" or parts[-1:] == ("[key]",):
         found = reprlib.repr(item["input"])
         if isinstance(item["input"], str):
             return f"found {found} as a name; a name has at most 200 characters"
         return f"found {found} as a name; a name is text: put it in quotes"
     wanted = _wanted_of(schema, _nodes_at(schema, data, location))
-    if kind == "missing" and location[-1:] == parts[-1:]:
+    if fault == "missing" and location[-1:] == parts[-1:]:
         return f"is missing; needs {wanted}"
     found = item["input"]
-    return f"found {reprlib.repr(found)}; needs {wanted}{_meant(found, wanted, location)}"
+    return f"found {reprlib.repr(found)}; needs {wanted}{_meant(found, wanted, location, kind)}"
 
 
-def _meant(found: Any, wanted: str, location: Location) -> str:
+def _meant(found: Any, wanted: str, location: Location, kind: FileKind) -> str:
     """Return which figure, or which of the words that would do, was probably meant."""
     word = found.get("type") if isinstance(found, dict) else found
-    share = plain_figure(word) if "below 1" in wanted else None
+    share = _plain_figure(word) if "below 1" in wanted else None
     if share is not None and 1.0 <= share < 100.0:
         return f"; {share:g} % is {share / 100.0:g}"
-    if isinstance(word, str) and "number" in wanted and (advice := si_advice(word, location)):
+    if isinstance(word, str) and "number" in wanted and (advice := kind.advice(word, location)):
         return advice
     near = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
     return "" if near is None else f"; did you mean {near!r}?"
+
+
+def _plain_figure(found: Any) -> float | None:
+    """Return what is a number, or a text that is one without a unit; None for all else."""
+    figure = None if isinstance(found, bool) else FIGURE.fullmatch(str(found))
+    return None if figure is None or figure[2] else float(figure[1].replace(",", "."))
 
 
 def _in_file(data: Any, item: Any) -> Location:
@@ -377,24 +393,26 @@ def _wanted(schema: Node, node: Node) -> str:
             each = _wanted_of(schema, _options(schema, inner[0]))
             if "prefixItems" in node:
                 return f"a list of {len(inner)}, each {each}"
-            least = [f"at least {node['minItems']}"] if "minItems" in node else []
-            most = [f"at most {node['maxItems']}"] if "maxItems" in node else []
-            many = f" of {' and '.join([*least, *most])}" if least or most else ""
-            return f"a list{many}, each item {each}"
+            return f"a list{_sizes(node, 'Items')}, each item {each}"
         case "object" if "properties" in node:
             return f"a mapping with the keys {', '.join(_keys(node))}"
         case "object" if not isinstance(node.get("additionalProperties"), dict):
             return "a mapping"
         case "object":
             each = _wanted_of(schema, _options(schema, node["additionalProperties"]))
-            most = f"at most {node['maxProperties']} " if "maxProperties" in node else ""
-            return f"a mapping of {most}names, each to {each}"
+            return f"a mapping{_sizes(node, 'Properties') or ' of'} names, each to {each}"
         case "boolean":
             return "true or false"
-        case _ if "maxLength" in node:
-            return f"text of at most {node['maxLength']} characters"
         case _:
-            return "text"
+            sizes = _sizes(node, "Length")
+            return f"text{sizes} characters" if sizes else "text"
+
+
+def _sizes(node: Node, of: str) -> str:
+    """Return how many there may be, such as `` of at most 3``; empty: any number."""
+    words = {"at least": node.get(f"min{of}"), "at most": node.get(f"max{of}")}
+    told = [f"{word} {size}" for word, size in words.items() if size is not None]
+    return f" of {' and '.join(told)}" if told else ""
 
 
 def _bounds(node: Node) -> str:
