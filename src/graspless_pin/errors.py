@@ -100,7 +100,7 @@ class SceneError(GrasplessPinError, ValueError):
 
     def at(self, where: str) -> Self:
         """Return the same error with a place before its message."""
-        return type(self)(f"{where}: {self}")
+        return type(self)(*self.args[:-1], f"{where}: {self}")
 
 
 class StateFault(Enum):
@@ -133,10 +133,6 @@ class StateError(SceneError):
     def __str__(self) -> str:
         """Return the message."""
         return str(self.args[1])
-
-    def at(self, where: str) -> Self:
-        """Return the same error with a place before its message."""
-        return type(self)(self.kind, f"{where}: {self}")
 
 
 class StudyError(GrasplessPinError, ValueError):

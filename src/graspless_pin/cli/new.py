@@ -27,7 +27,7 @@ from graspless_pin.progress import waiting_for
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.scene.new_scene import SCHEMA_FILE, NewSceneText, new_scene_text
 from graspless_pin.scene.saving import write_scene_file
-from graspless_pin.suggestions import names_in_words
+from graspless_pin.suggestions import first_of, names_in_words
 
 _PRIMITIVES = {
     kind: ",".join(
@@ -38,6 +38,7 @@ _PRIMITIVES = {
 }
 _LENGTHS = ", ".join(f"{kind}:{names}" for kind, names in _PRIMITIVES.items())
 _STEEPEST = 80.0  # degrees
+_MOST_NAMED = 4
 _UNITS = {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}
 
 
@@ -160,24 +161,19 @@ def _tell_what_comes_next(
         stated = tuple(f"{name} ({limit:g})" for name, limit in made.kept.items())
         echo_note(
             f"--effort {effort:g} is for limits that the robot's files do not tell; theirs stay: "
-            f"{_few(stated)}; --effort NAME={effort:g} replaces one"
+            f"{first_of(stated, _MOST_NAMED)}; --effort NAME={effort:g} replaces one"
         )
     first = ["correct the size of the object"] if huge else []
     if made.left_open:
         first.append(
             "fill in hand.effort_limits: the robot's files do not tell what "
-            f"{_few(made.left_open)} can give"
+            f"{first_of(made.left_open, _MOST_NAMED)} can give"
         )
     if made.unplaceable:
         first.append(f"graspless-pin place refuses this hand as it is ({made.unplaceable})")
     base = " --move-base" if made.on_arm else ""
     first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml{base}")
     typer.echo("; ".join(first))
-
-
-def _few(names: tuple[str, ...]) -> str:
-    shown = ", ".join(names[:4])
-    return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"
 
 
 def _shape(text: str, scale: float, *, decompose: bool) -> Shape:

@@ -18,7 +18,7 @@ from graspless_pin.geometry.hand.mjcf import motor_joints, robot_bodies, tree_ro
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf, source_of_model
 from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.simulation.scene_document import CUSTOM_TEXT
-from graspless_pin.suggestions import names_in_words
+from graspless_pin.suggestions import first_of, names_in_words
 
 
 def source_of(source: Any) -> MjcfSource:
@@ -262,10 +262,9 @@ class PairFriction:
             )
         if self._beyond_sliding:
             names = sorted(self._beyond_sliding)
-            more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
             self._at.tell(
                 ", ".join(names),
-                f"contacts with {', '.join(names[:_MOST_NAMED])}{more} have torsional or rolling "
+                f"contacts with {first_of(names, _MOST_NAMED)} have torsional or rolling "
                 "friction (condim above 3)",
                 "sliding friction alone counts",
             )

@@ -18,9 +18,7 @@ from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.distances import (
     LinkDistances,
     bounded_set,
-    near_pairs,
     nearest_separation,
-    separation,
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import rigid
@@ -32,6 +30,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     hand_at,
     searched_ranges,
 )
+from graspless_pin.geometry.posing.overlaps import Clearance, lesser_clearance
 from graspless_pin.problem.checks import FloatArray, check_known, real_number
 from graspless_pin.records import Brief
 
@@ -372,11 +371,7 @@ _OPPOSITE_COSINE = -0.3  # cosine between the ways of two fingers to the object
 
 def shortfall(bodies: PlacedBodies, others: PlacedBodies, clearance: float) -> float:
     """Return by how much bodies miss a clearance from others, zero if they keep it, m."""
-    if not len(bodies) or not len(others):
-        return 0.0
-    pairs = near_pairs(bodies, others, clearance)
-    gaps = [separation(bodies[i], others[k]).distance for i, k in pairs]
-    return max(clearance - min(gaps, default=clearance), 0.0)
+    return clearance - lesser_clearance(bodies, others, Clearance(clearance, ())).distance
 
 
 def moved_bodies(bodies: PlacedBodies, T: FloatArray) -> PlacedBodies:

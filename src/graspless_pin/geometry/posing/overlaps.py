@@ -162,7 +162,7 @@ def least_clearance(
     """
     least = _NOTHING
     for support in supports:
-        own = _least(moved, support.placed_bodies, _NOTHING)
+        own = lesser_clearance(moved, support.placed_bodies, _NOTHING)
         if not -depth <= own.distance <= gap:
             least = min(least, own)
     if hand is None:
@@ -170,8 +170,10 @@ def least_clearance(
     links = hand.placed_bodies
     moves = hand.tree.shape_placements[0] > 0
     for support in supports:
-        least = _least(links, support.placed_bodies, least, np.where(moves, np.inf, -depth))
-    least = _least(links, moved, least, np.full(len(links), -depth))
+        least = lesser_clearance(
+            links, support.placed_bodies, least, np.where(moves, np.inf, -depth)
+        )
+    least = lesser_clearance(links, moved, least, np.full(len(links), -depth))
     pairs = pairs_of(hand.tree)
     bounds = least_gaps(links, links)[pairs[:, 1], pairs[:, 0]]
     for place in np.argsort(bounds, kind="stable").tolist():
@@ -181,7 +183,7 @@ def least_clearance(
     return least
 
 
-def _least(
+def lesser_clearance(
     one: PlacedBodies, two: PlacedBodies, least: Clearance, below: FloatArray | float = np.inf
 ) -> Clearance:
     """Return the least clearance of two bodies, if it is less than one that is known.
