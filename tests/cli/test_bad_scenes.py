@@ -100,7 +100,7 @@ CASES = {
     "joint name that is a number": (
         "hinge: 0.0",
         "1: 0.0",
-        ":6: hand.q[1]: found 1 as a name; a name is text: put it in quotes",
+        ":6: hand.q.1: found 1 as a name; a name is text: put it in quotes",
     ),
     "object called like a link": (
         "name: box",

@@ -48,7 +48,7 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
         ("name: 2020-13-45", "robot.yaml: is not plain YAML: .*month"),
         (b"name: \xff", "robot.yaml: is not UTF-8 text"),
         ("name: " + 2000 * "[", "robot.yaml:1: is nested too deeply"),
-        (VALID + "1: 2", "robot.yaml:1: .1.: found 1 as a name; a name is text"),
+        (VALID + "1: 2", "robot.yaml:3: 1: found 1 as a name; a name is text"),
         (VALID + "convex: soup", "robot.yaml:3: convex.* 'hull' or 'decompose'"),
         (VALID + "concavity: 0", "robot.yaml:3: concavity: .*0.01"),
         (VALID + "concavity: true", "robot.yaml:3: concavity: found True; needs a finite number"),

@@ -321,8 +321,9 @@ def _in_file(data: Any, item: Any) -> Location:
     kept: list[int | str] = []
     for part in item["loc"]:
         if _holds(data, part):
+            # Lines are by keys as they are written, be they numbers or not.
+            kept.append(part if isinstance(data, list) else str(part))
             data = data[part]
-            kept.append(part)
     if item["type"] == "missing" and isinstance(data, dict):
         kept.append(item["loc"][-1])
     return tuple(kept)
