@@ -18,9 +18,9 @@ from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.files import find_robot
-from graspless_pin.intake.files import errors_of_text, is_file, read_text
+from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
-from graspless_pin.intake.yaml_text import edited_yaml, parse_yaml, yaml_of
+from graspless_pin.intake.yaml_text import edited_yaml, yaml_of
 from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SCENE, SceneEntry
@@ -332,9 +332,7 @@ def _checked(text: str, target: Path, scene: SceneFields, path_text: PathText) -
     Raises:
         SceneError: If it does: a scene may hold what was made in Python in a way of its own.
     """
-    with errors_of_text(target, SCENE):
-        parsed = parse_yaml(text)
-    again = build_scene(SceneFields, YamlSource(target, parsed.data, SCENE, parsed.lines))
+    again = build_scene(SceneFields, YamlSource.parsed(target, text, SCENE))
     place = _first_difference(stated_scene(again, path_text), stated_scene(scene, path_text), ())
     hands = [one.hand for one in (again, scene) if one.hand is not None]
     robots = [[described(mount) for mount in hand.mounts] for hand in hands]
