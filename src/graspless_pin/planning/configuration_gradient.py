@@ -24,9 +24,8 @@ from graspless_pin.algorithms.gradients import (
     optimum_gradients,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.geometry.bodies.shapes import Sphere
-from graspless_pin.geometry.contact.contact_points import ContactPoint
-from graspless_pin.geometry.contact.distances import bounded_set
+from graspless_pin.geometry.contact.curvature import Velocities, nearest_rates, rates_over_face
+from graspless_pin.geometry.contact.patches import Patch
 from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluation import Evaluation
@@ -141,7 +140,6 @@ def problem_rates(
 
 
 _TURN_STEP = 1e-6
-_RADIUS_ERROR = 1e-3
 
 
 class Follows(StrEnum):
@@ -172,43 +170,24 @@ def moving_contacts(
     count, points = len(columns.linear), scene.contacts.points
     gaps = np.zeros((scene.contacts.arrays.hand_count, count))
     moves, turns = np.zeros((2, len(points), 3, count))
+    still = np.zeros((3, count))
+    held = Velocities(still, still)
     for index, contact in enumerate(points[: len(gaps)]):
         link = hand.tree.link_joints[contact.body]
-        n, p = contact.normal, contact.position
+        n, p, gap = contact.normal, contact.position, contact.distance
         if follows is Follows.LINK:
             moves[index], turns[index] = columns.velocity(link, p), columns.rotation(link)
             continue
-        radius = _radius(hand, columns, contact)
-        arm = radius + 0.5 * contact.distance
-        tip = columns.velocity(link, p - arm * n)
-        gaps[index] = -n @ tip
-        opening = n[:, None] * gaps[index]
-        along = tip + opening
-        # The contact is midway in the gap; on a sphere it runs around the sphere's centre.
-        curved = 0.0
-        if isinstance(scene.object.shape, Sphere):
-            curved = 1.0 / (scene.object.shape.radius + radius + contact.distance)
-        moves[index] = (1.0 - curved * arm) * along - 0.5 * opening
-        turns[index] = frame_turns(n, -curved * along, scene.tangent_axes)
-    still = np.zeros((3, count))
+        own = Velocities(columns.velocity(link, p - 0.5 * gap * n), columns.rotation(link))
+        pieces = [one for one in hand.placed_bodies if one.name == contact.body]
+        if pieces:
+            patch = Patch(n, p[None], [gap])
+            found = nearest_rates(pieces, scene.object.placed_bodies, patch, (own, held))
+        else:  # a given contact
+            found = rates_over_face(n, gap, own, held)
+        gaps[index], moves[index] = found.gap, found.middle
+        turns[index] = frame_turns(n, found.normal, scene.tangent_axes)
     return ContactRates(moves, turns, still, still), gaps
-
-
-def _radius(hand: Hand, columns: JointColumns, contact: ContactPoint) -> float:
-    """Radius of the sphere that sweeps the shape which touches; 0 for one with corners."""
-    reach, radius = -np.inf, 0.0
-    for item in hand.tree.geometries:
-        if item.link != contact.body:
-            continue
-        solid = bounded_set(item)
-        T = columns.T_world_joint[item.joint] @ item.T_joint_geometry
-        tip = T[:3, :3] @ solid.feature(T[:3, :3].T @ contact.normal).mean(axis=0) + T[:3, 3]
-        # Of the link's shapes, the one whose farthest point along the normal is the contact.
-        near = -float(np.linalg.norm(tip - contact.position))
-        if near > reach + _RADIUS_ERROR:
-            reach = near
-            radius = solid.swept_radius
-    return radius
 
 
 def frame_turns(
