@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, motor_torques
+from graspless_pin.solution.active_limits import contact_rooms
 from graspless_pin.solvers.simplex import Simplex
 
 MARGIN_SLACK = 1e-6
@@ -110,10 +111,7 @@ class ContactProgram:
         unbalanced = np.abs(problem.W @ forces + load) / units
         if unbalanced.max() > MARGIN_SLACK * max(scale, float(np.abs(load / units).max())):
             return -np.inf, ()
-        local = forces.reshape(-1, 3)
-        pressed = np.einsum("ij,ij->i", problem.normals, local)
-        rooms = np.minimum(pressed, problem.max_normal_force - pressed)
-        rooms = np.minimum(rooms, problem.room_in_cones(local))
+        rooms = contact_rooms(problem, forces.reshape(-1, 3)).min(axis=1)
         margin = float(rooms.min())
         return margin, tuple(np.flatnonzero(rooms <= margin + MARGIN_SLACK * scale).tolist())
 
