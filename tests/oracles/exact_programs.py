@@ -300,16 +300,6 @@ def _guess(rows: Rows, cost: Row) -> list[int]:
     )
     sides = np.array([float(Fraction(b, big)) for b, big in zip(table[:, 0], largest, strict=True)])
     count, size = matrix.shape
-    model = highspy.HighsLp()
-    model.num_col_, model.num_row_ = size, count
-    model.col_cost_ = np.array([float(entry) for entry in cost])
-    model.col_lower_, model.col_upper_ = np.full(size, -np.inf), np.full(size, np.inf)
-    model.row_lower_ = np.where(rows.equal, sides, -np.inf)
-    model.row_upper_ = sides
-    model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
-    model.a_matrix_.start_ = np.arange(0, count * size + 1, size, dtype=np.int32)
-    model.a_matrix_.index_ = np.tile(np.arange(size, dtype=np.int32), count)
-    model.a_matrix_.value_ = matrix.ravel()
     engine = highspy.Highs()
     engine.setOptionValue("output_flag", False)  # noqa: FBT003
     engine.setOptionValue("threads", 1)
@@ -317,7 +307,12 @@ def _guess(rows: Rows, cost: Row) -> list[int]:
     engine.setOptionValue("solver", "simplex")
     engine.setOptionValue("primal_feasibility_tolerance", 1e-10)
     engine.setOptionValue("dual_feasibility_tolerance", 1e-10)
-    engine.passModel(model)
+    engine.addVars(size, np.full(size, -np.inf), np.full(size, np.inf))
+    engine.changeColsCost(size, np.arange(size), np.array([float(entry) for entry in cost]))
+    engine.addRows(
+        count, np.where(rows.equal, sides, -np.inf), sides, count * size,
+        np.arange(0, count * size, size), np.tile(np.arange(size), count), matrix.ravel(),
+    )  # fmt: skip
     engine.run()
     states = engine.getBasis().row_status
     return [

@@ -13,7 +13,6 @@ from typing import Any
 
 import highspy
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
 from graspless_pin import QuasistaticProblem, SlidingMode
@@ -41,51 +40,7 @@ class _Rows:
     """Variables with bounds, and rows low <= a x <= high, added one by one."""
 
     def __init__(self) -> None:
-        self.lower: list[float] = []
-        self.upper: list[float] = []
-        self.binary: list[bool] = []
-        self._places: list[tuple[NDArray[np.int_], Array]] = []
-        self._sides: list[tuple[float, float]] = []
-
-    def variables(self, lower: Array, upper: Array, *, binary: bool = False) -> NDArray[np.int_]:
-        """Add variables and return their columns."""
-        start = len(self.lower)
-        self.lower += lower.tolist()
-        self.upper += upper.tolist()
-        self.binary += [binary] * len(lower)
-        return np.arange(start, len(self.lower))
-
-    def add(self, low: float, high: float, *terms: tuple[Any, Any]) -> None:
-        """Add the row low <= sum of coefficients * columns <= high."""
-        columns = np.concatenate([np.atleast_1d(columns) for columns, _ in terms])
-        values = np.concatenate(
-            [np.broadcast_to(value, np.shape(np.atleast_1d(where))) for where, value in terms]
-        )
-        self._places.append((columns.astype(int), values.astype(float)))
-        self._sides.append((low, high))
-
-    def minimize(self, cost: tuple[int, float], time_limit: float | None) -> Array | None:
-        """Return the best solution that HiGHS finds."""
-        size = len(self.lower)
-        rows = np.repeat(np.arange(len(self._sides)), [len(where) for where, _ in self._places])
-        columns, values = (np.concatenate(parts) for parts in zip(*self._places, strict=True))
-        matrix: Any = scipy.sparse.csc_matrix(
-            (values, (rows, columns)), shape=(len(self._sides), size)
-        )
-        model = highspy.HighsLp()
-        model.num_col_, model.num_row_ = size, len(self._sides)
-        costs = np.zeros(size)
-        costs[cost[0]] = cost[1]
-        model.col_cost_ = costs
-        model.col_lower_, model.col_upper_ = np.array(self.lower), np.array(self.upper)
-        model.row_lower_, model.row_upper_ = np.array(self._sides).T.copy()
-        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        model.a_matrix_.start_ = matrix.indptr
-        model.a_matrix_.index_ = matrix.indices
-        model.a_matrix_.value_ = matrix.data
-        kinds = highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger
-        model.integrality_ = [kinds[int(binary)] for binary in self.binary]
-        engine = highspy.Highs()
+        self._engine = engine = highspy.Highs()
         engine.setOptionValue("output_flag", False)  # noqa: FBT003
         engine.setOptionValue("threads", 1)
         engine.setOptionValue("presolve", "off")  # it has lost optima by rounding in big-M rows
@@ -93,14 +48,36 @@ class _Rows:
         engine.setOptionValue("mip_abs_gap", 1e-9)
         engine.setOptionValue("mip_feasibility_tolerance", 1e-9)
         engine.setOptionValue("primal_feasibility_tolerance", 1e-9)
+
+    def variables(self, lower: Array, upper: Array, *, binary: bool = False) -> NDArray[np.int_]:
+        """Add variables and return their columns."""
+        start, count = self._engine.getNumCol(), len(lower)
+        self._engine.addVars(count, lower, upper)
+        columns = np.arange(start, start + count)
+        if binary:
+            kinds = np.full(count, highspy.HighsVarType.kInteger)
+            self._engine.changeColsIntegrality(count, columns, kinds)
+        return columns
+
+    def add(self, low: float, high: float, *terms: tuple[Any, Any]) -> None:
+        """Add the row low <= sum of coefficients * columns <= high."""
+        columns = np.concatenate([np.atleast_1d(columns) for columns, _ in terms])
+        values = np.concatenate(
+            [np.broadcast_to(value, np.shape(np.atleast_1d(where))) for where, value in terms]
+        )
+        added = self._engine.addRow(low, high, len(columns), columns, values.astype(float))
+        assert added != highspy.HighsStatus.kError
+
+    def minimize(self, cost: tuple[int, float], time_limit: float | None) -> Array | None:
+        """Return the best solution that HiGHS finds."""
+        self._engine.changeColCost(*cost)
         if time_limit is not None:
-            engine.setOptionValue("time_limit", float(time_limit))
-        engine.passModel(model)
-        engine.run()
-        found = engine.getInfo().primal_solution_status
+            self._engine.setOptionValue("time_limit", float(time_limit))
+        self._engine.run()
+        found = self._engine.getInfo().primal_solution_status
         if found != highspy.SolutionStatus.kSolutionStatusFeasible:
             return None
-        return np.array(engine.getSolution().col_value)
+        return np.array(self._engine.getSolution().col_value)
 
 
 def solve_by_mixed_integer(
