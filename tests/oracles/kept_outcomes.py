@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares, linprog
-from tests.oracles.rest_cases import Array, RestCase, State, unit
+from tests.oracles.rest_cases import Array, ContactRows, RestCase, State
 
 _TOLERANCE = 1e-7
 _HALVINGS = 60
+_AROUND = 2.0 * np.pi * np.arange(64) / 64
 
 
 class KeptAnswer(NamedTuple):
@@ -35,7 +36,7 @@ class KeptAnswer(NamedTuple):
     fastest: float
 
 
-class KeptEnumeration:
+class KeptEnumeration(ContactRows):
     """All combinations of contact states of one case.
 
     Args:
@@ -58,9 +59,8 @@ class KeptEnumeration:
         local = np.einsum("lij,lj->li", self.frames, against)
         self.kinetic = np.array([1.0, 0.0, 0.0]) - case.friction[:, None] * local
         size = 6 + len(case.torques)
-        self.motion = (self.frames @ case.relative_motion.reshape(self.count, 3, size)).reshape(
-            -1, size
-        )
+        self.rows = self.frames @ case.relative_motion.reshape(self.count, 3, size)
+        self.motion, self.friction = self.rows.reshape(-1, size), case.friction
         inertia = np.zeros((size, size))
         inertia[:6, :6], inertia[6:, 6:] = case.object_inertia, case.joint_inertia
         self.inertia = inertia
@@ -111,50 +111,19 @@ class KeptEnumeration:
         """Rows on the forces: what is at most zero, and what is zero."""
         below, equal = [], []
         for i, state in enumerate(leaf):
-            rows = np.zeros((3, 3 * self.count))
-            rows[:, 3 * i : 3 * i + 3] = np.eye(3)
-            mu = self.case.friction[i]
-            if state.kind == "open":
-                equal.append(rows)
-                continue
-            below.append(-rows[:1])
-            if self.slides[i] or mu == 0.0:
-                along = self.kinetic[i] if self.slides[i] else np.array([1.0, 0.0, 0.0])
-                equal.append(rows[1:] - along[1:, None] * rows[:1])
-            elif state.kind == "stick":
-                around = 2.0 * np.pi * np.arange(64) / 64
-                below += [unit(t)[None] @ rows[1:] - mu * rows[:1] for t in around]
-            else:
-                middle, half = 0.5 * (state.low + state.high), 0.5 * (state.high - state.low)
-                inward = np.array([[np.sin(state.low), -np.cos(state.low)],
-                                   [-np.sin(state.high), np.cos(state.high)]])  # fmt: skip
-                below.append(-inward @ rows[1:])
-                below.append(unit(middle)[None] @ rows[1:] + mu * np.cos(half) * rows[:1])
-                below += [-unit(t)[None] @ rows[1:] - mu * rows[:1]
-                          for t in (state.low, middle, state.high)]  # fmt: skip
-        return np.vstack([*below, np.zeros((0, 3 * self.count))]), np.vstack(
-            [*equal, np.zeros((0, 3 * self.count))]
-        )
+            own = self.force_rows(i, state, _AROUND)
+            if self.slides[i] and state.kind == "closed":
+                own = np.column_stack([-self.kinetic[i, 1:], np.eye(2)]), -np.eye(3)[:1]
+            for rows, into in zip(own, (equal, below), strict=True):
+                into.append(np.pad(rows, ((0, 0), (3 * i, 3 * (self.count - i - 1)))))
+        return np.vstack(below), np.vstack(equal)
 
     def _rows(self, leaf: list[State]) -> tuple[Array, Array, Array, Array]:
         """Return A_ub, b_ub, A_eq, b_eq on (a, f): accelerations, and forces in weights."""
         size = len(self.load)
         below, equal = self._forces(leaf)
-        down, level = [], []
-        for i, state in enumerate(leaf):
-            u = self.motion[3 * i : 3 * i + 3]
-            if state.kind == "open":
-                down.append(-u[:1])
-                continue
-            level.append(u[:1])
-            if self.slides[i] or self.case.friction[i] == 0.0:
-                continue
-            if state.kind == "stick":
-                level.append(u[1:])
-            elif state.kind == "slip":
-                inward = np.array([[np.sin(state.low), -np.cos(state.low)],
-                                   [-np.sin(state.high), np.cos(state.high)]])  # fmt: skip
-                down.append(inward @ u[1:])
+        pairs = [self.velocity_rows(i, state) for i, state in enumerate(leaf)]
+        level, down = zip(*pairs, strict=True)
         dynamics = np.hstack([self.inertia / self.weight, -self.motion.T])
         equal = np.vstack([dynamics, np.pad(equal, ((0, 0), (size, 0))),
                            *(np.pad(r, ((0, 0), (0, 3 * self.count))) for r in level)])  # fmt: skip

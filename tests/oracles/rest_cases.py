@@ -73,7 +73,10 @@ class Outcome(NamedTuple):
 
 
 class State(NamedTuple):
-    """State of one contact: "free" is any, "open", "stick", "slip" between two angles."""
+    """State of one contact: "free" is any, "open", "stick", "slip" between two angles.
+
+    "closed" slides as declared, or without friction.
+    """
 
     kind: str
     low: float = 0.0
@@ -88,7 +91,47 @@ def unit(angle: float) -> Array:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-class Scaled:
+class ContactRows:
+    """What states say of a contact: equations and inequalities, all with zero on the right.
+
+    Attributes:
+        rows: (M, 3, n) from accelerations to those along n, t1 and t2 of each contact.
+        friction: (M,) coefficients.
+    """
+
+    rows: Array
+    friction: Array
+
+    def velocity_rows(self, contact: int, state: State) -> tuple[Array, Array]:
+        normal, *across = self.rows[contact]  # a commanded contact has zeros along its normal
+        if state.kind in ("free", "open"):
+            return np.empty((0, len(normal))), -normal[None]
+        if state.kind == "closed" or self.friction[contact] == 0.0:
+            return normal[None], np.empty((0, len(normal)))
+        if state.kind == "stick":
+            return self.rows[contact], np.empty((0, len(normal)))
+        inward = np.array([[np.sin(state.low), -np.cos(state.low)],
+                           [-np.sin(state.high), np.cos(state.high)]])  # fmt: skip
+        return normal[None], inward @ np.array(across)
+
+    def force_rows(self, contact: int, state: State, cuts: Sequence[float]) -> tuple[Array, Array]:
+        """(n, 3) rows on (f_n, f_1, f_2)."""
+        mu = self.friction[contact]
+        if state.kind == "open":
+            return np.eye(3), np.empty((0, 3))
+        if mu == 0.0:
+            return np.eye(3)[1:], np.array([[-1.0, 0.0, 0.0]])
+        if state.kind == "stick":
+            angles = [*(2.0 * np.pi * np.arange(TANGENTS) / TANGENTS), *cuts]
+            faces = [[-mu, *unit(angle)] for angle in angles]
+            return np.empty((0, 3)), np.array([[-1.0, 0.0, 0.0], *faces])
+        middle, half = 0.5 * (state.low + state.high), 0.5 * (state.high - state.low)
+        faces = [[-mu, *-unit(angle)] for angle in (state.low, middle, state.high)]
+        chord = [mu * np.cos(half), *unit(middle)]
+        return np.empty((0, 3)), np.array([[-1.0, 0.0, 0.0], *faces, chord])
+
+
+class Scaled(ContactRows):
     """The case in accelerations y with |y|^2 + sum mu f_n |u_t| = h y, so that |y - h/2| <= 1/2."""
 
     def __init__(self, case: RestCase) -> None:
@@ -117,7 +160,7 @@ class Scaled:
         rows = self.frames @ motion[:, :, self.joints] @ np.linalg.inv(self.root).T
         rows[self.commanded, 0] = 0.0
         self.lengths = np.linalg.norm(rows, axis=2).max(axis=1)
-        self.rows: Array = rows / self.lengths[:, None, None]
+        self.rows = rows / self.lengths[:, None, None]
         self.press *= self.lengths / (self.size or 1.0)
         self.friction = case.friction
         self.moves = case.point_motions @ np.linalg.inv(self.root).T[:6] * self.size
@@ -145,35 +188,6 @@ class Scaled:
     def bound(self, components: Array) -> float:
         """Return the object's largest acceleration where no component of `moves` is larger."""
         return float(np.linalg.norm(components.reshape(-1, 3), axis=1).max())
-
-    # Rows on (y, f, t) of one contact: equations and inequalities, all with zero on the right.
-
-    def velocity_rows(self, contact: int, state: State) -> tuple[Array, Array]:
-        normal, *across = self.rows[contact]  # a commanded contact has zeros along its normal
-        if state.kind in ("free", "open"):
-            return np.empty((0, len(normal))), -normal[None]
-        if state.kind == "stick":
-            tangential = np.array(across) if self.friction[contact] > 0.0 else across[:0]
-            return np.vstack([normal, *tangential]), np.empty((0, len(normal)))
-        inward = np.array([[np.sin(state.low), -np.cos(state.low)],
-                           [-np.sin(state.high), np.cos(state.high)]])  # fmt: skip
-        return normal[None], inward @ np.array(across)
-
-    def force_rows(self, contact: int, state: State, cuts: Sequence[float]) -> tuple[Array, Array]:
-        """(n, 3) rows on (f_n, f_1, f_2)."""
-        mu = self.friction[contact]
-        if state.kind == "open":
-            return np.eye(3), np.empty((0, 3))
-        if mu == 0.0:
-            return np.eye(3)[1:], np.array([[-1.0, 0.0, 0.0]])
-        if state.kind == "stick":
-            angles = [*(2.0 * np.pi * np.arange(TANGENTS) / TANGENTS), *cuts]
-            faces = [[-mu, *unit(angle)] for angle in angles]
-            return np.empty((0, 3)), np.array([[-1.0, 0.0, 0.0], *faces])
-        middle, half = 0.5 * (state.low + state.high), 0.5 * (state.high - state.low)
-        faces = [[-mu, *-unit(angle)] for angle in (state.low, middle, state.high)]
-        chord = [mu * np.cos(half), *unit(middle)]
-        return np.empty((0, 3)), np.array([[-1.0, 0.0, 0.0], *faces, chord])
 
 
 def _frame(normal: Array) -> Array:
