@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
+from tabulate import tabulate
 
 from graspless_pin import Scene
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
@@ -20,6 +24,7 @@ START = 1e-4, 1e-3
 """m, rad: how far along a motion that grows a run begins."""
 FINGER_MOVED = float(np.radians(2.0))
 """rad: a joint that goes farther does not stay, whatever the object does."""
+_OUTCOMES = "held", "shifted", "crept", "moved"
 FITTED = 2.0, 10.0
 """Of the start: growth is read off between these. Beyond them motions are not small."""
 
@@ -84,6 +89,24 @@ def run_of(
         done.displacement,
         done.rotation,
     )
+
+
+def outcome_table(found: Sequence[Any], by: Mapping[str, str], cases: str) -> str:
+    """Return how many cases end how.
+
+    Args:
+        found: The cases; each has an ``outcome``, and tells whether it ``stays``.
+        by: Names of what rows tell apart, and what it is called.
+        cases: What cases are called.
+    """
+    told, rows = attrgetter(*by), []
+    for key in sorted(set(map(told, found)), reverse=True):
+        own = [one for one in found if told(one) == key]
+        counts = Counter(one.outcome for one in own)
+        fingers = sum(one.outcome == "held" and not one.stays for one in own)
+        outcomes = [counts[kind] for kind in _OUTCOMES]
+        rows.append([*key, len(own), *outcomes, fingers])
+    return tabulate(rows, [*by.values(), cases, *_OUTCOMES, "held, a finger moved"], "github")
 
 
 def _start(motion: FloatArray) -> FloatArray:

@@ -10,7 +10,6 @@ import argparse
 import json
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ import numpy as np
 import trimesh
 from tabulate import tabulate
 
-from benchmarks.grip_runs import FINGER_MOVED, MARGIN, NODES, run_of
+from benchmarks.grip_runs import FINGER_MOVED, MARGIN, NODES, outcome_table, run_of
 from benchmarks.grip_softness import SoftCase, soft_cases, soft_summary
 from benchmarks.grip_windows import EndCase, StableCase, end_cases, stable_cases, window_summary
 from graspless_pin import Controller, Holding, Scene, load_scene, place_hand
@@ -164,7 +163,7 @@ def place(name: tuple[str, str]) -> list[Path]:
     return sorted(KEPT.glob(f"{hand}_{target}_[0-9].yaml"))
 
 
-_Kind = TypeVar("_Kind", Case, StableCase, EndCase, SoftCase)
+_Kind = TypeVar("_Kind")
 
 
 class GripCases(NamedTuple):
@@ -191,16 +190,17 @@ def kept_cases(path: Path) -> GripCases:
         asked = [(one.algorithm, one.stiffness) for one in failed if not one.stays]
         return soft_cases(load_scene(path), grip, asked)
 
-    said = _kept(path.with_suffix(".json"), Case, lambda: cases(path))
+    said = kept(path.with_suffix(".json"), Case, lambda: cases(path))
     return GripCases(
         said,
-        _kept(path.with_suffix(".stable.json"), StableCase, stable),
-        _kept(path.with_suffix(".ends.json"), EndCase, ends),
-        _kept(path.with_suffix(".soft.json"), SoftCase, soft),
+        kept(path.with_suffix(".stable.json"), StableCase, stable),
+        kept(path.with_suffix(".ends.json"), EndCase, ends),
+        kept(path.with_suffix(".soft.json"), SoftCase, soft),
     )
 
 
-def _kept(path: Path, kind: type[_Kind], made: Callable[[], Iterable[_Kind]]) -> list[_Kind]:
+def kept(path: Path, kind: type[_Kind], made: Callable[[], Iterable[_Kind]]) -> list[_Kind]:
+    """Return cases, which are made where their file is not there yet."""
     if path.exists():
         return [kind(**one) for one in json.loads(path.read_text())]
     with capture():
@@ -267,27 +267,8 @@ def _of_torques(
 
 def summary(found: Sequence[Case]) -> str:
     """Return the tables of all cases, and each that is not as it is said to be."""
-    rows = []
-    keys = dict.fromkeys(
-        sorted((one.bodies != "stiff", one.controller, one.holding, one.algorithm) for one in found)
-    )
-    for soft, controller, holding, algorithm in keys:
-        bodies = "soft" if soft else "stiff"
-        own = [
-            one
-            for one in found
-            if (one.bodies, one.controller, one.holding, one.algorithm)
-            == (bodies, controller, holding, algorithm)
-        ]
-        counts = Counter(one.outcome for one in own)
-        fingers = sum(one.outcome == "held" and not one.stays for one in own)
-        outcomes = [counts[kind] for kind in ("held", "shifted", "crept", "moved")]
-        rows.append([bodies, controller, holding, algorithm, len(own), *outcomes, fingers])
-    headers = [
-        "bodies", "feedback", "said", "torques", "cases", "held", "shifted", "crept", "moved",
-        "held, a finger moved",
-    ]  # fmt: skip
-    lines = [tabulate(rows, headers, "github"), "", *_shares(found), "", _softly(found), ""]
+    by = {"bodies": "bodies", "controller": "feedback", "holding": "said", "algorithm": "torques"}
+    lines = [outcome_table(found, by, "cases"), "", *_shares(found), "", _softly(found), ""]
     lines += ["Not as said, stiff bodies:", *(f"- {one}" for one in found if one.is_odd)]
     return "\n".join(lines)
 

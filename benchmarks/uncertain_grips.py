@@ -8,10 +8,8 @@ nominal scene. Each grip is looked at lifted, without the table, and on it.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import zlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -19,16 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tabulate import tabulate
 
-from benchmarks.grip_runs import FINGER_MOVED, MARGIN, NODES, run_of
-from benchmarks.real_grips import HANDS, KEPT, objects, place
+from benchmarks.grip_runs import FINGER_MOVED, MARGIN, NODES, outcome_table, run_of
+from benchmarks.real_grips import HANDS, KEPT, kept, objects, place
 from graspless_pin import Controller, Holding, Scene, Uncertainty, load_scene
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.robust_torques import joint_stiffness
 from graspless_pin.algorithms.uncertain_members import nominal_member
 from graspless_pin.algorithms.uncertainty import each_of
-from graspless_pin.findings import capture
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.members import Corner, Member
 from graspless_pin.scene.scene_stability import scene_of_member, torques_at_rest
@@ -199,14 +195,9 @@ def cases(path: Path, *, lifted: bool, count: int = MEMBERS) -> Iterator[MemberC
 
 def kept_cases(path: Path, *, lifted: bool) -> list[MemberCase]:
     """Return the cases of a grip, from their file where they are known."""
-    file = OUT / f"{path.stem}{'.lifted' if lifted else ''}.json"
-    if file.exists():
-        return [MemberCase(**one) for one in json.loads(file.read_text())]
-    with capture():
-        found = [*cases(path, lifted=lifted)]
     OUT.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps([vars(one) for one in found], indent=1))
-    return found
+    file = OUT / f"{path.stem}{'.lifted' if lifted else ''}.json"
+    return kept(file, MemberCase, lambda: cases(path, lifted=lifted))
 
 
 def summary(found: Sequence[MemberCase], grips: int) -> str:
@@ -216,18 +207,7 @@ def summary(found: Sequence[MemberCase], grips: int) -> str:
         found: The cases.
         grips: How many grips they are of, those without torques too.
     """
-    rows = []
-    keys = dict.fromkeys(sorted((one.torques, one.coverage, one.holding) for one in found))
-    for key in reversed(keys):
-        own = [one for one in found if (one.torques, one.coverage, one.holding) == key]
-        counts = Counter(one.outcome for one in own)
-        fingers = sum(one.outcome == "held" and not one.stays for one in own)
-        outcomes = [counts[kind] for kind in ("held", "shifted", "crept", "moved")]
-        rows.append([*key, len(own), *outcomes, fingers])
-    headers = [
-        "torques", "proven for", "said", "members", "held", "shifted", "crept", "moved",
-        "held, a finger moved",
-    ]  # fmt: skip
+    by = {"torques": "torques", "coverage": "proven for", "holding": "said"}
     robust = [one for one in found if one.torques == "robust"]
     nominal = {(one.grip, one.member): one for one in found if one.torques == "nominal"}
     claimed = [one for one in robust if one.is_claimed]
@@ -239,7 +219,7 @@ def summary(found: Sequence[MemberCase], grips: int) -> str:
     served = len(all_claimed)
     return "\n".join(
         [
-            tabulate(rows, headers, "github"),
+            outcome_table(found, by, "members"),
             "",
             f"- {served} of {grips} grips have robust torques",
             f"- {sum(all_claimed)} of {grips} are proven and hold in all members that were drawn "
