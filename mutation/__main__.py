@@ -143,7 +143,7 @@ def main() -> int:
     start = time.monotonic()
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", CI="true")
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        copy = copy_of(ROOT, Path(folder))
+        copy = copy_of(ROOT, Path(folder), loops=False)
         package = copy / "src" / PACKAGE
         if given.only:
             mutants = _named(package, given.only)

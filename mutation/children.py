@@ -51,12 +51,13 @@ class Ended(NamedTuple):
     seconds: float
 
 
-def copy_of(root: Path, folder: Path) -> Path:
-    """Copy what the tests need, without the compiled loops."""
+def copy_of(root: Path, folder: Path, *, loops: bool) -> Path:
+    """Copy what the tests need, with the compiled loops or without."""
+    left_out = ("__pycache__",) if loops else ("__pycache__", "*.so", "*.pyd")
     for name in COPIED:
         source = root / name
         if source.is_dir():
-            ignored = shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
+            ignored = shutil.ignore_patterns(*left_out)
             shutil.copytree(source, folder / name, ignore=ignored)
         elif source.exists():
             shutil.copy(source, folder / name)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import os
 import queue
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -21,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mutation.children import COPIED
+from mutation.children import copy_of
 
 ROOT = Path(__file__).parents[1]
 LOOPS = Path("src", "graspless_pin", "compiled")
@@ -229,18 +228,6 @@ def _run(command: list[str], folder: Path) -> None:
     subprocess.run(command, cwd=folder, check=True, capture_output=True)  # noqa: S603 - our own
 
 
-def _copy(folder: Path) -> Path:
-    """A copy with compiled loops."""
-    for name in COPIED:
-        source = ROOT / name
-        if source.is_dir():
-            ignored = shutil.ignore_patterns("__pycache__")
-            shutil.copytree(source, folder / name, ignore=ignored)
-        else:
-            shutil.copy(source, folder / name)
-    return folder
-
-
 def main() -> int:
     """Print a line for each mistake and the score; return 1 if one was not noticed."""
     parser = argparse.ArgumentParser(prog="python -m mutation.loops", description=__doc__)
@@ -253,7 +240,7 @@ def main() -> int:
     copies: queue.SimpleQueue[Path] = queue.SimpleQueue()
     with tempfile.TemporaryDirectory(prefix="loops-") as folder:
         for number in range(given.jobs):
-            copies.put(_copy(Path(folder, str(number))))
+            copies.put(copy_of(ROOT, Path(folder, str(number)), loops=True))
 
         def attempt(mistake: Mistake) -> str:
             copy = copies.get()
