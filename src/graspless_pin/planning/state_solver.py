@@ -88,12 +88,15 @@ class StateSolver:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what was given: what was learned is learned again elsewhere."""
-        given = self.configurations, self.objective, self.options, self.checks
-        return type(self), given
+        return type(self), self._given(self.objective)
 
     def with_objective(self, objective: Objective) -> StateSolver:
         """Return one for another objective, that has learned nothing."""
-        return StateSolver(self.configurations, objective, self.options, self.checks)
+        return type(self)(*self._given(objective))
+
+    def _given(self, objective: Objective) -> tuple[Any, ...]:
+        """Return what one for an objective is made of."""
+        return self.configurations, objective, self.options, self.checks
 
     def with_scene(self, scene: Scene) -> StateSolver:
         """Return one for a pinned scene of another mass and friction; they learn together."""

@@ -165,15 +165,9 @@ class UncertainStateSolver(StateSolver):
         self.uncertainty = self._set = uncertainty
         self._earlier: dict[tuple[Any, ...], EarlierForces] = Bounded(_MOST_KEPT)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return what was given."""
-        own, given = super().__reduce__()
-        return own, (*given, self._set)
-
-    def with_objective(self, objective: Objective) -> UncertainStateSolver:
-        """Return one for another objective."""
-        given = self.configurations, objective, self.options, self.checks
-        return UncertainStateSolver(*given, self._set)
+    def _given(self, objective: Objective) -> tuple[Any, ...]:
+        """Return what one for an objective is made of."""
+        return *super()._given(objective), self._set
 
     def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
         """Solve for one state: there are no records to do without."""
