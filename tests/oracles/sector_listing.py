@@ -1,8 +1,8 @@
 """The rule of directions by listing: each contact without friction, or in one of 32 sectors.
 
-Straight from the problem's arrays, with linear programs of scipy: an outer value with friction and
-sliding anywhere in their sectors, an inner one with both along the middles. The two leave a gap of
-their own, of the sectors' width.
+Straight from the problem's arrays and W, with linear programs of scipy: an outer value with
+friction and sliding anywhere in their sectors, an inner one with both along the middles. The two
+leave a gap of their own, of the sectors' width.
 """
 
 from __future__ import annotations
@@ -97,10 +97,9 @@ class SectorListing:
         for contact, sector in enumerate(chosen):
             if sector is None:
                 continue
-            p, frame = problem.positions[contact], _frame(problem, contact)
-            jacobian = problem.jacobian[3 * contact : 3 * contact + 3]
-            cross = np.array([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
-            relative = frame @ np.hstack([np.eye(3), -cross, -jacobian])
+            own = slice(3 * contact, 3 * contact + 3)
+            velocity = np.hstack([problem.W[:, own].T, -problem.jacobian[own]])
+            relative = problem.frames[contact].T @ velocity
             middle, across = _ways(sector)
             equal.append(relative[0])
             along, aside = middle @ relative[1:], across @ relative[1:]
@@ -129,7 +128,7 @@ class SectorListing:
 
         def row(contact: int, local: np.ndarray, last: float = 0.0) -> np.ndarray:
             out = np.zeros(size)
-            out[3 * contact : 3 * contact + 3] = local @ _frame(problem, contact)
+            out[3 * contact : 3 * contact + 3] = problem.frames[contact] @ local
             out[-1] = last
             return out
 
@@ -143,7 +142,7 @@ class SectorListing:
             if not self._has_cone[contact]:
                 way = np.zeros(2)
                 if problem.sliding[contact].any():
-                    own = _frame(problem, contact)[1:] @ problem.sliding[contact]
+                    own = problem.tangents[contact].T @ problem.sliding[contact]
                     way = -mu * own / np.linalg.norm(own)
                 equal += [row(contact, np.array([-way[0], 1.0, 0.0])),
                           row(contact, np.array([-way[1], 0.0, 1.0]))]  # fmt: skip
@@ -172,11 +171,7 @@ class SectorListing:
             for way in reaches:
                 below.append(row(contact, np.array([-mu, *way]), root * weight))
                 sides.append(-root * e)
-        W = np.zeros((6, size))
-        for contact in range(M):
-            p = problem.positions[contact]
-            cross = np.array([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
-            W[:, 3 * contact : 3 * contact + 3] = np.vstack([np.eye(3), cross])
+        W = np.hstack([problem.W, np.zeros((6, 1))])
         torque = np.hstack([problem.jacobian.T, np.zeros((problem.joint_count, 1))])
         gravity = problem.gravity_torques / F
         below += [*torque, *-torque]
@@ -198,11 +193,6 @@ class SectorListing:
             bounds=[(None, None)] * (size - 1) + [(0.0, None)], method="highs",
         )  # fmt: skip
         return None if answer.status != 0 else F * float(answer.fun)
-
-
-def _frame(problem: QuasistaticProblem, contact: int) -> np.ndarray:
-    """(3, 3) rows n, t1, t2."""
-    return np.vstack([problem.normals[contact], problem.tangents[contact].T])
 
 
 def _ways(sector: int) -> tuple[np.ndarray, np.ndarray]:
