@@ -78,8 +78,12 @@ EMITTED: ContextVar[list[Finding]] = ContextVar("emitted")
 """What was found so far by the command that runs."""
 
 
-def loaded_scene(path: Path) -> Scene:
+def loaded_scene(path: Path, *, findings: bool = True) -> Scene:
     """Load a scene, and say so where it takes long: a mesh may have a million triangles.
+
+    Args:
+        path: The scene file.
+        findings: Whether those of the scene are emitted: not where its state is about to change.
 
     Raises:
         ArgumentError: If an output of the command is a file that the scene reads.
@@ -89,6 +93,8 @@ def loaded_scene(path: Path) -> Scene:
     with waiting_for(f"loading {path}"):
         loaded = load_scene(path)
     check_inputs_stay(path)
+    if findings:
+        emit(*loaded.findings)
     return loaded
 
 
@@ -104,15 +110,16 @@ ControllerOption = Annotated[
 ]
 
 
-def opened_scene(path: Path, stiffness: str | None = None) -> Scene:
-    """Load a scene and emit its findings.
+def with_controller(scene: Scene, stiffness: str | None) -> Scene:
+    """Return a scene under another controller.
 
     Args:
-        path: The scene file.
+        scene: The scene.
         stiffness: Of joint feedback, see `ControllerOption`; its damping stays. None: the file's.
+
+    Raises:
+        ArgumentError: If it is no stiffness.
     """
-    scene = loaded_scene(path)
-    emit(*scene.findings)
     if stiffness is None:
         return scene
     try:

@@ -94,7 +94,7 @@ def place(
         if carry and press:
             raise ArgumentError("--carry", "and --press ask for different places; give one of them")
         check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
-        loaded = loaded_scene(scene)
+        loaded = loaded_scene(scene, findings=False)
         if loaded.hand is not None and len(loaded.hand.mounts) > 1 and not together:
             echo_note("each mount is placed by itself; --together moves all as one body")
         emit(*figure_findings(loaded))

@@ -43,7 +43,7 @@ def close_scene(
     """
     with plain_errors():
         check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
-        loaded = loaded_scene(scene)
+        loaded = loaded_scene(scene, findings=False)
         with waiting_for("closing the fingers"):
             closed = close_fingers(loaded, fingers=finger, wrap=wrap)
         written = closed.scene.save(output, overwrite=overwrite)
@@ -65,7 +65,7 @@ def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = F
     """
     with plain_errors():
         check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
-        loaded = loaded_scene(scene)
+        loaded = loaded_scene(scene, findings=False)
         rested = settle(loaded)
         way = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
         down = float(way @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))

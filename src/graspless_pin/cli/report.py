@@ -16,8 +16,9 @@ from graspless_pin.cli.outcome import (
     echo_error,
     echo_note,
     exit_code,
-    opened_scene,
+    loaded_scene,
     plain_errors,
+    with_controller,
 )
 from graspless_pin.cli.outputs import (
     OutputKind,
@@ -206,7 +207,7 @@ def _documented_case(source: Path, scene_file: Path | None, of_scenes: Mapping[s
 
 def _solved_case(source: Path, controller: str | None, **asked: Any) -> Case:
     """Return the case of a scene, solved and with its verdict, if it is asked for."""
-    scene = opened_scene(source, controller)
+    scene = with_controller(loaded_scene(source), controller)
     solution, answer, verdict, note = judged_solution(scene, **asked)
     if note and verdict is None:
         echo_note(note)

@@ -17,9 +17,10 @@ from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.cli.outcome import (
     ControllerOption,
     exit_code,
-    opened_scene,
+    loaded_scene,
     plain_errors,
     show_findings,
+    with_controller,
 )
 from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
 from graspless_pin.errors import ArgumentError, SceneError
@@ -157,7 +158,7 @@ def solve_scene(
     """
     with plain_errors():
         check_output("--json", json_file, OutputKind.SOLUTION, overwrite=overwrite)
-        loaded = opened_scene(scene, controller)
+        loaded = with_controller(loaded_scene(scene), controller)
         given: dict[str, Any] = {
             "sign_rule": sign_rule,
             "sliding_rule": sliding_rule,
@@ -260,13 +261,13 @@ def solved_scene(
     Args:
         path: The scene file.
         algorithm: See `Scene.solve`.
-        controller: See `opened_scene`.
+        controller: See `with_controller`.
         options: See `solution_and_answer`.
 
     Raises:
         typer.Exit: If there are no torques.
     """
-    scene = opened_scene(path, controller)
+    scene = with_controller(loaded_scene(path), controller)
     solution, answer = solution_and_answer(scene, algorithm, **options)
     emit(*solution.findings)
     show_findings()

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.outcome import opened_scene, plain_errors, show_findings
+from graspless_pin.cli.outcome import loaded_scene, plain_errors, show_findings
 from graspless_pin.viewer.page import DEFAULT_PORT, view
 
 
@@ -26,7 +26,7 @@ def view_scene(
         graspless-pin view scene.yaml
     """
     with plain_errors():
-        loaded = opened_scene(scene)
+        loaded = loaded_scene(scene)
         show_findings()
         viewer = view(loaded, host=host, port=port, open_browser=not no_open)
     with suppress(KeyboardInterrupt):
