@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,38 +32,58 @@ _SHORT_COMBINATION = 0.1
 """Combinations shorter than this share of the threshold are not brought nearer to zero."""
 
 
+_PAIRS = np.eye(9, dtype=bool).reshape(9, 3, 3)[[4, 0, 1, 2, 3, 5, 6, 7, 8]]
+"""Each pair of signs alone, (0, 0) first: of contacts that are not selected."""
+_RELEASED = _PAIRS[0]
+
+
 @dataclass(frozen=True, eq=False)
 class ModePart:
-    """All modes that select some contacts, leave others, and have certain signs.
+    """All modes in which contacts have certain signs, each whatever the others have.
 
     Attributes:
-        selected: (M,) contacts that each of the modes selects.
-        released: (M,) contacts that none of them selects.
-        allowed_signs: (M, 2, 3) whether a contact, if selected, may have the sign -1, 0, 1 along
-            t1, t2.
+        left: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1 and t2;
+            the pair (0, 0) stands for contacts that are not selected.
     """
 
-    selected: NDArray[np.bool_]
-    released: NDArray[np.bool_]
-    allowed_signs: NDArray[np.bool_]
+    left: NDArray[np.bool_]
 
     @classmethod
     def every_mode(cls, problem: QuasistaticProblem, rules: Rules) -> ModePart:
         """Return all modes that obey the rules on signs and selections."""
-        every = np.ones((problem.contact_count, 2, 3), dtype=bool)
-        every[:, :, 1] = rules.sign is SignRule.EXACT
-        required = required_contacts(problem, rules)
-        return cls(required, ~candidate_contacts(problem, rules), every)
+        left = np.ones((problem.contact_count, 3, 3), dtype=bool)
+        if rules.sign is not SignRule.EXACT:
+            left[:, 1] = left[:, :, 1] = False
+        left[:, 1, 1] = ~required_contacts(problem, rules)
+        left[~candidate_contacts(problem, rules)] = _RELEASED
+        return cls(left)
 
     @classmethod
     def one_mode(cls, mode: SlidingMode) -> ModePart:
         """Return one mode alone."""
-        return cls(mode.selection, ~mode.selection, mode.signs[:, :, None] == SIGN_VALUES)
+        left = np.zeros((len(mode.signs), 3, 3), dtype=bool)
+        left[np.arange(len(left)), *(mode.signs.T + 1)] = True
+        return cls(left)
+
+    @cached_property
+    def selected(self) -> NDArray[np.bool_]:
+        """(M,) contacts that each of the modes selects."""
+        return ~self.left[:, 1, 1]
+
+    @cached_property
+    def released(self) -> NDArray[np.bool_]:
+        """(M,) contacts that none of them selects."""
+        return self.allowed_signs.sum(axis=(1, 2)) == 0
+
+    @cached_property
+    def allowed_signs(self) -> NDArray[np.bool_]:
+        """(M, 2, 3) whether a contact, if selected, may have the sign -1, 0, 1 along t1, t2."""
+        chosen = self.left & ~_RELEASED
+        return np.stack([chosen.any(axis=2), chosen.any(axis=1)], axis=1)
 
     def decides(self, contact: int) -> bool:
         """Whether all its modes agree on a contact: released, or selected with the same signs."""
-        is_one = all(len(self.signs_along(contact, component)) == 1 for component in range(2))
-        return bool(self.released[contact] or (self.selected[contact] and is_one))
+        return np.count_nonzero(self.left[contact]) == 1
 
     def signs(self, contact: int) -> tuple[int, int]:
         """Signs of a contact that all its modes have; 0 where there are several, or zero is."""
@@ -72,7 +93,7 @@ class ModePart:
     @property
     def mode(self) -> SlidingMode:
         """The mode of a part that is one alone."""
-        signs = np.where(self.selected[:, None], self.allowed_signs @ SIGN_VALUES, 0)
+        signs = self.allowed_signs @ SIGN_VALUES
         return SlidingMode.unchecked(self.selected, signs.astype(np.int8))
 
     def requirements(self) -> list[Requirement]:
@@ -83,51 +104,24 @@ class ModePart:
         """Return the signs along one tangent that are left to a contact."""
         return [sign for sign in SIGN_VALUES if self.allowed_signs[contact, component, sign + 1]]
 
-    def pairs(self, contact: int) -> list[tuple[int, int]]:
-        """Return the pairs of signs that are left to a contact."""
-        first, second = self.signs_along(contact, 0), self.signs_along(contact, 1)
-        return [(a, b) for a in first for b in second if a or b]
+    def only(self, contact: int, pairs: NDArray[np.bool_]) -> ModePart | None:
+        """Return the modes of it in which a contact has one of some pairs; None: there is none.
 
-    def holding(self, item: SignItem) -> ModePart | None:
-        """Return the modes of it that have an item; None: none does."""
-        contact, component, sign = item
-        part = self._with("selected", contact, to=True)
-        if sign:
-            part = part._only(contact, component, sign)
-        return part._settled(contact)
+        Args:
+            contact: Its index.
+            pairs: (3, 3) whether each is among them.
+        """
+        left = self.left.copy()
+        left[contact] &= pairs
+        return ModePart(left) if left[contact].any() else None
 
-    def breaking(self, item: SignItem) -> ModePart | None:
-        """Return the modes of it that lack an item; None: none does."""
-        contact, component, sign = item
-        if not sign:
-            return self._with("released", contact, to=True)._settled(contact)
-        return self._with("allowed_signs", (contact, component, sign + 1), to=False)._settled(
-            contact
-        )
 
-    def with_pair(self, contact: int, pair: tuple[int, int]) -> ModePart | None:
-        """Return the modes of it that select a contact with two signs."""
-        part = self.holding((contact, 0, 0))
-        for component, sign in enumerate(pair):
-            part = part and part._only(contact, component, sign)._settled(contact)
-        return part
-
-    def _with(self, name: str, at: int | tuple[int, int, int], *, to: bool) -> ModePart:
-        """Return the part with one entry of one of its arrays replaced."""
-        entries = getattr(self, name).copy()
-        entries[at] = to
-        return replace(self, **{name: entries})
-
-    def _only(self, contact: int, component: int, sign: int) -> ModePart:
-        allowed = self.allowed_signs.copy()
-        allowed[contact, component] &= np.equal(SIGN_VALUES, sign)
-        return replace(self, allowed_signs=allowed)
-
-    def _settled(self, contact: int) -> ModePart | None:
-        """Return the part, a contact without signs released; None: it holds no mode."""
-        if self.pairs(contact):
-            return None if self.selected[contact] and self.released[contact] else self
-        return None if self.selected[contact] else self._with("released", contact, to=True)
+def _pairs_with(component: int, sign: int) -> NDArray[np.bool_]:
+    """Return (3, 3) the pairs with a sign along a tangent; 0: all but that of no selection."""
+    if not sign:
+        return ~_RELEASED
+    along = np.broadcast_to(np.equal(SIGN_VALUES, sign), (3, 3))
+    return along if component else along.T
 
 
 def signs_left(part: ModePart) -> FloatArray:
@@ -135,10 +129,8 @@ def signs_left(part: ModePart) -> FloatArray:
 
     It tells loops what `ModeTree.bounds` tells programs.
     """
-    signs = np.where(
-        part.allowed_signs[:, :, ::2].all(axis=2), np.nan, part.allowed_signs @ SIGN_VALUES
-    )
-    return np.where(part.released[:, None], 0.0, signs)
+    open_signs = part.allowed_signs[:, :, ::2].all(axis=2)
+    return np.where(open_signs, np.nan, part.allowed_signs @ SIGN_VALUES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +158,7 @@ class ModeTree:
         if part is None:
             return self.formulation.bounds_of(None)
         cones = self.formulation.coordinates.layout.cones
-        allowed = part.allowed_signs[cones] & ~part.released[cones, None, None]
+        allowed = part.allowed_signs[cones]
         return self.formulation.opposing(allowed[:, :, 0], allowed[:, :, 2])
 
     def within(self, part: ModePart, x: FloatArray) -> FloatArray:
@@ -216,16 +208,16 @@ class ModeTree:
             for one in conflicts
         )
         items = _items(part, combinations, opened, size)
-        children: list[ModePart] = []
+        children: list[ModePart | None] = []
         rest: ModePart | None = part
-        for item in items:
+        for contact, component, sign in items:
             if rest is None:
                 break
-            broken = rest.breaking(item)
-            if broken is not None:
-                children.append(broken)
-            rest = rest.holding(item)
-        return ConflictSplit(tuple(items), combinations, opened), children
+            pairs = _pairs_with(component, sign)
+            children.append(rest.only(contact, ~pairs))
+            rest = rest.only(contact, pairs)
+        kept = [child for child in children if child is not None]
+        return ConflictSplit(tuple(items), combinations, opened), kept
 
     def _by_contact(
         self, part: ModePart, x: FloatArray, size: FloatArray
@@ -246,8 +238,7 @@ class ModeTree:
             unknown,
             key=lambda one: (opposed[one] > NO_FRICTION, size[one].sum(), part.selected[one]),
         )
-        children = [] if part.selected[contact] else [part.breaking((contact, 0, 0))]
-        children += [part.with_pair(contact, pair) for pair in part.pairs(contact)]
+        children = [part.only(contact, pair) for pair in _PAIRS]
         return ContactSplit(contact), [child for child in children if child is not None]
 
     def _sharpened(
