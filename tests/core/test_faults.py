@@ -29,8 +29,7 @@ from graspless_pin.algorithms import dual_degeneracy, force_bounds, formulation
 from graspless_pin.algorithms import margin_torque_curve as curve_module
 from graspless_pin.algorithms.disturbances import DisturbanceMargin
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.algorithms.named_objectives import torque_objective
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import SolveOptions, torque_objective
 from graspless_pin.algorithms.warm_search import reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed

@@ -64,7 +64,7 @@ def package(tmp_path_factory) -> Path:
     module, listed = walkthrough("TotalTorque")[:2]
     (folder / PACKAGE / "programs" / "total_torque.py").write_text(module, encoding="utf-8")
     imported, line = listed.splitlines()
-    names = folder / PACKAGE / "algorithms" / "named_objectives.py"
+    names = folder / PACKAGE / "algorithms" / "options.py"
     inserted(names, line, '}\n"""All of them')
     inserted(names, imported, "\n\nclass NamedObjective")
     return folder

@@ -9,8 +9,7 @@ from tests.core.scenes import assert_holds
 
 from graspless_pin import maximize_margin
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.named_objectives import torque_objective
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import SolveOptions, torque_objective
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_search import WarmStart, solve_from
 from graspless_pin.modes.rules import Rules

@@ -8,8 +8,7 @@ from tests.core.random_scenes import general_scene, slope_scene
 from tests.core.scenes import random_problem
 
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
-from graspless_pin.algorithms.named_objectives import torque_objective
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import SolveOptions, torque_objective
 from graspless_pin.algorithms.warm_search import WarmStart, reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.objectives import Margin

@@ -14,8 +14,7 @@ from typing import Unpack
 import numpy as np
 
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.named_objectives import objective_named
-from graspless_pin.algorithms.options import Search, SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import Search, SolveKeywords, SolveOptions, objective_named
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.bounds import LARGEST_FRICTION

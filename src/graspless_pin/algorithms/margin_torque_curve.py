@@ -17,8 +17,12 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.named_objectives import TorqueScale, torque_objective
-from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import (
+    SolveKeywords,
+    SolveOptions,
+    TorqueScale,
+    torque_objective,
+)
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.kinematics import Requirement, mode_of, requirements_of, sign_pairs

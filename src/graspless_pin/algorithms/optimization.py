@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Unpack, overload
 
-from graspless_pin.algorithms.named_objectives import torque_objective
 from graspless_pin.algorithms.options import (
     DEFAULT_OPTIONS,
     SolveKeywords,
     SolveOptions,
     refuse_feedback_alone,
+    torque_objective,
 )
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import SlidingMode

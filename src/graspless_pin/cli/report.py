@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
-from graspless_pin.algorithms.named_objectives import AIMS
+from graspless_pin.algorithms.options import AIMS
 from graspless_pin.cli.outcome import (
     ControllerOption,
     ExitCode,

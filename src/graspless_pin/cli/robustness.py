@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
-from graspless_pin.algorithms.named_objectives import AIMS
+from graspless_pin.algorithms.options import AIMS
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors

@@ -12,8 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, ge
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
-from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, TorqueScale, figure_types
-from graspless_pin.algorithms.options import RequiredStability, Search
+from graspless_pin.algorithms.options import (
+    AIMS,
+    OBJECTIVES,
+    RequiredStability,
+    Search,
+    TorqueScale,
+    figure_types,
+)
 from graspless_pin.cli.outcome import (
     ControllerOption,
     exit_code,

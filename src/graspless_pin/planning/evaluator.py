@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.algorithms.named_objectives import objective_and_options, refuse_useless
-from graspless_pin.algorithms.options import SolveKeywords
+from graspless_pin.algorithms.options import SolveKeywords, objective_and_options, refuse_useless
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.attached_states import AttachedConfigurations

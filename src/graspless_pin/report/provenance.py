@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.named_objectives import asked_by
+from graspless_pin.algorithms.options import asked_by
 from graspless_pin.errors import SceneError
 from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.problem import QuasistaticProblem

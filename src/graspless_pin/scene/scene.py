@@ -15,8 +15,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.named_objectives import objective_and_options, refuse_useless
-from graspless_pin.algorithms.options import SolveOptions, refuse_feedback_alone
+from graspless_pin.algorithms.options import (
+    SolveOptions,
+    objective_and_options,
+    refuse_feedback_alone,
+    refuse_useless,
+)
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import (
     ArgumentError,

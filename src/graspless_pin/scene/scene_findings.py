@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.named_objectives import users_of
+from graspless_pin.algorithms.options import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, causes_first
 from graspless_pin.geometry.contact.contact_points import BodyKind

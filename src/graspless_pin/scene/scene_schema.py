@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, figure_types
+from graspless_pin.algorithms.options import AIMS, OBJECTIVES, figure_types
 from graspless_pin.bounds import MOST_CONE_EDGES
 from graspless_pin.errors import SceneError
 from graspless_pin.holding.controller import DAMPING

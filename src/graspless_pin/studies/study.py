@@ -14,7 +14,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
 
-from graspless_pin.algorithms.named_objectives import useless
+from graspless_pin.algorithms.options import useless
 from graspless_pin.caching import Bounded, is_alike
 from graspless_pin.errors import ArgumentError, SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes

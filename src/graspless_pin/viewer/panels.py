@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.named_objectives import OBJECTIVES, useless
+from graspless_pin.algorithms.options import OBJECTIVES, useless
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.holding.verdict_words import lead_and_words
 from graspless_pin.problem.checks import units_text

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from graspless_pin.algorithms.named_objectives import useless
+from graspless_pin.algorithms.options import useless
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.child_process import ChildProcess

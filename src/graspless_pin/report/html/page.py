@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.algorithms.named_objectives import OBJECTIVES
+from graspless_pin.algorithms.options import OBJECTIVES
 from graspless_pin.errors import optional_import
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
