@@ -15,9 +15,11 @@ relaxation first and then every maximal mode.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from graspless_pin.algorithms.direction_search import search_directions
+from graspless_pin.algorithms.formulation import NO_FRICTION
 from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import Search
@@ -29,9 +31,19 @@ from graspless_pin.algorithms.search_state import (
     optimality_tolerance,
     unsolved,
 )
-from graspless_pin.errors import OverrunError, UndecidedMotionError
+from graspless_pin.errors import ArgumentError, OverrunError, UndecidedMotionError
 from graspless_pin.modes.kinematics import feasible_modes
-from graspless_pin.modes.rules import SignRule
+from graspless_pin.modes.rules import SignRule, SlidingMode, required_contacts
+from graspless_pin.modes.sectors import (
+    WIDEST,
+    Exclusion,
+    Sector,
+    SectorMotions,
+    Sectors,
+    other_directions,
+)
+from graspless_pin.modes.virtual_motions import CLEARLY, RANK_TOLERANCE
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
 
@@ -155,6 +167,277 @@ def search_exhaustively(state: SearchState) -> Status:
         return state.ended(interrupted=True)
     state.raise_bound(smallest)
     return state.ended()
+
+
+_LEAST_OPTIMUM = 0.01
+"""Optima below this share of the load are found to the gap of this size."""
+_EXACT_HALF_WIDTH = 1e-8
+"""Half the width of a sector that is one direction up to rounding, rad."""
+_NARROWEST_SECTOR = 1e-7
+"""Sectors that no motion slides in are not looked at closer than this, rad."""
+_WIDTH_RATIO = 1.3
+"""The widest sectors without a motion are found up to this factor."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """A part of all answers.
+
+    Attributes:
+        sectors: Of the contacts that are presumed to virtually slide; None: any way.
+        released: Contacts without friction.
+    """
+
+    sectors: Sectors
+    released: frozenset[int]
+
+    def with_sector(self, contact: int, sector: Sector | None) -> _Node:
+        """Return the part of it in which a contact slides in a sector."""
+        return replace(self, sectors={**self.sectors, contact: sector})
+
+
+def search_directions(state: SearchState) -> Status:
+    """Find the optimum over all virtual motions, friction opposing each, to a proven gap.
+
+    Args:
+        state: The search to run, on a program with round cones.
+
+    Raises:
+        ArgumentError: If the program is not one of Algorithms 1 and 2, without a regularisation.
+    """
+    objective = state.formulation.objective
+    if objective.algorithm is None or objective.regularization > 0.0:
+        what = "a regularisation" if objective.algorithm else f"the objective {objective.name!r}"
+        raise ArgumentError(
+            "sign_rule",
+            f"is 'direction', which does not take {what}: only the largest margin and the smallest "
+            "torque without a regularisation; ask for 'strict', 'exact' or 'nonzero'",
+        )
+    answer = state.relax()
+    if answer.outcome is not Outcome.SOLVED:
+        return unsolved(answer, Status.INFEASIBLE_FORCES)
+    search = _DirectionSearch(state)
+    try:
+        return search.run(answer)
+    finally:
+        state.oracle.kinematic_programs += search.motions.programs
+
+
+class _DirectionSearch:
+    """Best-first branch and bound over sectors of directions, for the rule ``direction``.
+
+    A node gives sectors to some contacts and takes the friction from others. Its program lets
+    friction oppose any direction in the sector: an outer value. A virtual motion gives each contact
+    that it slides at one direction, and the program with friction opposite to these is an answer:
+    an inner value. Where no motion opposes the friction of a node's optimum, sectors about that
+    friction are widened as long as no motion slides in all of them. In every answer at least one of
+    those contacts slides in another direction or has no friction, which makes the children; no
+    other contact is looked at. All sectors lie about friction, so tangents play no part.
+
+    Attributes:
+        state: The best answer, the bound and the counters.
+        motions: Virtual motions in sectors.
+        always: Contacts in actual sliding that have to slide virtually, too.
+    """
+
+    def __init__(self, state: SearchState) -> None:
+        self.state, self._gap = state, state.options.direction_gap
+        self._formulation = state.formulation
+        self._cones = self._formulation.coordinates.layout.cones.tolist()
+        self.motions = SectorMotions(self._formulation.kinematics)
+        required = required_contacts(self._formulation.problem, state.rules)
+        self.always = np.flatnonzero(required).tolist()
+
+    def run(self, answer: Answer) -> Status:
+        """Search from the answer to the relaxation on."""
+        every = _Node(dict.fromkeys(self.always), frozenset())
+        root = self._split(every, answer, answer.bound)
+        return best_first(self.state, root, self._expand, self._closed)[0]
+
+    def _expand(self, node: _Node, before: float) -> Fathomed | Split[_Node]:
+        """Fathom or split a node, as `best_first` asks for."""
+        if isinstance(self.motions.find(node.sectors), Exclusion):
+            return Split(before, [])  # no motion slides so
+        self.state.nodes += 1
+        answer = self._solve(self._friction(node))
+        return self._split(node, answer, max(before, answer.bound))
+
+    def _closed(self, bound: float) -> bool:
+        """Whether nothing at or above a bound beats the best answer by more than the gap."""
+        return self._enough <= bound
+
+    @property
+    def _enough(self) -> float:
+        """A value that is worth no further search."""
+        best = self.state.best_value
+        return best - self._gap * max(abs(best), _LEAST_OPTIMUM) if np.isfinite(best) else np.inf
+
+    def _friction(self, node: _Node) -> Sectors:
+        """Return what a node says of contacts with friction."""
+        sectors = {one: node.sectors.get(one) for one in self._cones}
+        return {
+            one: sector
+            for one, sector in sectors.items()
+            if sector is not None or one in node.released
+        }
+
+    def _solve(self, friction: Sectors) -> Answer:
+        """Solve the program with friction opposite to sectors; None: without friction."""
+        state = self.state
+        state.force_programs += 1
+        answer = self._formulation.solve_along(friction, state.options.solver, cutoff=self._enough)
+        if answer.outcome is Outcome.FAILED:
+            state.unproven_bound = min(state.unproven_bound, answer.bound)
+        return answer
+
+    def _split(self, node: _Node, answer: Answer, bound: float) -> Fathomed | Split[_Node]:
+        """Keep what the node's optimum leads to; split the node where it is not an answer.
+
+        It is fathomed where nothing in it is better than what was kept by more than the gap.
+        """
+        if answer.outcome is not Outcome.SOLVED or self._closed(bound):
+            return Fathomed(bound)
+        state = self.state
+        state.modes_examined += 1
+        sliding_angles = self._sliding_angles(answer.x)
+        held = {contact: node.sectors[contact] for contact in self.always}
+        exact = {
+            contact: Sector(angle, _EXACT_HALF_WIDTH) for contact, angle in sliding_angles.items()
+        }
+        found = self.motions.find({**held, **exact})
+        if isinstance(found, Exclusion):
+            motion, sectors, exclusion, width = self._widest(node, sliding_angles, exact, found)
+            if motion is None or not self.motions.opposes(motion, sliding_angles):
+                if motion is not None:
+                    self._try(motion, sliding_angles)
+                if motion is None or state.modes_examined % _GUESS_EVERY == 1:
+                    self._guess(answer.x, sliding_angles)
+                if self._closed(answer.bound):
+                    return Fathomed(bound)
+                if width < _NARROWEST_SECTOR:
+                    state.unproven_bound = min(state.unproven_bound, answer.bound)
+                    return Fathomed(bound)
+                return Split(bound, self._resolving(node, sectors, exclusion, answer.x))
+        else:
+            motion = found
+        still = [one for one in self.always if one not in self.motions.directions(motion)]
+        if still:
+            return Split(bound, self._moved(node, still[0]))
+        self._keep(answer, motion, sliding_angles)
+        return Fathomed(bound)
+
+    def _sliding_angles(self, x: FloatArray) -> dict[int, float]:
+        """Angles of the sliding that the friction in x opposes, where there is friction."""
+        friction = x[self._formulation.cone_columns[0]]
+        with_friction = np.hypot(friction[:, 0], friction[:, 1]) > NO_FRICTION
+        angles = np.arctan2(-friction[:, 1], -friction[:, 0]).tolist()
+        return {one: angles[i] for i, one in enumerate(self._cones) if with_friction[i]}
+
+    def _widest(
+        self, node: _Node, sliding_angles: dict[int, float], exact: Sectors, exclusion: Exclusion
+    ) -> tuple[FloatArray | None, Sectors, Exclusion, float]:
+        """Widen sectors about the friction as long as no motion slides in all of them.
+
+        Returns:
+            A motion in sectors little wider, None if there is none in the widest; the sectors, why
+            no motion slides in them, and half the width of those little wider.
+        """
+        sectors, motion, low, high = exact, None, _EXACT_HALF_WIDTH, WIDEST
+        half = high
+        while high > _WIDTH_RATIO * low:
+            wider = dict(node.sectors)
+            for contact, angle in sliding_angles.items():
+                own = node.sectors.get(contact)
+                wider[contact] = Sector(angle, half) if own is None else own.around(angle, half)
+            found = self.motions.find(wider)
+            if isinstance(found, Exclusion):
+                low, sectors, exclusion = half, wider, found
+            else:
+                high, motion = half, found
+            half = (low * high**2) ** (1.0 / 3.0)
+        return motion, sectors, exclusion, high
+
+    def _resolving(
+        self, node: _Node, sectors: Sectors, exclusion: Exclusion, x: FloatArray
+    ) -> list[_Node]:
+        """Children that each take one contact out of an exclusion.
+
+        A child presumes that the contacts before its own slide in their sectors, so that no two
+        overlap.
+        """
+        columns = self._formulation.coordinates.tangent_columns
+        size = {
+            contact: float(np.hypot(*x[columns[contact]])) if contact in self._cones else 0.0
+            for contact in exclusion.touching
+        }
+        # First what can only be turned, then the largest friction: those children are worst.
+        order = sorted(size, key=lambda one: (one not in node.sectors, -size[one]))
+        children, rest = [], node
+        for contact in order:
+            own, part = node.sectors.get(contact), sectors.get(contact)
+            if contact not in node.sectors:
+                children.append(replace(rest, released=rest.released | {contact}))
+            if contact in exclusion.directed and part is not None:
+                others = other_directions(part) if own is None else own.beside(part)
+                children += [rest.with_sector(contact, other) for other in others]
+                own = part
+            rest = rest.with_sector(contact, own)
+        return children
+
+    def _moved(self, node: _Node, contact: int) -> list[_Node]:
+        """Children in which a contact slides somewhere, about its actual sliding."""
+        own, problem = node.sectors[contact], self._formulation.problem
+        if own is not None:
+            parts = own.halves
+        else:
+            along = problem.tangents[contact].T @ problem.sliding[contact]
+            ahead = Sector(float(np.arctan2(along[1], along[0])), np.pi / 3.0)
+            parts = (ahead, *other_directions(ahead))
+        return [node.with_sector(contact, part) for part in parts]
+
+    def _try(self, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
+        """Keep the best answer whose friction opposes a motion, if it is better.
+
+        Where the motion is as good as along the friction looked at, it is taken to be: rounding
+        turns slow slidings most.
+        """
+        angles, opposes = self.motions.directions(motion), self.motions.opposes
+        angles |= {
+            one: angle for one, angle in sliding_angles.items() if opposes(motion, {one: angle})
+        }
+        if not angles.keys() >= set(self.always):
+            return
+        sectors = {one: Sector(angles[one], 0.0) if one in angles else None for one in self._cones}
+        answer = self._solve(sectors)
+        if answer.outcome is Outcome.SOLVED:
+            self._keep(answer, motion, self._sliding_angles(answer.x))
+
+    def _guess(self, x: FloatArray, sliding_angles: dict[int, float]) -> None:
+        """Try the motion whose sliding opposes the friction in x best by least squares."""
+        contacts = [*sliding_angles, *self.always]
+        wanted = np.zeros((len(contacts), 2))
+        wanted[: len(sliding_angles)] = -x[
+            self._formulation.coordinates.tangent_columns[[*sliding_angles]]
+        ]
+        sliding, motion = self.motions.kinematics.nearest.sliding(tuple(contacts), wanted)
+        if sliding is not None:
+            self._try(motion, sliding_angles)
+
+    def _keep(self, answer: Answer, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
+        """Keep an answer and the motion behind it, if it is the best so far."""
+        state, kinematics = self.state, self.motions.kinematics
+        if answer.value >= state.best_value:
+            return
+        velocities = kinematics.rows @ motion
+        selection = np.zeros(len(velocities), dtype=bool)
+        selection[[*sliding_angles, *self.always]] = True
+        size, along = float(np.linalg.norm(velocities)), velocities[:, 1:]
+        moves = selection[:, None] & (np.abs(along) > RANK_TOLERANCE * size)
+        slowest = np.linalg.norm(along[selection], axis=1).min(initial=np.inf)
+        is_clear = bool(slowest >= CLEARLY * kinematics.threshold * size)
+        signs = np.where(moves, np.sign(along), 0.0).astype(np.int8)
+        mode = SlidingMode.unchecked(selection, signs)
+        state.keep(answer, FoundMode(mode, motion, is_clear))
 
 
 def search_modes(state: SearchState) -> Status:
