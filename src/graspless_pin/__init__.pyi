@@ -17,8 +17,10 @@ from .algorithms.force_bounds import contact_force_bounds as contact_force_bound
 from .algorithms.gradients import Gradients as Gradients
 from .algorithms.gradients import MarginSensitivity as MarginSensitivity
 from .algorithms.gradients import OptimumGradients as OptimumGradients
+from .algorithms.gradients import UncertaintyGradients as UncertaintyGradients
 from .algorithms.gradients import margin_sensitivity as margin_sensitivity
 from .algorithms.gradients import optimum_gradients as optimum_gradients
+from .algorithms.gradients import uncertainty_gradients as uncertainty_gradients
 from .algorithms.margin_torque_curve import MarginTorqueCurve as MarginTorqueCurve
 from .algorithms.margin_torque_curve import margin_torque_curve as margin_torque_curve
 from .algorithms.optimization import maximize_margin as maximize_margin
@@ -33,8 +35,6 @@ from .algorithms.tolerances import Tolerance as Tolerance
 from .algorithms.tolerances import Tolerances as Tolerances
 from .algorithms.tolerances import tolerances as tolerances
 from .algorithms.uncertainty import Uncertainty as Uncertainty
-from .algorithms.uncertainty_gradients import UncertaintyGradients as UncertaintyGradients
-from .algorithms.uncertainty_gradients import uncertainty_gradients as uncertainty_gradients
 from .algorithms.what_would_hold import HoldingChange as HoldingChange
 from .algorithms.what_would_hold import HoldingChanges as HoldingChanges
 from .algorithms.what_would_hold import what_would_hold as what_would_hold
