@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import clarabel as compiled_clarabel
@@ -57,124 +55,63 @@ def by_clarabel(program: Program, inequalities: Sequence[MatrixInequality] = ())
         inequalities: Further ones, of its first columns; nothing tells their multipliers.
     """
     low, high = program.sides
-    m, n = len(program.b), len(program.c)
-    ends = np.concatenate([high, -low, program.ub, -program.lb])
-    form = _form_of(
-        program.pattern,
-        (m, len(low) - m, n, program.cone_count),
-        np.isfinite(ends).tobytes(),
-        ((program.lb == 0.0) & (program.ub == 0.0)).tobytes(),
-    )
-    matrix = copy(form.matrix)
-    matrix.data = form.signs * np.append(program.rows.T.ravel(), 1.0)[form.places]
-    curved = form.unit if program.is_linear else scipy.sparse.diags_array(program.P[form.kept])
-    sides, cones = ends[form.sides], form.cones
-    if inequalities:
-        rows = [_semidefinite(one, n, form.kept) for one in inequalities]
-        matrix = scipy.sparse.csc_array(scipy.sparse.vstack([matrix, *(row for row, _ in rows)]))
-        sides = np.concatenate([sides, *(side for _, side in rows)])
-        cones = cones + [clarabel.PSDTriangleConeT(len(one.constant)) for one in inequalities]
-    solver = clarabel.DefaultSolver(
-        curved.tocsc(), program.c[form.kept], matrix, sides, cones, _SETTINGS
-    )
-    solution = solver.solve()
-    x, z = np.zeros(n), np.array(solution.z)
-    x[form.kept] = solution.x
-    weights: Any = np.bincount(form.rows, form.row_signs * z[form.of_rows], len(low))
+    m, count = len(program.b), len(low)
+    kept = np.flatnonzero((program.lb != 0.0) | (program.ub != 0.0))
+    ends = np.concatenate([high, -low, program.ub[kept], -program.lb[kept]])
+    # Upper sides first (equalities have no other), then lower ones, bounds, and the cones' rows.
+    conic = np.arange(count - 3 * program.cone_count, count)
+    there = np.isfinite(ends)
+    there[count : count + m] = there[conic] = there[count + conic] = False
+    picked = np.append(np.flatnonzero(there), count + conic)
+    matrix = _rows_and_bounds(program.rows[:, kept], picked)
+    further = [_semidefinite(one, len(program.c)) for one in inequalities]
+    if further:
+        matrix = scipy.sparse.vstack([matrix, *(one[:, kept] for one, _ in further)], "csc")
+    cones = [clarabel.ZeroConeT(m), clarabel.NonnegativeConeT(len(picked) - m - len(conic))]
+    cones += [clarabel.SecondOrderConeT(3)] * program.cone_count
+    cones += [clarabel.PSDTriangleConeT(len(one.constant)) for one in inequalities]
+    solution = clarabel.DefaultSolver(
+        scipy.sparse.csc_array(np.diag(program.P[kept])),
+        program.c[kept],
+        matrix,
+        np.concatenate([ends[picked], *(side for _, side in further)]),
+        cones,
+        _SETTINGS,
+    ).solve()
+    x, z = np.zeros(len(program.c)), np.zeros(len(ends))
+    x[kept], z[picked] = solution.x, solution.z[: len(picked)]
+    weights = z[:count] - z[count : 2 * count]
     return np.minimum(np.maximum(x, program.lb), program.ub), weights[:m], weights[m:]
 
 
-def _semidefinite(
-    inequality: MatrixInequality, count: int, kept: NDArray[np.int_]
-) -> tuple[Any, FloatArray]:
+def _rows_and_bounds(rows: FloatArray, picked: NDArray[np.int_]) -> Any:
+    """Return some of the rows, of minus the rows, and likewise of bounds, in compressed columns."""
+    count, n = rows.shape
+    row, column = np.nonzero(rows)
+    every, values = np.arange(n), rows[row, column]
+    place = np.full(2 * (count + n), -1)
+    place[picked] = np.arange(len(picked))
+    where = place[np.concatenate([row, count + row, 2 * count + every, 2 * count + n + every])]
+    columns = np.concatenate([column, column, every, every])
+    signed = np.concatenate([values, -values, np.ones(n), -np.ones(n)])
+    there = where >= 0
+    return scipy.sparse.csc_array(
+        (signed[there], (where[there], columns[there])), shape=(len(picked), n)
+    )
+
+
+def _semidefinite(inequality: MatrixInequality, count: int) -> tuple[FloatArray, FloatArray]:
     """Return rows and sides of one inequality: the upper triangle, column by column, times sqrt 2.
 
     Args:
         inequality: The inequality.
         count: Columns of the program.
-        kept: Those that Clarabel gets.
     """
     lower = np.tril_indices(len(inequality.constant))  # of a symmetric matrix: the same entries
     weights = np.where(lower[0] == lower[1], 1.0, np.sqrt(2.0))
     rows = np.zeros((len(weights), count))
     rows[:, : len(inequality.coefficients)] = -(inequality.coefficients[:, *lower] * weights).T
-    return scipy.sparse.csc_array(rows[:, kept]), inequality.constant[lower] * weights
-
-
-class _Form(NamedTuple):
-    """Programs of one structure as Clarabel takes them: matrix x + s = sides, s in its cones.
-
-    Attributes:
-        kept: Columns that are not fixed at zero.
-        matrix: (r, k) in compressed columns; its data are of no program.
-        places: Where its data stand among the columns of all rows, and a one.
-        signs: What they are multiplied by.
-        sides: (r,) places of its sides among upper and minus lower sides, then bounds.
-        cones: Clarabel's.
-        of_rows: Which of its rows are of the program's.
-        rows: Rows of the program that these stand for.
-        row_signs: 1 on upper sides, -1 on lower ones.
-        unit: (k, k) without entries.
-    """
-
-    kept: NDArray[np.int_]
-    matrix: Any
-    places: NDArray[np.int_]
-    signs: FloatArray
-    sides: NDArray[np.int_]
-    cones: list[Any]
-    of_rows: NDArray[np.int_]
-    rows: NDArray[np.int_]
-    row_signs: FloatArray
-    unit: Any
-
-
-@lru_cache(maxsize=32)
-def _form_of(pattern: bytes, sizes: tuple[int, int, int, int], ends: bytes, fixed: bytes) -> _Form:
-    """Return the form of programs of one structure.
-
-    Args:
-        pattern: See `Program.pattern`.
-        sizes: Equalities, other rows, columns and second-order cones.
-        ends: Which upper sides, lower sides, upper bounds and lower bounds there are.
-        fixed: Which columns are fixed at zero.
-    """
-    m, k, n, cones = sizes
-    count, flat = m + k, m + k - 3 * cones
-    bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=count * n)
-    filled = bits.reshape(count, n).astype(bool)
-    there = np.frombuffer(ends, dtype=bool).copy()
-    kept = np.flatnonzero(~np.frombuffer(fixed, dtype=bool))
-    # Upper sides first (equalities have no other), then lower ones, bounds, and the cones' rows.
-    there[count : count + m] = False
-    conic = count + np.arange(flat, count)
-    there[flat:count] = there[conic] = False
-    free = np.flatnonzero(np.frombuffer(fixed, dtype=bool))
-    there[2 * count + free] = there[2 * count + n + free] = False
-    sides = np.concatenate([np.flatnonzero(there), conic])
-    # Of each row of the matrix: the entries' places and signs.
-    above = sides < count
-    lower = ~above & (sides < 2 * count)
-    entries = np.zeros((len(sides), n), dtype=bool)
-    source = np.full((len(sides), n), count * n)
-    columns = count * np.arange(n)
-    of_rows = np.flatnonzero(above | lower)
-    rows = sides[of_rows] % count
-    entries[of_rows], source[of_rows] = filled[rows], columns + rows[:, None]
-    of_bounds = np.flatnonzero(sides >= 2 * count)
-    entries[of_bounds, (sides[of_bounds] - 2 * count) % n] = True
-    sign = np.where(above | ((sides >= 2 * count) & (sides < 2 * count + n)), 1.0, -1.0)
-    order = entries[:, kept].T
-    owner = np.nonzero(order)[1]
-    starts = np.concatenate([[0], np.cumsum(order.sum(axis=1))])
-    matrix = scipy.sparse.csc_array((np.ones(len(owner)), owner, starts), shape=order.T.shape)
-    kinds: list[Any] = [clarabel.ZeroConeT(m)]
-    kinds += [clarabel.NonnegativeConeT(len(sides) - m - 3 * cones)]
-    kinds += [clarabel.SecondOrderConeT(3)] * cones
-    return _Form(
-        kept, matrix, source[:, kept].T[order], sign[owner], sides, kinds, of_rows, rows,
-        sign[of_rows], scipy.sparse.csc_array((len(kept), len(kept))),
-    )  # fmt: skip
+    return rows, inequality.constant[lower] * weights
 
 
 def _settings(tolerance: float, *, refined: bool = False) -> Any:
