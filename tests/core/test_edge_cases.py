@@ -9,6 +9,7 @@ from scenes import scene
 
 from graspless_pin import (
     QuasistaticProblem,
+    Status,
     contact_force_bounds,
     explain,
     margin_torque_curve,
@@ -18,6 +19,8 @@ from graspless_pin import (
 from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import real_number
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
 
 
 def pinch(limit: float = 10.0, friction: float = 0.0, **options: Any) -> QuasistaticProblem:
@@ -48,6 +51,43 @@ def test_without_a_load_the_required_margin_is_the_scale(margin, reach):
     assert solution.found
     assert solution.certificate.force_reach == pytest.approx(reach)
     assert maximize_margin(pinch(1e9, 0.5)).certificate.force_reach == 1e9
+
+
+@pytest.mark.parametrize("cone", ["edges", "round"])
+@pytest.mark.parametrize("wrench", [(0, 0, -10, 0, 1.2, 0), (0, 0, 10, 0, 0, 0)])
+@pytest.mark.parametrize("friction", [1e-2, 1e-4, 1e-7, 1e-8, 1e-12, 1e-16, 0.0])
+def test_however_little_friction_there_is_no_contact_pulls(friction, wrench, cone):
+    """A box tips where a moment is larger than its weight on a lever, and is lifted off."""
+    feet = [(x, y, -0.05) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    problem = QuasistaticProblem(feet, [[0.0, 0.0, 1.0]] * 4, wrench, friction=friction, cone=cone)
+    for two in (friction, [friction, friction, 0.5, 0.5]):
+        own = problem.with_changes(friction=two)
+        for solution in (maximize_margin(own), minimize_torque(own, 0.0)):
+            assert solution.status is Status.INFEASIBLE_FORCES
+            assert verify_document(solution_document(solution)).passed
+
+
+@pytest.mark.parametrize("friction", [1e-3, 9e-4, 1e-6])
+def test_the_margin_of_narrow_cones_is_known(friction):
+    """Each of four feet has a quarter of the weight, mu / sqrt(1 + mu^2) of it to its cone."""
+    feet = [(x, y, -0.05) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    problem = QuasistaticProblem(
+        feet, [[0.0, 0.0, 1.0]] * 4, [0, 0, -10.0, 0, 0, 0], friction=friction, cone="round"
+    )
+    solution = maximize_margin(problem, static_friction="coulomb")
+    wanted = 2.5 * friction / np.hypot(1.0, friction)
+    assert solution.margin == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+    assert verify_document(solution_document(solution)).passed
+
+
+@pytest.mark.parametrize("shift", [0.010169491525423728, 0.02, 0.031])
+def test_a_margin_that_was_found_can_be_asked_for(shift):
+    """The centre of mass is on the line between two of three feet: the third bears nothing."""
+    feet = [[-0.1, -0.1 * (1 + shift), -0.05], [0.1, 0.1 * (1 + shift), -0.05], [-0.1, 0.1, -0.05]]
+    problem = QuasistaticProblem(feet, [[0.0, 0.0, 1.0]] * 3, [0, 0, -9.81, 0, 0, 0], friction=0.4)
+    best = maximize_margin(problem)
+    assert 0.0 <= best.margin == pytest.approx(0.0, abs=1e-8)
+    assert minimize_torque(problem, best.margin).found
 
 
 def test_only_the_external_force_is_held_against_the_smallest_limit():

@@ -9,7 +9,9 @@ import pytest
 from cases import GRAVITY, HALF, box_inertia
 from tests.oracles.kept_cases import compared
 
-from graspless_pin import QuasistaticProblem, Stability, StabilityVerdict, stability
+from graspless_pin import QuasistaticProblem, Stability, StabilityVerdict, load_scene, stability
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
 
 FORWARD = (0.1, 0.0, 0.0)
 
@@ -176,3 +178,42 @@ def test_verdicts_agree_with_the_enumeration_of_contact_states(contacts: int, nu
     status, fault = compared(contacts, 6, number)
     assert fault == ""
     assert status != "undecided"
+
+
+PINCHED = """
+friction: {hand: 0.8, supports: 0.4}
+hand:
+  mounts:
+    - prefix: left/
+      robot: lever_100mm
+      base_pose: {position: [0, -0.03, 0.13], rpy: [3.1415927, 1.5707963, 0]}
+    - prefix: right/
+      robot: lever_100mm_mirrored
+      base_pose: {position: [0, 0.03, 0.13], rpy: [0, 1.5707963, 0]}
+object:
+  shape: {type: box, size: [0.06, 0.06, 0.06]}
+  mass: 0.3
+  pose: {position: [0, 0, 0.03]}
+"""
+TABLE = "supports: [{name: table, shape: {type: half_space}}]\n"
+
+
+@pytest.mark.parametrize(
+    "motion", ["linear: [0, 0, 0.05]", "linear: [0, 0, 0.02], angular: [0, 0.1, 0]"]
+)
+def test_contacts_that_a_motion_parts_have_no_part_in_small_motions(tmp_path, motion) -> None:
+    """A block that is lifted off a table stays in its pinch as one that hangs there alone."""
+    file = tmp_path / "scene.yaml"
+    verdicts = []
+    for below in (TABLE + f"motion: {{object_twist: {{{motion}}}}}\n", ""):
+        file.write_text(PINCHED + below)
+        scene = load_scene(file)
+        solution = scene.solve()
+        verdicts.append(scene.stability(solution.torques))
+        assert verify_document(solution_document(solution, scene, verdicts[-1])).passed
+    lifted, hanging = verdicts
+    assert lifted.status is hanging.status is Stability.STRONG
+    assert lifted.holding is hanging.holding
+    assert lifted.growth_rate == pytest.approx(hanging.growth_rate, abs=1e-6)
+    assert lifted.stiffness_needed == pytest.approx(hanging.stiffness_needed, rel=1e-6)
+    assert lifted.small_motions is not None and lifted.small_motions.proofs

@@ -141,6 +141,13 @@ def test_what_slides_is_refused() -> None:
         what_would_hold(pressed_on_wall(), [])
 
 
+def test_the_command_line_names_the_motion_by_which_contacts_slide() -> None:
+    result = run("robustness", "examples/trihand_push_box.yaml")
+    assert result.exit_code == 2
+    assert "trihand_push_box.yaml: motion: contacts slide by the declared motion" in result.stderr
+    assert "leave the key out" in result.stderr
+
+
 def test_the_command_line_lists_the_gaps_of_what_is_relied_on(tmp_path: Path) -> None:
     file = tmp_path / "scene.yaml"
     file.write_text(LINES.replace("position: [0, 0, 0]", "position: [0, 0, 2.0e-4]"))

@@ -119,6 +119,9 @@ LOADING = {
         ),
         "{values: [a], unit: '1'}": ".unit: goes with numbers only",
         "{values: [1], unit: kg}": ": 'kg' is no unit of plain numbers; needs 1",
+        "{values: [1], unit: g, key: object.mas}": (
+            ".key: object.mas: unknown key; did you mean 'mass'?"
+        ),
         "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}": (
             "set: its keys are measured in different units: object.mass (mass), gravity.0 "
             "(acceleration)"

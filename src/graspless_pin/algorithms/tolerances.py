@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Unpack
@@ -23,6 +23,7 @@ from graspless_pin.algorithms.robust_torques import Feedback, joint_stiffness
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.uncertain_members import (
     Weight,
+    member_at,
     members_of,
     nominal_member,
     weight_of_arrays,
@@ -31,8 +32,15 @@ from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertaint
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, one_of, read_only
-from graspless_pin.problem.members import feedback_torques, under_commands
+from graspless_pin.problem.checks import (
+    FloatArray,
+    JointUnit,
+    finite_array,
+    one_of,
+    read_only,
+    units_text,
+)
+from graspless_pin.problem.members import Corner, Member, feedback_torques, under_commands
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.solution.active_limits import limiting_contacts
@@ -179,14 +187,14 @@ class Tolerances(Brief):
             names = [self.problem.joint_names[joint] for joint in one.joints]
             where = ", ".join([*map(str, one.contacts), *names])
             far = f"{one.deflection:.2g} {unit}" if one.deflection > _CERTAIN else ""
-            figures = _figures(one)
+            figures = self._figures(one)
             rows.append((one.quantity, *figures, self._way(one), where, far))
         headers = ("off", "borne", "fails at", "direction", _WHERE, "joints give way")
         given = len(headers) - (not any(row[-1] for row in rows))
         headers, rows = headers[:given], [row[:given] for row in rows]
         if not self.attainable:
             return headers, rows
-        chosen = [(*_figures(one), one.why) for one in self.attainable]
+        chosen = [(*self._figures(one), one.why) for one in self.attainable]
         rows = [(*row, *more) for row, more in zip(rows, chosen, strict=True)]
         return (*headers, "attainable", "none from", "why"), rows
 
@@ -199,12 +207,18 @@ class Tolerances(Brief):
             return f"{self.problem.joint_names[joint]} {more}"
         return f"[{', '.join(f'{x:+.2f}' for x in one.direction.tolist())}]"
 
-
-def _figures(one: Tolerance | AttainableTolerance) -> tuple[str, str]:
-    """Return how much is borne, and what is not, in the unit that people think in."""
-    scale, unit = one.quantity.scale, one.quantity.unit
-    fails = f"{_digits(scale * one.failing)} {unit}" if np.isfinite(one.failing) else "none found"
-    return f"{_digits(scale * one.borne)} {unit}", fails
+    def _figures(self, one: Tolerance | AttainableTolerance) -> tuple[str, str]:
+        """Return how much is borne, and what is not, in the unit that people think in."""
+        scale, unit = one.quantity.scale, one.quantity.unit
+        if one.quantity is Quantity.JOINT:
+            units = self.problem.joint_units
+            if isinstance(one, Tolerance) and one.direction is not None:  # of the joint that fails
+                units = [units[int(np.abs(one.direction).argmax())]]
+            unit = units_text(units)
+        fails = (
+            f"{_digits(scale * one.failing)} {unit}" if np.isfinite(one.failing) else "none found"
+        )
+        return f"{_digits(scale * one.borne)} {unit}", fails
 
 
 def _digits(value: float) -> str:
@@ -444,29 +458,60 @@ class _Search:
     def _bisected(self, quantity: Quantity, of: str, weight: Weight, most: float) -> Tolerance:
         """Return how large one figure of an `Uncertainty` may be."""
 
-        def worst_at(figure: float) -> tuple[float, int]:
-            members = members_of(self.problem, Uncertainty(**{of: figure}), weight)
-            margins = member_margins(
-                members, self.torques, self.how, NO_LIMITS, directions=self.directions
-            )
-            return float(margins.min()), int(margins.argmin())
+        def members(figure: float) -> tuple[Member, ...]:
+            return members_of(self.problem, Uncertainty(**{of: figure}), weight)
 
-        low, high = 0.0, most
-        least = -_CERTAIN * self.problem.scales.force
-        last = np.nextafter(most, 0.0)
-        if worst_at(last)[0] >= least:
-            return Tolerance(quantity, most, np.inf)
+        low, high, _ = self._bracket(members, 0.0, most)
+        told: dict[str, Any] = {}
+        if quantity is Quantity.TILT and np.isfinite(high):
+            # The set has a polygon for the circle of tilts: what fails in it may be outside.
+            ways = polygon(_AROUND) @ np.linalg.svd(weight.down[None])[2][1:]
+            _, high, worst = self._bracket(lambda tilt: self._tilted(weight, tilt, ways), low, most)
+            told = {"direction": read_only(ways[worst])} if np.isfinite(high) else {}
+        if np.isfinite(high) and self.stiffness is not None:
+            told["deflection"] = np.nan
+        return Tolerance(quantity, low, high, **told)
+
+    def _tilted(self, weight: Weight, tilt: float, ways: FloatArray) -> list[Member]:
+        """Return members whose gravity is tilted towards each of (K, 3) directions across it."""
+        still, count = np.zeros(3), self.problem.contact_count
+        right = np.zeros(self.problem.joint_count)
+        return [
+            member_at(
+                self.problem, weight,
+                Corner(0.0, still, np.sin(tilt) * way + np.cos(tilt) * weight.down, still, still,
+                       np.zeros(count)),
+                right, right,
+            )
+            for way in ways
+        ]  # fmt: skip
+
+    def _bracket(
+        self, members: Callable[[float], Sequence[Member]], low: float, most: float
+    ) -> tuple[float, float, int]:
+        """Bisect between a figure that is borne and the largest.
+
+        Returns:
+            A figure that is borne; one at which a member has no forces, inf where none fails; and
+            the number of that member.
+        """
+
+        def worst_at(figure: float) -> tuple[bool, int]:
+            margins = member_margins(
+                members(figure), self.torques, self.how, NO_LIMITS, directions=self.directions
+            )
+            fails = not margins.min() >= -_CERTAIN * self.problem.scales.force
+            return fails, int(margins.argmin())
+
+        high = float(np.nextafter(most, 0.0))
+        fails, worst = worst_at(high)
+        if not fails:
+            return most, np.inf, worst
         while high - low > max(0.5 * _CLOSE * high, 1e-4 * most):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if worst_at(middle)[0] >= least else (low, middle)
-        failed = members_of(self.problem, Uncertainty(**{of: min(high, last)}), weight)
-        change = failed[worst_at(min(high, last))[1]].problem.external_wrench[:3]
-        change = change - self.problem.external_wrench[:3]
-        size = float(np.linalg.norm(change))
-        way = read_only(change / size) if size > 0.0 and quantity is Quantity.TILT else None
-        return Tolerance(
-            quantity, low, high, way, deflection=0.0 if self.stiffness is None else np.nan
-        )
+            fails, number = worst_at(middle)
+            low, high, worst = (low, middle, number) if fails else (middle, high, worst)
+        return low, high, worst
 
 
 def _corners(ends: FloatArray) -> FloatArray:

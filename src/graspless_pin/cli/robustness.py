@@ -14,10 +14,12 @@ from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors
 from graspless_pin.cli.solve import asking_by_name, solved_scene
+from graspless_pin.errors import SceneError
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
+from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.tree_search import Limits
@@ -28,7 +30,7 @@ _RANGES_TIME = 10.0  # s; by then most free rays are found
 
 @asking_by_name
 def robustness_scene(
-    scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML), at rest.")],
     algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,
     controller: ControllerOption = None,
     nodes: Annotated[
@@ -54,6 +56,11 @@ def robustness_scene(
         if why := unknown_of(loaded):
             typer.echo(why)
             raise typer.Exit(ExitCode.INFEASIBLE)
+        if solution.problem.is_sliding.any():
+            raise SceneError(
+                f"{label_of(loaded)}: motion: contacts slide by the declared motion, and what "
+                "certainly holds is known of rest alone; leave the key out to ask for rest"
+            )
         with waiting_for("trying errors of torques, and rest without each contact"):
             limits = Limits.from_now(nodes, time_limit)
             found = robustness(

@@ -391,6 +391,8 @@ cdef class PaperPrograms(KeptArrays):
             at = self.point[c]
             total += at
             residual = max(residual, at - self.bounds[n + 1 + c], self.bounds[c] - at)
+            if c < n and self.axes[c] % 3 == 0:  # the faces of a narrow cone tell less
+                residual = max(residual, -at)
             if slope[c] >= 0.0:
                 bound += slope[c] * max(self.box[c], self.bounds[c])
             else:

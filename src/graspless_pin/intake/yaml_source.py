@@ -260,6 +260,28 @@ def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bo
     return "integer" in kinds and "number" not in kinds
 
 
+def unknown_key(data: Any, model: type[BaseModel], location: Location) -> str:
+    """Return that a location is none of a file, with the keys that there are; empty: it is one.
+
+    Args:
+        data: What the file says above it.
+        model: What it is checked against.
+        location: Of the key.
+    """
+    known = _known_keys(_json_schema(model), data, location)
+    # Where names are free, the schema has no keys.
+    return "" if not known or location[-1] in known else _unknown(location, known)
+
+
+def _known_keys(schema: Node, data: Any, location: Location) -> list[str]:
+    """Return the keys that may stand beside a location, sorted."""
+    return sorted({key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)})
+
+
+def _unknown(location: Location, known: list[str]) -> str:
+    return f"unknown key; {names_in_words(str(location[-1]), known)}"
+
+
 def _mistakes(
     data: Any, error: ValidationError, model: type[BaseModel], kind: FileKind
 ) -> Iterator[tuple[Location, str]]:
@@ -279,10 +301,7 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any, kind: FileK
     if fault == "value_error":
         return item["msg"].removeprefix("Value error, ")
     if fault == "extra_forbidden":
-        known = sorted(
-            {key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)}
-        )
-        return f"unknown key; {names_in_words(str(location[-1]), known)}"
+        return _unknown(location, _known_keys(schema, data, location))
     if fault == "invalid_key" or parts[-1:] == ("[key]",):
         found = reprlib.repr(item["input"])
         if isinstance(item["input"], str):

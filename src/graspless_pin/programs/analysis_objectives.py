@@ -254,7 +254,7 @@ class LimitRelief(Objective):
             program.rows(
                 name, sign * forces.balance_rows, sign * forces.wrench, {s: -float(self.wrench)}
             )
-        program.bound_normals(np.where(forces.without_cone, margin, -np.inf), np.inf)
+        program.bound_normals(np.where(forces.held_above_zero, margin, -np.inf), np.inf)
 
     def _given(self, forces: ForceRows) -> tuple[FloatArray, FloatArray]:
         """(L,) by how much the upper and the lower torque limits give way."""

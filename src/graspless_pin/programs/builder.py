@@ -196,7 +196,8 @@ class ProgramBuilder:
         """Keep normal forces a margin away from both ends (36).
 
         With a column: blocks ``normal_upper`` and, where there is no cone, ``normal_lower``; with a
-        number: bounds of the columns, named ``normal``.
+        number: bounds of the columns, named ``normal``. Narrow cones have lower bounds, too, which
+        boxes of proofs imply.
 
         Args:
             margin: A column, or the margin over F.
@@ -205,9 +206,11 @@ class ProgramBuilder:
         forces = self.forces
         level = 1.0 if weights is None else weights
         if not isinstance(margin, Columns):
-            low = np.where(forces.without_cone, margin * level, -np.inf)
+            low = np.where(forces.held_above_zero, margin * level, -np.inf)
             self.bound_normals(low, forces.limit - margin * level)
             return
+        columns = forces.coordinates.normal_columns
+        self._bounds[0][0, columns[forces.held_above_zero & ~forces.without_cone]] = 0.0
         unit, without_cone = forces.coordinates.force_scale, np.flatnonzero(forces.without_cone)
         strict = forces.coordinates.strictness
         self.rows(

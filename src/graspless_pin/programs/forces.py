@@ -26,6 +26,8 @@ from graspless_pin.problem.quasistatic import contact_map
 from graspless_pin.problem.scales import Strictness, passive_levers
 from graspless_pin.programs.program import FARTHEST
 
+NARROW = 1e-3
+"""Friction below which the faces of a cone, met to a tolerance, let contacts pull too far."""
 _FRAME = np.arange(3)
 _LAYOUTS_KEPT = 16
 
@@ -325,6 +327,14 @@ class ForceRows:
     def normal_rows(self) -> FloatArray:
         """(M, n) n^T f / F."""
         return self.coordinates.layout.normal_rows
+
+    @property
+    def held_above_zero(self) -> NDArray[np.bool_]:
+        """(M,) contacts whose normal forces no cone keeps above zero, or a narrow one only nearly.
+
+        Its faces h^T f <= 0 are met to a tolerance, normal forces to that over the friction.
+        """
+        return self.without_cone | (self.problem.friction < NARROW)
 
     @property
     def without_cone(self) -> NDArray[np.bool_]:

@@ -123,9 +123,10 @@ def minimum_stiffness(
 ) -> MinimumStiffness:
     """Find the smallest position feedback with which a scene's rest is stable to second order.
 
-    The object is at rest under constant torques, without the declared motion, and its contacts
-    roll without slipping as far as they go: whether rest can be left by slipping or opening is
-    another question. Joints that carry no touching link are held.
+    The object is at rest under constant torques, and its contacts roll without slipping as far as
+    they go: whether rest can be left by slipping or opening is another question. Contacts that the
+    declared motion parts bear nothing; one along which contacts slide is left out. Joints that
+    carry no touching link are held.
 
     Args:
         scene: The scene.
@@ -313,8 +314,10 @@ def _by_surface(
         ArgumentError: See `minimum_stiffness`.
         SceneError: See `minimum_stiffness`.
     """
-    scene = scene.with_changes(motion=None)
     problem = problem_of(scene)
+    if problem.is_sliding.any():
+        scene = scene.with_changes(motion=None)
+        problem = problem_of(scene)
     torque = motor_torques(problem.joint_names, torques)
     problem = rest_problem(scene, problem, torque)
     found = balance(problem, torque)

@@ -43,6 +43,7 @@ from graspless_pin.solution.tables import (
 from graspless_pin.suggestions import what_to_pass
 
 _NO_MARGIN = 1e-6  # of the load
+_ROUNDING = 1e-7  # of the load
 
 
 class HasFindings(Protocol):
@@ -310,8 +311,14 @@ class TorqueSolution:
 
     @property
     def margin(self) -> float:
-        """The margin e that the contact forces keep, (36) and (42), N; NaN where none was found."""
-        return self.problem.margin_of(self.contact_forces) if self.found else math.nan
+        """The margin e that the contact forces keep, (36) and (42), N; NaN where none was found.
+
+        Zero is none that rounding has left below: it can be asked for again.
+        """
+        if not self.found:
+            return math.nan
+        margin, least = self.problem.margin_of(self.contact_forces), self.problem.scales.force
+        return 0.0 if -_ROUNDING * least < margin < 0.0 else margin
 
     @property
     def max_torque(self) -> float:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, StudyError
 from graspless_pin.geometry.poses import invert, pose_matrix, rigid, transformed
-from graspless_pin.intake.yaml_source import Location, is_whole_number
+from graspless_pin.intake.yaml_source import Location, is_whole_number, unknown_key
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.keys import Tree, place_key, put
@@ -261,18 +262,24 @@ def make_variable(
         named = [f"{item[0]} ({' or '.join(k)})" for item, k in zip(keys, kinds, strict=True)]
         listed = ", ".join(named)
         raise fail("set", f"its keys are measured in different units: {listed}; give factors")
+    if entry.unit is not None and shared == (ANY,):
+        for (key, *_), (location, *_) in zip(keys, targets, strict=True):
+            if unknown := unknown_key(tree, _model_of(location), location):
+                raise fail("set" if sets else "key", f"{key}: {unknown}")
     offsets = [offset_key(location, UNITS.get(entry.unit or "")) for location, _, _ in targets]
     advice = next((f"; the key in {entry.unit} is uncertainty.{key}" for key in offsets if key), "")
     unit, is_whole = _unit(entry, shared, fail, advice), entry.values is None
-    is_whole = is_whole and any(_is_whole(tree, location) for location, _, _ in targets)
+    is_whole = is_whole and any(
+        is_whole_number(tree, _model_of(location), location) for location, _, _ in targets
+    )
     if is_whole:
         _check_whole(entry, fail)
     return Variable(name, entry, unit, tuple(targets), is_whole)
 
 
-def _is_whole(tree: Tree, location: Location) -> bool:
-    model = PosingEntry if location[0] in PosingEntry.model_fields else SceneEntry
-    return is_whole_number(tree, model, location)
+def _model_of(location: Location) -> type[BaseModel]:
+    """Return by which schema a key is checked."""
+    return PosingEntry if location[0] in PosingEntry.model_fields else SceneEntry
 
 
 def _check_whole(entry: VariableEntry, fail: Callable[..., GrasplessPinError]) -> None:
