@@ -266,3 +266,14 @@ def test_what_explains_an_error_stands_above_it(tmp_path, old, new, cause):
     told = solve_text(tmp_path, spoilt(old, new)).stderr
     assert "overlap by" in told.partition("error: ")[2]
     assert cause in told.partition("error: ")[0]
+
+
+def test_a_misspelt_key_comes_before_what_is_missing_because_of_it(tmp_path):
+    told = solve_text(tmp_path, spoilt(FRICTION, "frction: 0.3")).stderr.splitlines()
+    assert "frction: unknown key; did you mean 'friction'?" in told[0]
+    assert "friction: is missing" in told[1]
+
+
+def test_an_mjcf_is_named_as_a_urdf_is(tmp_path):
+    result = solve_text(tmp_path, spoilt(ONE_HAND, "  mjcf: hand.xml\n"))
+    assert_refused(result, "hand: found mjcf; an MJCF is named by the key 'urdf', too")

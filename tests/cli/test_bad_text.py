@@ -13,6 +13,19 @@ TEXTS = {
     "Latin": (b"a: \xe4\n", ": is not UTF-8 text"),
     "tab": (b"object:\n\tname: x\n", ":2: is not plain YAML: column 1: found character '\\t' that"),
     "open bracket": (b"object: [1, 2\n", ":2: is not plain YAML: column 1: "),
+    "a blank too many": (
+        b"object:\n  name: x\n   mass: 1\n",
+        ":3: is not plain YAML: column 8: a key",
+    ),
+    "a key further left": (
+        b"object:\n    name: x\n  mass: 1\n",
+        ":3: is not plain YAML: column 3: a line of another indentation; begin the keys beside",
+    ),
+    "no blank after the colon": (
+        b"object:\n  mass:0.5\n  name: x\n",
+        ":3: is not plain YAML: column 7: a key or a value too many; here or one line above, write "
+        "'key: value'",
+    ),
     "own tag": (b"object: !part {a: 1}\n", ":1: is not plain YAML: column 9: could not determine"),
     "two documents": (
         LINES.encode() + b"---\n{}\n",

@@ -90,7 +90,10 @@ def test_bad_robot_files(tmp_path, text, message):
     ("text", "message"),
     [
         ("fingers: {f: {joints: [nope]}}", r"robot 'r': fingers\['f'\]: unknown joint 'nope'"),
-        ("palm: nope", "robot 'r': palm: unknown link 'nope'; known: palm_link, link_0.0"),
+        (
+            "palm: nope",
+            r"robot\.yaml: robot 'r': palm: unknown link 'nope'; known: palm_link, link",
+        ),
         ("palm: [palm_link, nope]", "robot 'r': palm: unknown link 'nope'"),
         ("root_link: nope", "there is no link 'nope' to start from"),
         ("couplings: {nope: {follows: joint_0.0}}", "robot 'r': couplings: unknown joint 'nope'"),

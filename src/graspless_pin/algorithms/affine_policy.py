@@ -113,7 +113,7 @@ def _group(
         problem = problem.with_changes(cone="edges")  # inside the round cones
     coordinates = replace(scale, directions=force_coordinates(problem).directions)
     forces = force_rows(problem, coordinates)
-    cones, bare = forces.cones, np.flatnonzero(forces.without_cone)
+    cones, bare = forces.cones, np.flatnonzero(forces.held_above_zero)
     rows = [cones.rows, forces.normal_rows, -forces.normal_rows[bare]]
     level = [cones.margin, np.ones(len(forces.normal_rows) + len(bare))]
     sides = [np.zeros(len(cones.rows)), forces.limit, np.zeros(len(bare))]

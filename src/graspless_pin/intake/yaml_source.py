@@ -161,6 +161,7 @@ def _keys_of(argument: str) -> Location:
 
 _MOST_EXAMINED = 60
 _MOST_TOLD = 5
+_UNKNOWN_KEY = "unknown key"
 _Entry = TypeVar("_Entry", bound=BaseModel)
 Node = dict[str, Any]
 """A part of the JSON schema."""
@@ -176,7 +177,9 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
     try:
         return model.model_validate(source.data)
     except ValidationError as error:
-        mistakes = _mistakes(source.data, error, model, source.kind)
+        mistakes = list(_mistakes(source.data, error, model, source.kind))
+        # A misspelt key comes before what is missing because of it.
+        mistakes.sort(key=lambda one: not one[1].startswith(_UNKNOWN_KEY))
         lines = [*dict.fromkeys(source.message(*one) for one in mistakes)]
         more = len(lines) - _MOST_TOLD + max(0, error.error_count() - _MOST_EXAMINED)
         rest = [f"... and {more} mistakes more"] if more > 0 else []
@@ -279,7 +282,7 @@ def _known_keys(schema: Node, data: Any, location: Location) -> list[str]:
 
 
 def _unknown(location: Location, known: list[str]) -> str:
-    return f"unknown key; {names_in_words(str(location[-1]), known)}"
+    return f"{_UNKNOWN_KEY}; {names_in_words(str(location[-1]), known)}"
 
 
 def _mistakes(

@@ -191,6 +191,11 @@ def _advice(error: yaml.MarkedYAMLError) -> str:
         advice = "indent with spaces"
     elif "document" in problem:
         advice = "a file holds one document"
+    elif "<block" in problem:
+        problem, advice = "a line of another indentation", "begin the keys beside each other alike"
+    elif "mapping values" in problem or "':'" in problem:
+        problem = "a key or a value too many"
+        advice = "here or one line above, write 'key: value', with a blank behind the colon"
     column = f"column {error.problem_mark.column + 1}: " if error.problem_mark else ""
     return f"{column}{problem}; {advice}"
 

@@ -252,7 +252,8 @@ class MotionMargins(Brief):
     See the example of `MotionFault`.
 
     Attributes:
-        fractions: (K,) of the way, increasing from 0; the last is 1 where the motion is valid.
+        fractions: (K,) of the way, increasing from 0; the last is 1 where the motion is valid, 0
+            alone where nothing moves.
         margins: (K,) largest margins there, N; the last is -inf where the motion is not valid.
     """
 

@@ -12,6 +12,7 @@ from graspless_pin.findings import Severity
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.holding.controller import TORQUES_OF_HELD_JOINTS
 from graspless_pin.scene import Scene
+from graspless_pin.scene.contact_arrays import touching_of
 from graspless_pin.scene.load_wrenches import object_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
@@ -53,6 +54,9 @@ def scene_solution_text(
         f"{scene.object.name}, {scene.object.mass:g} kg, "
         f"{counted(problem.contact_count, 'contact')}, {counted(problem.joint_count, 'joint')}"
     )
+    parted = len(touching_of(scene)) - len(scene.contacts.arrays)
+    if parted:
+        facts += f", {counted(parted, 'contact')} parted by the motion"
     if scene.loads:
         facts += f", {counted(len(scene.loads), 'load')}"
     if scene.acceleration is not None:

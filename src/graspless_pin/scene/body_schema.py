@@ -188,7 +188,7 @@ class MountEntry(Entry):
         description="a robot file of this package or by path, or an example-robot-data model",
     )
     urdf: FilePath | None = Field(
-        default=None, description="path of a URDF, relative to the scene file"
+        default=None, description="path of a URDF, xacro file or MJCF, relative to the scene file"
     )
     package_dirs: Few[FilePath] = Field(
         default=[], description="folders in which the URDF's package:// addresses are looked for"
@@ -226,6 +226,13 @@ class MountEntry(Entry):
         if (self.robot is None) == (self.urdf is None):
             raise ValueError("needs either 'robot' (a name or robot file) or 'urdf' (a path)")
         return self
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_mjcf(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "mjcf" in data:
+            raise ValueError("found mjcf; an MJCF is named by the key 'urdf', too")
+        return data
 
 
 class PrefixedMountEntry(MountEntry):

@@ -286,7 +286,7 @@ def free_name(scene: Scene) -> Path:
         SceneError: There are too many already.
     """
     own = scene.path or Path("scene.yaml")
-    names = (own.with_name(f"{own.stem}_{number}.yaml") for number in range(1, _MOST_FILES))
+    names = (own.with_name(f"{own.stem}_{number}.yaml") for number in range(1, _MOST_FILES + 1))
     free = next((name for name in names if not name.exists()), None)
     if free is None:
         raise SceneError(f"{own.parent}: holds {_MOST_FILES} saved scenes already; remove some")

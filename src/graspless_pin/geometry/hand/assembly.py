@@ -178,7 +178,7 @@ def _couplings(robot: RobotDescription, model: RobotModel, prefix: str) -> list[
         for joint in (coupling.joint, *coupling.follows):
             if joint not in model.movable_joints:
                 error = unknown_name("couplings", "joint", joint, model.movable_joints)
-                raise RobotError(f"robot {robot.name!r}: {error}") from error
+                raise RobotError(f"{robot.label}: {error}") from error
     return couplings
 
 
@@ -194,7 +194,7 @@ def _cuts(mount: Mount, robot: RobotDescription, model: RobotModel) -> dict[str,
     try:
         return robot.meshes.cuts(links, mount.prefix)
     except ArgumentError as error:
-        raise RobotError(f"robot {robot.name!r}: {error}") from error
+        raise RobotError(f"{robot.label}: {error}") from error
 
 
 def _add(
@@ -227,7 +227,7 @@ def _add(
             for target, name in entry_by_joint(tree, fingers, notes, tendons).items()
         }
     except ArgumentError as error:
-        raise RobotError(f"robot {robot.name!r}: {error}") from error
+        raise RobotError(f"{robot.label}: {error}") from error
     if mount.fingers is not None:
         fingers = check_fingers(tree, _prefix_fingers(prefix, mount.fingers))
     arm = structure.arm_joints

@@ -163,6 +163,12 @@ class RobotDescription(Record, Brief):
     model: str | None = None
     read: Any = None
 
+    @property
+    def label(self) -> str:
+        """What messages call it: with its file, if there is one."""
+        name = f"robot {self.name!r}"
+        return name if self.file is None else f"{self.file}: {name}"
+
     def check_gains(self, known: Sequence[str]) -> None:
         """Refuse gains of what is no joint or finger.
 
