@@ -31,8 +31,8 @@ from .algorithms.robust_solution import Coverage as Coverage
 from .algorithms.robust_solution import RobustSolution as RobustSolution
 from .algorithms.robustness import Robustness as Robustness
 from .algorithms.robustness import robustness as robustness
-from .algorithms.tolerances import Tolerance as Tolerance
-from .algorithms.tolerances import Tolerances as Tolerances
+from .algorithms.tolerance_tables import Tolerance as Tolerance
+from .algorithms.tolerance_tables import Tolerances as Tolerances
 from .algorithms.tolerances import tolerances as tolerances
 from .algorithms.uncertainty import Uncertainty as Uncertainty
 from .algorithms.what_would_hold import HoldingChange as HoldingChange

@@ -15,7 +15,7 @@ from graspless_pin import (
     served_share,
     tolerances,
 )
-from graspless_pin.algorithms.tolerances import Tolerance, Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerance, Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.programs.objectives import Margin

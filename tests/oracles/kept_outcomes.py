@@ -111,7 +111,7 @@ class KeptEnumeration(ContactRows):
         """Rows on the forces: what is at most zero, and what is zero."""
         below, equal = [], []
         for i, state in enumerate(leaf):
-            own = self.force_rows(i, state, _AROUND)
+            own = self.force_rows(i, state, _AROUND.tolist())
             if self.slides[i] and state.kind == "closed":
                 own = np.column_stack([-self.kinetic[i, 1:], np.eye(2)]), -np.eye(3)[:1]
             for rows, into in zip(own, (equal, below), strict=True):

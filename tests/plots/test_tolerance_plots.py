@@ -5,7 +5,7 @@ import pytest
 from matplotlib.axes import Axes
 
 from graspless_pin import QuasistaticProblem, TorqueSolution, tolerances
-from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.plots import tolerance_plot

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from graspless_pin.algorithms.options import AIMS
-from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors
 from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis, plain_text, polar_region

@@ -11,7 +11,7 @@ import numpy as np
 
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.robust_torques import further_forces
-from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerances
 from graspless_pin.holding.verdict import Holding
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray

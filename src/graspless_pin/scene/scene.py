@@ -54,7 +54,7 @@ from graspless_pin.suggestions import first_of, what_to_pass
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution
-    from graspless_pin.algorithms.tolerances import Tolerances
+    from graspless_pin.algorithms.tolerance_tables import Tolerances
     from graspless_pin.algorithms.uncertainty import Uncertainty
 
 

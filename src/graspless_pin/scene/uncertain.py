@@ -19,7 +19,8 @@ from graspless_pin.algorithms.robust_torques import (
     solve_robust,
 )
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.tolerances import Tolerances, tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerances
+from graspless_pin.algorithms.tolerances import tolerances
 from graspless_pin.algorithms.uncertain_members import Weight
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
 from graspless_pin.errors import ArgumentError

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from graspless_pin.algorithms.tolerances import Tolerance, Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerance, Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.meshes import (

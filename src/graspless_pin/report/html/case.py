@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerances
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray

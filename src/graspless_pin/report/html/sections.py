@@ -14,7 +14,7 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.robust_solution import Coverage
-from graspless_pin.algorithms.tolerances import Tolerances
+from graspless_pin.algorithms.tolerance_tables import Tolerances
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import DynamicOutcome, Holding
 from graspless_pin.plots import (

@@ -1,0 +1,186 @@
+"""How far each thing that is not known exactly may be off: records, and the table that they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tabulate import tabulate
+
+from graspless_pin.algorithms.attainable_tolerances import AttainableTolerance
+from graspless_pin.algorithms.uncertainty import Quantity
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, one_of, units_text
+from graspless_pin.records import Brief
+
+_FAR = 0.02  # rad or m
+_ROUGH = (
+    f"where joints give way by more than {_FAR:g} rad (m), contacts move, which is not counted: "
+    "less may be borne"
+)
+_WHERE = "at contact, joint"
+_LEAST_DEFLECTION = 1e-6  # rad or m
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tolerance(Brief):
+    """How far one quantity may be off, all others at their nominal values.
+
+    See the example of `tolerances`.
+
+    Attributes:
+        quantity: Which.
+        borne: Up to this all of it is borne: a share of mass, friction or torques, m, rad, N or
+            N m. Proven under plain Coulomb friction; under other rules what was tried.
+        failing: The smallest that was found to fail; inf where none was.
+        direction: (3,) unit vector of the change that fails there, world axes; of torques (L,);
+            None where there is but one.
+        contacts: The contacts at which it fails.
+        joints: The joints whose torque, with feedback, is at its limit there.
+        deflection: How far the joint that gives way most does so there to make the feedback, rad
+            (m); 0 without feedback, NaN where that was not worked out. Where it is not small,
+            contacts are elsewhere by then.
+        boundary: (K, 3) changes that are just borne, one in each direction that was looked at, in
+            the unit of `borne`; their hull is borne.
+    """
+
+    quantity: Quantity
+    borne: float
+    failing: float
+    direction: FloatArray | None = None
+    contacts: tuple[int, ...] = ()
+    deflection: float = 0.0
+    boundary: FloatArray | None = None
+    joints: tuple[int, ...] = ()
+
+    def along(self, directions: ArrayLike) -> FloatArray:
+        """Return how large a change (K,) along each unit vector (K, 3) the hull of `boundary` has.
+
+        Zero where the hull has nothing that way, as across the plane of a flat one.
+
+        Args:
+            directions: World axes.
+
+        Raises:
+            NoSolutionError: If the quantity has no boundary.
+        """
+        from scipy.optimize import linprog
+
+        if self.boundary is None:
+            raise NoSolutionError(f"The {self.quantity} has no boundary.")
+        corners, ways = self.boundary, finite_array("directions", directions, (None, 3))
+        size = float(np.abs(corners).max())
+        if size == 0.0:
+            return np.zeros(len(ways))
+        # The largest r with r times the direction a mean of the corners and zero.
+        most = np.append(np.zeros(len(corners)), -1.0)
+        mean = np.append(np.ones(len(corners)), 0.0)[None]
+        found = [
+            linprog(most, mean, [1.0], np.column_stack([corners.T / size, -way]), np.zeros(3))
+            for way in ways
+        ]
+        return size * np.array([max(one.x[-1], 0.0) for one in found])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tolerances(Brief):
+    """What given torques bear of everything that may be off, one at a time.
+
+    See the example of `tolerances`.
+
+    Attributes:
+        problem: The problem.
+        torques: (L,) N m (N).
+        each: One for each quantity that the problem tells of.
+        weight: (3,) the part of the load that counts as weight, N, world axes.
+        feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
+            constant.
+        coulomb: Whether contact forces are those of Coulomb friction, without virtual sliding.
+        attainable: How far the same quantities may be off if torques are chosen for each; empty:
+            that was not asked.
+    """
+
+    problem: QuasistaticProblem
+    torques: FloatArray
+    each: tuple[Tolerance, ...]
+    weight: FloatArray
+    feedback: FloatArray | None
+    coulomb: bool
+    attainable: tuple[AttainableTolerance, ...] = ()
+
+    def of(self, quantity: Quantity | str) -> Tolerance:
+        """Return the tolerance of a quantity.
+
+        Raises:
+            ArgumentError: If the problem does not tell of it.
+        """
+        known = {str(one.quantity): one for one in self.each}
+        return known[one_of(known, "quantity", str(quantity))]
+
+    def __str__(self) -> str:
+        """Return a table: how much is borne, which way it fails first, and where.
+
+        With attainable tolerances these stand beside, in the place of way and contacts.
+        """
+        headers, rows = self.table()
+        left_out = ("direction", _WHERE) if self.attainable else ()
+        kept = [place for place, name in enumerate(headers) if name not in left_out]
+        told = [[row[place] for place in kept] for row in rows]
+        table = tabulate(told, headers=[headers[place] for place in kept])
+        law = "Coulomb friction" if self.coulomb else "friction that opposes virtual sliding"
+        forces = f"contact forces are the best that {law} allows; robustness counts on none"
+        return f"{table}\n{forces}\n{self.remark}".rstrip()
+
+    @property
+    def remark(self) -> str:
+        """What is to be said where some joint gives way so far that contacts move; else empty."""
+        return _ROUGH if any(one.deflection > _FAR for one in self.each) else ""
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Return headers and rows of that table, with figures in %, cm, degrees, N and N m."""
+        rows: list[tuple[str, ...]] = []
+        kinds = dict.fromkeys(self.problem.joint_units)
+        unit = " or ".join("m" if one is JointUnit.FORCE else "rad" for one in kinds)
+        for one in self.each:
+            names = [self.problem.joint_names[joint] for joint in one.joints]
+            where = ", ".join([*map(str, one.contacts), *names])
+            far = f"{one.deflection:.2g} {unit}" if one.deflection > _LEAST_DEFLECTION else ""
+            figures = self._figures(one)
+            rows.append((one.quantity, *figures, self._way(one), where, far))
+        headers = ("off", "borne", "fails at", "direction", _WHERE, "joints give way")
+        given = len(headers) - (not any(row[-1] for row in rows))
+        headers, rows = headers[:given], [row[:given] for row in rows]
+        if not self.attainable:
+            return headers, rows
+        chosen = [(*self._figures(one), one.why) for one in self.attainable]
+        rows = [(*row, *more) for row, more in zip(rows, chosen, strict=True)]
+        return (*headers, "attainable", "none from", "why"), rows
+
+    def _way(self, one: Tolerance) -> str:
+        if one.direction is None:
+            return ""
+        if one.quantity is Quantity.JOINT:
+            joint = int(np.abs(one.direction).argmax())
+            more = "larger" if one.direction[joint] > 0.0 else "smaller"
+            return f"{self.problem.joint_names[joint]} {more}"
+        return f"[{', '.join(f'{x:+.2f}' for x in one.direction.tolist())}]"
+
+    def _figures(self, one: Tolerance | AttainableTolerance) -> tuple[str, str]:
+        """Return how much is borne, and what is not, in the unit that people think in."""
+        scale, unit = one.quantity.scale, one.quantity.unit
+        if one.quantity is Quantity.JOINT:
+            units = self.problem.joint_units
+            if isinstance(one, Tolerance) and one.direction is not None:  # of the joint that fails
+                units = [units[int(np.abs(one.direction).argmax())]]
+            unit = units_text(units)
+        fails = (
+            f"{_digits(scale * one.failing)} {unit}" if np.isfinite(one.failing) else "none found"
+        )
+        return f"{_digits(scale * one.borne)} {unit}", fails
+
+
+def _digits(value: float) -> str:
+    """Return three digits, up to a million without a power of ten."""
+    return f"{float(f'{value:.3g}'):.6g}"
