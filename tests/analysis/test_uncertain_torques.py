@@ -341,6 +341,7 @@ def test_margins_of_members_are_those_of_a_solve_of_each(name, size, feedback):
     [
         ({"mass": -0.1}, "mass"),
         ({"mass": 1.0}, "below 1"),
+        ({"effort": 1.0}, "effort.*below 1"),
         ({"center_of_mass": [0.1, 0.2]}, "center_of_mass"),
         ({"tilt": 1.0}, "45 degrees"),
         ({"friction": [0.1]}, "6 contacts"),
@@ -352,6 +353,19 @@ def test_what_is_no_uncertainty(given, words):
     problem = contacts_alone("paper/cuboid_at_rest")
     with pytest.raises(ArgumentError, match=words):
         maximize_margin(problem, uncertainty=Uncertainty(**given))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_motors_that_lack_effort_have_so_much_less(way):
+    """Of limits below one newton metre, on either side."""
+    problem = contacts_alone("paper/sphere_on_slope")
+    problem = problem.with_changes(jacobian=way * problem.jacobian, torque_limits=(-0.75, 0.75))
+    weaker = problem.with_changes(torque_limits=(-0.6, 0.6))
+    lacking = Uncertainty(effort=0.2)
+    found = maximize_margin(problem, static_friction="coulomb", uncertainty=lacking)
+    wanted = maximize_margin(weaker, static_friction="coulomb")
+    assert found.margin == pytest.approx(wanted.margin, rel=1e-6)
+    assert found.margin < 0.99 * maximize_margin(problem, static_friction="coulomb").margin
 
 
 def test_what_does_not_go_with_uncertainty(monkeypatch):

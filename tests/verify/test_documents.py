@@ -151,6 +151,33 @@ def test_another_status_is_refused(made, name):
         assert weaker or not verification.passed, status
 
 
+@pytest.mark.parametrize(("name", "unit"), [("margin", "N"), ("torque", "N m"), ("shares", "")])
+def test_values_are_told_in_the_unit_of_the_objective(made, name, unit):
+    (told,) = [one for one in verify_document(made(name)).checks if one.name == "gap is closed"]
+    assert told.detail.split(maxsplit=1)[1:] == ([unit] if unit else [])
+
+
+def test_a_multiplier_of_no_constraint_is_named_so_far_as_it_fits(made):
+    document = copy.deepcopy(made("torque"))
+    document["multipliers"]["x" * 60] = [1.0]
+    (told,) = [
+        one
+        for one in verify_document(document).checks
+        if one.name == "each multiplier has a constraint"
+    ]
+    assert told.passed is False
+    assert told.detail == "of no constraint: '" + "x" * 39
+
+
+@pytest.mark.parametrize("gravity", [True, False])
+def test_the_objects_weight_is_told_where_mass_and_gravity_are(gravity):
+    scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+    document = solution_document(scene.solve(), scene)
+    if not gravity:
+        document["gravity"] = None
+    assert ("the object weighs 9.8 N" in str(verify_document(document))) == gravity
+
+
 def test_the_words_of_a_status_are_held_against_it(made):
     false = changed(made("tree"), "message", to="optimal in the given virtual-sliding mode")
     assert failed(false) == ["message and status agree"]

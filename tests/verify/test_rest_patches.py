@@ -200,6 +200,8 @@ def test_what_is_known_of_two_patches_is_kept_apart():
         for contacts in ((0, 1), (2, 3))
     )
     states = KnownStates.unknown(4)
-    for part in (one[1], other[2], one[3], other[4]):
-        states = states.with_patch(part, 0.0)
-    assert states.known(one[0]) is one[3] and states.known(other[0]) is other[4]
+    latest = {}
+    for part in (one[1], other[2], one[3], other[4], one[5]):
+        states, latest[part.contacts] = states.with_patch(part, 0.0), part
+        for patch in (one[0], other[0]):
+            assert states.known(patch) is latest.get(patch.contacts)
