@@ -107,12 +107,12 @@ def test_an_exception_that_is_none_of_ours_is_one_line_that_asks_for_a_report():
         (recursion, f"RecursionError: {200 * 'x'} [...]; "),
     ):
         (line,) = said.splitlines()
-        assert line.startswith("error: internal error in outcome.py, line ") and words in line
+        assert line.startswith("error: internal error in solve.py, line ") and words in line
         assert "please report it with this command" in line and "graspless-pin --version" in line
     assert memory.startswith("error: ") and own == ""
     assert shown.startswith("Traceback")
     last = shown.splitlines()[-1]
-    assert last.startswith("error: internal error in outcome.py, line ")
+    assert last.startswith("error: internal error in solve.py, line ")
     assert "AssertionError; " in last
 
 
