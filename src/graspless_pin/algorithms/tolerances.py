@@ -10,10 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
-from graspless_pin.algorithms.attainable_tolerances import (
-    AttainableSearch,
-    AttainableTolerance,
-)
+from graspless_pin.algorithms.attainable_tolerances import AttainableSearch, AttainableTolerance
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.joined_optimum import member_margins
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
@@ -31,12 +28,7 @@ from graspless_pin.algorithms.uncertainty import MOST_TILT, Quantity, Uncertaint
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import (
-    FloatArray,
-    finite_array,
-    one_of,
-    read_only,
-)
+from graspless_pin.problem.checks import FloatArray, finite_array, one_of, read_only
 from graspless_pin.problem.members import Corner, Member, feedback_torques, under_commands
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution.active_limits import limiting_contacts
