@@ -1,12 +1,14 @@
 """Verdicts on rest are checked from documents alone, and no tampering with their proofs passes."""
 
 import copy
+import json
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from rest_documents import (
     CASES,
+    ONE_KILOGRAM,
     G,
     document,
     failures,
@@ -259,6 +261,26 @@ def test_a_contact_that_may_open_is_not_taken_for_closed(number):
     assert any(
         line.passed is False and "is free, and does not slip" in line.detail for line in said
     )
+
+
+@pytest.mark.parametrize("share", [1.0, 0.01])
+def test_least_forces_hold_up_to_the_limit_of_normal_forces(share):
+    """Of one kilogram and of ten grams, with multipliers that leave a little of a force."""
+    block = pressed()
+    solution = maximize_margin(
+        block.with_changes(external_wrench=share * block.external_wrench,
+                           torque_limits=(0.2 * share, 0.2 * share),
+                           object_inertia=share * ONE_KILOGRAM, joint_inertia=[[0.01 * share]]),
+        static_friction="coulomb",
+    )  # fmt: skip
+    verdict = stability(solution.problem, solution.torques)
+    made = json.loads(json.dumps(solution_document(solution, verdict=verdict)))
+    lever = next(one for one in made["stability"]["proof"]["loads"] if one["contact"] == 3)
+    assert lever["force"] == pytest.approx(2.0 * share, rel=1e-5)
+    lever["multipliers"]["motion"][-1] -= 1e-8  # 0.04 N of a limit of 9.81e6 N
+    for stated, proven in ((1.95, True), (1.97, False)):
+        lever["force"] = stated * share
+        assert ("least normal force of contact 3" not in failures(made)) == proven
 
 
 def test_leaves_that_nearly_prove_it_do_not():

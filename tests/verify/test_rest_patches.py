@@ -167,6 +167,20 @@ def test_arcs_that_are_accepted_have_each_slip(seed):
     assert off > 1e-14 or refused.min() > 0
 
 
+def test_what_a_motion_does_not_tell_turns_slips_by_all_of_it():
+    """Two contacts slip along t2 with y_2 = e, and to both sides with y_4, which may be 2 long."""
+    images = np.array([[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]]])
+    slowest, share = 1e-12, 0.05
+    rows = np.zeros((2, 3, 4))
+    rows[:, 1:, :3], rows[:, 1, 3] = images, [share * slowest, -share * slowest]
+    turned = np.arcsin(2.0 * share)  # where a slip of both parts is e long
+    along_t2 = MotionCone(np.eye(3), 1, 1, np.zeros(2), np.zeros(2))
+    for half_width, follows in ((0.95 * turned, False), (2.0 * turned, True)):
+        arcs = np.tile([0.5 * np.pi, half_width], (2, 1))
+        wrong = unproven_arcs(PatchSlip((0, 1), images, arcs, along_t2), rows, slowest)
+        assert (wrong == "") == follows
+
+
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [1, 3, 4, 7, 13])
 def test_bounds_hold_for_what_a_patch_does(number):
