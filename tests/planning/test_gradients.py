@@ -116,14 +116,14 @@ def directions(problem, rng):
             )
 
 
-def compared(index: int, algorithm: str) -> Counter[str]:
+def compared(index: int, algorithm: str, solver: str = "auto") -> Counter[str]:
     """Compare one scene in its best mode; count the comparisons that were made."""
     rng = np.random.default_rng([index, 7])
     problem = problem_of(NAMES[index])
     options: dict[str, Any] = dict(
         zip(("sign_rule", "sliding_rule"), PAIRS[index % 6], strict=True)
     )
-    solution = solve(problem, algorithm, **options)
+    solution = solve(problem, algorithm, solver=solver, **options)
     if not solution.found:
         return Counter({"infeasible": 1})
     gradients = optimum_gradients(solution)
@@ -148,7 +148,8 @@ def compared(index: int, algorithm: str) -> Counter[str]:
             counts[f"{what}, not zero"] += abs(derivative) > 10.0 * tolerance
         else:
             low, high = sorted((left, right))
-            assert low - tolerance <= derivative <= high + tolerance, where
+            amid = low - tolerance <= derivative <= high + tolerance
+            assert amid or solver == "highs", where
             counts["flagged"] += 1
             counts["flagged kinks"] += not smooth
     return counts
@@ -165,6 +166,21 @@ def test_gradients_are_finite_differences():
     for name in names:
         assert counts[name] >= 20, (name, counts)
         assert counts[f"{name}, not zero"] >= 3, (name, counts)
+
+
+def test_a_vertex_is_not_taken_for_the_only_optimum():
+    """HiGHS answers with a vertex of all optimal forces and multipliers, at which both may end."""
+    counts: Counter[str] = Counter()
+    for index, algorithm in product(range(len(NAMES)), ALGORITHMS):
+        counts += compared(index, algorithm, "highs")
+    assert counts["flagged kinks"] >= 30
+    feet = [[x, y, -0.05] for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    plate = QuasistaticProblem(feet, [[0, 0, 1]] * 4, [0, 0, -8, 0, 0, 0], friction=0.5,
+                               max_normal_force=50.0, cone_edges=4)  # fmt: skip
+    # As a plate on four equal feet: a push aside, wherever it goes, costs margin at once.
+    found = optimum_gradients(maximize_margin(plate, static_friction="coulomb", solver="highs"))
+    assert found.unique["external_wrench"].tolist() == [False, False, True, False, False, False]
+    assert not found.unique["friction"].any()
 
 
 @pytest.mark.sampled(3)

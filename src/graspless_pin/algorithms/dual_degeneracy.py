@@ -1,10 +1,11 @@
 """Optimal forces and multipliers in SI units, and which of them an optimum leaves open.
 
-An interior-point answer lies inside the faces of all optimal forces and of all optimal multipliers.
-There every constraint either is active with a positive multiplier or has slack with none
-(Goldman and Tucker), so the larger of the two tells which. Optimal forces may then change along
-the null space of the active constraints, optimal multipliers along the linear dependences between
-them.
+Every constraint either has a multiplier in some optimum, and is active in all of them, or has slack
+in some, and a multiplier in none (Goldman and Tucker). An interior-point answer lies inside the
+faces of all optimal forces and of all optimal multipliers, so the larger of slack and multiplier
+tells which. At a vertex, as of the simplex method, both may be zero: then a linear program tells
+which of these constraints can have slack. Optimal forces may change along the null space of the
+active constraints, optimal multipliers along the linear dependences between them.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation, formulate
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.builder import Marginals, marginals
@@ -26,7 +27,7 @@ from graspless_pin.records import Record
 from graspless_pin.solution import TorqueSolution
 
 _HELD_COST = 1e-7
-"""Reduced costs above this hold a variable at its bound."""
+"""Reduced costs above this hold a variable at its bound; a smaller slack or multiplier is none."""
 _RANK_TOLERANCE = 1e-7
 """Geometry is exact to some 1e-9: constraints closer to dependent than this are."""
 _LARGEST_STEP = 1e6
@@ -127,32 +128,13 @@ class OptimalSet:
         return tuple(others)
 
     @cached_property
-    def mode_edges(self) -> NDArray[np.bool_]:
-        """(M, 2) friction components that vanish in all optima though the mode gives them a sign.
-
-        Where some optimal forces have friction of that sign, the sign costs nothing.
-        """
-        contacts = self._formulation.coordinates.layout.cones
-        columns = self._formulation.cone_columns[0]
-        edges = np.zeros((self.solution.problem.contact_count, 2), dtype=bool)
-        if self.solution.rules.static_friction is StaticFriction.COULOMB:
-            return edges
-        signs = -self.solution.mode.signs[contacts]
-        vanishes = np.abs(self._own.x[columns]) <= NO_FRICTION
-        held = np.abs(self._own.reduced[columns]) > _HELD_COST
-        weak = vanishes & ~held & (signs != 0)
-        change = signs[weak][:, None] * self._open_forces[:, columns[weak]].T
-        weak[weak] = ~_positive_together(change)
-        edges[contacts] = weak
-        return edges
-
-    @cached_property
-    def _active(self) -> _Active:
-        """What has a multiplier."""
+    def _strictly_active(self) -> _Active:
+        """What has a multiplier here, or leaves no choice."""
         program, (x, _, z, reduced) = self._formulation.program, self._own
         values, flat, k = program.G @ x, program.flat_count, len(program.G)
-        slack = np.where(z > 0.0, program.u - values, values - program.l)
-        rows = np.flatnonzero(np.abs(z[:flat]) > slack[:flat])
+        slack = np.where(z > 0.0, program.u - values, values - program.l)[:flat]
+        strict = (np.abs(z[:flat]) > slack) & (np.abs(z[:flat]) > _HELD_COST)
+        rows = np.flatnonzero(strict | (program.u[:flat] - program.l[:flat] <= _HELD_COST))
         held, given = [np.eye(k)[rows]], [np.eye(k)[rows]]
         for first in range(flat, k, 3):
             at = slice(first, first + 3)
@@ -166,21 +148,56 @@ class OptimalSet:
         )
 
     @cached_property
-    def _open_forces(self) -> FloatArray:
-        """(d, n) directions in which x stays optimal."""
-        program, (held, _, bounds) = self._formulation.program, self._active
+    def _inward(self) -> tuple[FloatArray, FloatArray]:
+        """(k,) and (n,) 1 or -1: where rows of G and columns may go that are held weakly; else 0.
+
+        These are at one of their bounds, those of the mode included, without a multiplier.
+        """
+        program, (x, _, z, reduced) = self._formulation.program, self._own
+        coulomb = self.solution.rules.static_friction is StaticFriction.COULOMB
+        lb, ub = self._formulation.bounds_of(None if coulomb else self.solution.mode)
+        rows = _weakly_held(program.G @ x, program.l, program.u, z)
+        rows[program.flat_count :] = 0.0
+        return rows, _weakly_held(x, lb, ub, reduced)
+
+    @cached_property
+    def _weakly_active(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+        """Rows of G and columns that are held weakly here, and have no slack in any optimum."""
+        inward_rows, inward_columns = self._inward
+        rows, columns = np.flatnonzero(inward_rows), np.flatnonzero(inward_columns)
+        changes = self._changes(self._strictly_active).T
+        slack = _positive_together(
+            np.vstack([
+                inward_rows[rows, None] * (self._formulation.program.G[rows] @ changes),
+                inward_columns[columns, None] * changes[columns],
+            ])
+        )  # fmt: skip
+        return rows[~slack[: len(rows)]], columns[~slack[len(rows) :]]
+
+    @cached_property
+    def _active(self) -> _Active:
+        """What is active in all optima."""
+        held, given, bounds = self._strictly_active
+        rows, columns = self._weakly_active
+        more = np.eye(len(self._formulation.program.G))[rows]
+        return _Active(
+            np.vstack([held, more]), np.vstack([given, more]), np.concatenate([bounds, columns])
+        )
+
+    def _changes(self, active: _Active) -> FloatArray:
+        """(d, n) directions of x along which what is active stays so."""
+        program, (held, _, bounds) = self._formulation.program, active
         fixed = np.vstack([program.A, held @ program.G, np.eye(len(program.c))[bounds]])
         return null_space(fixed, rcond=_RANK_TOLERANCE).T
 
-    def _open_multipliers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Directions in which y, z and the reduced costs together stay optimal.
+    @cached_property
+    def _open_forces(self) -> FloatArray:
+        """(d, n) directions in which x stays optimal."""
+        return self._changes(self._active)
 
-        A sign of the mode that friction is about to change has a multiplier of its own.
-        """
+    def _open_multipliers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Directions in which y, z and the reduced costs together stay optimal."""
         program, (_, given, bounds) = self._formulation.program, self._active
-        contacts = self._formulation.coordinates.layout.cones
-        edges = self._formulation.cone_columns[0][self.mode_edges[contacts]]
-        bounds = np.concatenate([bounds, edges])
         first, size = len(program.A), len(program.c)
         dual = null_space(
             np.vstack([program.A, given @ program.G, np.eye(size)[bounds]]).T, rcond=_RANK_TOLERANCE
@@ -254,7 +271,8 @@ class OptimalSet:
                 objective.
         """
         formulation, (x, y, z, reduced) = self._formulation, point
-        own = np.concatenate([self._own.y, self._own.z]), self._own.reduced
+        rows, columns = self._inward
+        own = np.concatenate([self._own.y, self._own.z - rows]), self._own.reduced + columns
         program = formulation.program
         found = marginals(
             (program.blocks, program.bounded_blocks),
@@ -290,6 +308,14 @@ def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray,
     x, y = inside[1:] / rubbing
     planes = np.array([[1.0, -x, -y], [0.0, -y, x]])
     return planes, planes[:1]
+
+
+def _weakly_held(
+    values: FloatArray, low: FloatArray, high: FloatArray, multipliers: FloatArray
+) -> FloatArray:
+    """(k,) 1 for values at their lower bounds, -1 at their upper ones, else or if held there 0."""
+    at_low, at_high = values - low <= _HELD_COST, high - values <= _HELD_COST
+    return (at_low.astype(float) - at_high) * (np.abs(multipliers) <= _HELD_COST)
 
 
 def _positive_together(rows: FloatArray) -> NDArray[np.bool_]:

@@ -163,7 +163,7 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
 
     Returns:
         The gradients; where forces or multipliers are not unique, those of the solution's own,
-        which lie amid the others, and marked so.
+        and marked so. Amid the others lie those of interior-point methods, as of the default.
 
     Raises:
         NoSolutionError: If nothing was found.
