@@ -366,6 +366,9 @@ def test_motors_that_lack_effort_have_so_much_less(way):
     wanted = maximize_margin(weaker, static_friction="coulomb")
     assert found.margin == pytest.approx(wanted.margin, rel=1e-6)
     assert found.margin < 0.99 * maximize_margin(problem, static_friction="coulomb").margin
+    one_way = problem.with_changes(torque_limits=(way * np.array([0.65, 0.75])[:: int(way)]))
+    with pytest.raises(ArgumentError, match=r"effort.*no torque.*N m"):
+        maximize_margin(one_way, uncertainty=lacking)
 
 
 def test_what_does_not_go_with_uncertainty(monkeypatch):

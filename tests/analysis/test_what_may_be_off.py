@@ -1,5 +1,7 @@
 """How far things may be off under given torques, against a linear program of its own."""
 
+import re
+
 import numpy as np
 import pytest
 from test_attainable_tolerances import changed
@@ -72,6 +74,23 @@ def test_stiffer_joints_give_way_less():
     )
     assert soft.failing == pytest.approx(stiff.failing, rel=1e-4)
     assert soft.deflection == pytest.approx(4.0 * stiff.deflection, rel=1e-3)
+
+
+def test_torques_that_feedback_makes_up_for_may_be_off_by_any():
+    """An object on one tip of a lever of 0.1 m: whatever its torque is off by, it gives way."""
+    jacobian = np.array([[0.0], [0.0], [-0.1]])
+    lever = QuasistaticProblem([[0, 0, -0.03]], [[0, 0, 1]], [0, 0, -4.9, 0, 0, 0], jacobian,
+                               friction=0.5, torque_limits=(-2.0, 2.0))  # fmt: skip
+    given = {"feedback": 1.0, "static_friction": COULOMB, "attainable": True}
+    found = tolerances(lever, [-0.49], **given)
+    for name in ("all torques larger", "one joint's torque"):
+        one = found.of(name)
+        assert one.borne == one.failing == one.deflection == np.inf
+        assert f"{name}any" in re.sub(" {2,}", "", str(found))
+    assert found.of("all torques smaller").borne == 1.0
+    assert found.of("more mass").failing == pytest.approx(2.0 / 0.49 - 1.0)
+    bare = tolerances(lever, [-0.49], static_friction=COULOMB)
+    assert bare.of("one joint's torque").borne == 0.0
 
 
 def test_pushes_from_all_sides_are_borne():

@@ -292,6 +292,17 @@ def test_infeasible_by_directions_is_explained():
     assert "required margin would have to be at most" in explained
 
 
+def test_contacts_that_leave_no_motion_have_none_along_friction():
+    """A wedge on a vertical rail moves only if it leaves its contact: nothing lets friction act."""
+    wedge = QuasistaticProblem(
+        [[0.0, 0.0, 0.0]], [[0.6, 0.0, 0.8]], [-1.0], friction=0.9, max_normal_force=1.1,
+        wrench_matrix=[[0.0, 0.0, 1.0]], passive_units=["N"],
+    )  # fmt: skip
+    for rule in ("direction", "exact"):
+        assert maximize_margin(wedge, sign_rule=rule).status is Status.INFEASIBLE_MODES
+    assert maximize_margin(wedge, static_friction="coulomb").found
+
+
 def test_minimum_friction_goes_by_directions():
     """In the corner without a finger's help, the push needs the floor alone."""
     problem = corner().with_changes(torque_limits=([0.0], [0.0]))

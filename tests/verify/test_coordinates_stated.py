@@ -280,6 +280,27 @@ def test_disturbances_of_a_block_on_a_rail_are_proven():
     assert refused(more)
 
 
+@pytest.mark.parametrize("load", [1.0, -1.0])
+@pytest.mark.parametrize("aside", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+def test_a_contact_across_a_rail_does_not_block_it_by_rounding(aside, load):
+    """Of normals across an oblique rail one has -2.8e-17 along it: 3.6e16 N would hold 1 N."""
+    rail = np.array([0.2, 0.7, 0.1]) / np.linalg.norm([0.2, 0.7, 0.1])
+    normal = np.cross(rail, aside)
+    problem = QuasistaticProblem(
+        [[0.0, 0.0, 0.0]], [normal / np.linalg.norm(normal)], [load], friction=0.5,
+        wrench_matrix=[rail], passive_units=["N"], object_inertia=[[1.0]],
+    )  # fmt: skip
+    solution = maximize_margin(problem, static_friction="coulomb")
+    verdict = stability(solution.problem, solution.torques)
+    assert verdict.status == "weak" and verdict.motion is not None
+    assert verdict.motion.object_acceleration == pytest.approx([load])
+    made = plain(solution, verdict=verdict)
+    verification = verify_document(made)
+    assert verification.proven, str(verification)
+    smooth = problem.with_changes(friction=0.0)
+    assert stability(smooth, []).status == "none"
+
+
 def test_scales_are_those_of_the_definition():
     """Of loads by unit, and of the longest lever in rows of N m."""
     hinge = PROBLEMS["hinge"]().scales

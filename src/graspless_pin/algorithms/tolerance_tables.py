@@ -33,15 +33,16 @@ class Tolerance(Brief):
     Attributes:
         quantity: Which.
         borne: Up to this all of it is borne: a share of mass, friction or torques, m, rad, N or
-            N m. Proven under plain Coulomb friction; under other rules what was tried.
+            N m. Proven under plain Coulomb friction; under other rules what was tried. Inf where
+            feedback makes up for any.
         failing: The smallest that was found to fail; inf where none was.
         direction: (3,) unit vector of the change that fails there, world axes; of torques (L,);
             None where there is but one.
         contacts: The contacts at which it fails.
         joints: The joints whose torque, with feedback, is at its limit there.
         deflection: How far the joint that gives way most does so there to make the feedback, rad
-            (m); 0 without feedback, NaN where that was not worked out. Where it is not small,
-            contacts are elsewhere by then.
+            (m); 0 without feedback, inf if any is borne, NaN where that was not worked out. Where
+            it is not small, contacts are elsewhere by then.
         boundary: (K, 3) changes that are just borne, one in each direction that was looked at, in
             the unit of `borne`; their hull is borne.
     """
@@ -175,10 +176,11 @@ class Tolerances(Brief):
             if isinstance(one, Tolerance) and one.direction is not None:  # of the joint that fails
                 units = [units[int(np.abs(one.direction).argmax())]]
             unit = units_text(units)
-        fails = (
-            f"{_digits(scale * one.failing)} {unit}" if np.isfinite(one.failing) else "none found"
+        borne, fails = (
+            f"{_digits(scale * figure)} {unit}" if np.isfinite(figure) else word
+            for figure, word in ((one.borne, "any"), (one.failing, "none found"))
         )
-        return f"{_digits(scale * one.borne)} {unit}", fails
+        return borne, fails
 
 
 def _digits(value: float) -> str:

@@ -42,6 +42,8 @@ _ROUNDS = 12
 _AROUND = 16
 """Directions in the plane that are looked at first."""
 _CORNER_ROUNDS = 3
+_ROUNDING = 1e-12
+"""Of torques: a smaller load is what rounding leaves."""
 _CERTAIN = 1e-6
 """Of the load: a margin that is not below minus this is none that failed."""
 
@@ -183,19 +185,25 @@ class _Search:
         return np.concatenate([wrench, np.zeros(self.rest.passive_count - len(wrench))])
 
     def _torque(self, added: FloatArray) -> FloatArray:
-        """Return the load that torques which are off make on the joints' coordinates."""
+        """Return the load that torques which are off make on the joints' coordinates.
+
+        Zero where feedback makes up for all of it, as the joints give way.
+        """
         changed = under_commands(self.member, self.torques + added, self.directions)
-        return changed.external_wrench - self.rest.external_wrench
+        load = changed.external_wrench - self.rest.external_wrench
+        return load * (np.linalg.norm(load) > _ROUNDING * np.linalg.norm(added))
 
     def _rays(self, loads: FloatArray) -> FloatArray:
         """Return how many times each load is borne."""
-        if not len(loads):
-            return np.zeros(0)
-        found = disturbance_margin(
-            self.rest, directions=loads, characteristic_length=1.0, **self.options
-        )
-        times = found.magnitudes / np.linalg.norm(loads, axis=1)
-        return np.where(found.magnitudes > _CERTAIN * self.problem.scales.force, times, 0.0)
+        times, sizes = np.full(len(loads), np.inf), np.linalg.norm(loads, axis=1)
+        some = sizes > 0.0
+        if some.any():
+            found = disturbance_margin(
+                self.rest, directions=loads[some], characteristic_length=1.0, **self.options
+            ).magnitudes
+            is_some = found > _CERTAIN * self.problem.scales.force
+            times[some] = np.where(is_some, found / sizes[some], 0.0)
+        return times
 
     def _at_the_end(self, load: FloatArray) -> dict[str, Any]:
         """Return `contacts`, `joints` and `deflection` of a load that is just borne."""
@@ -219,8 +227,12 @@ class _Search:
     def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
         times = float(self._rays(load[None])[0])
         if times >= most:
-            return Tolerance(quantity, most, np.inf)
+            return Tolerance(quantity, most, np.inf, **self._given_way(most))
         return Tolerance(quantity, times, times, **self._at_the_end(times * load))
+
+    def _given_way(self, borne: float) -> dict[str, float]:
+        """Return `deflection` where nothing fails: without bound where any torque is borne."""
+        return {"deflection": borne} if np.isinf(borne) and self.stiffness is not None else {}
 
     def _joints(self, joints: NDArray[np.intp]) -> Tolerance:
         """Return by how much the torque of any one joint may be off, either way."""
@@ -230,6 +242,8 @@ class _Search:
         times = self._rays(loads)
         worst = int(times.argmin())
         least = float(times[worst])
+        if np.isinf(least):
+            return Tolerance(Quantity.JOINT, least, least, **self._given_way(least))
         told = self._at_the_end(least * loads[worst])
         return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), **told)
 

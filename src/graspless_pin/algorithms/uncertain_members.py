@@ -287,9 +287,21 @@ def scaled_member(
 
 
 def _limits(problem: QuasistaticProblem, left: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return torque limits of which shares (L,) are left; those beyond zero stay."""
+    """Return torque limits of which shares (L,) are left; those beyond zero stay.
+
+    Raises:
+        ArgumentError: If nothing is left between them.
+    """
     low, high = problem.lower_torque, problem.upper_torque
-    return np.where(low < 0.0, left, 1.0) * low, np.where(high > 0.0, left, 1.0) * high
+    weaker = np.where(low < 0.0, left, 1.0) * low, np.where(high > 0.0, left, 1.0) * high
+    for joint in np.flatnonzero(weaker[0] > weaker[1]).tolist():
+        name, unit = problem.joint_names[joint], problem.joint_units[joint]
+        raise ArgumentError(
+            "effort",
+            f"is {1.0 - left[joint]:g} and leaves no torque to joint {name!r}, whose limits are "
+            f"{low[joint]:g} to {high[joint]:g} {unit}; give less, or limits nearer to zero",
+        )
+    return weaker
 
 
 def _load_at(

@@ -133,10 +133,19 @@ def generalized_load(problem: QuasistaticProblem, torques: FloatArray) -> FloatA
     return np.concatenate([problem.external_wrench, torques - problem.gravity_torques])
 
 
+_ROUNDING = 8.0 * float(np.finfo(float).eps)
+"""Of the length of a column at one contact."""
+
+
 def contact_jacobian(problem: QuasistaticProblem) -> FloatArray:
-    """Return G = [W^T, -J] in contact frames, (M, 3, P + L)."""
+    """Return G = [W^T, -J] in contact frames, (M, 3, P + L).
+
+    What rounding leaves of an entry is zero: a contact does not resist a motion along its tangents,
+    however large its force.
+    """
     g = contact_map(problem).copy()
     g[:, :, problem.passive_count :] *= -1.0
+    g[np.abs(g) <= _ROUNDING * np.linalg.norm(g, axis=1, keepdims=True)] = 0.0
     return g
 
 

@@ -121,7 +121,7 @@ class SectorMotions:
         if not directed:
             return np.zeros(len(kinematics.scale))
         rows = np.array([_rows(sectors[contacts[place]]) for place in directed])
-        moving = (rows @ touching.tangential[directed]).reshape(-1, touching.basis.shape[1])
+        moving = (rows @ touching.tangential[directed]).reshape(3 * len(directed), -1)
         strict = np.tile([0.0, 0.0, 1.0], len(directed))
         self.programs += 1
         found = fastest_sliding(moving, strict, None, kinematics.threshold)

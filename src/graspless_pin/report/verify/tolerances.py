@@ -75,6 +75,8 @@ _MOTION = 1e-3
 """Of the accelerations that count as rest: what a motion may lack."""
 _DOUBLE = 8.0 * float(np.finfo(float).eps)
 LONG = 8.0 * float(np.finfo(np.longdouble).eps)
+PRODUCT = _DOUBLE
+"""Of the length of a column: smaller entries of it along normals and tangents are rounding."""
 PRODUCTS = 8.0 * _DOUBLE
 """Of the sizes of two matrices of motions, times how many: what rounding may hide of a product."""
 STATED = _DOUBLE
