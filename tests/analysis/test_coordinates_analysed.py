@@ -23,6 +23,7 @@ from graspless_pin import (
     robustness,
     solve_each_mode,
     stability,
+    tolerances,
     what_would_hold,
 )
 from graspless_pin.errors import ArgumentError
@@ -106,8 +107,14 @@ def test_gradients_are_those_of_differences():
 
 @pytest.mark.parametrize("off", [{"mass": 0.1}, {"force": 0.1}, {"moment": 0.01}, {"tilt": 0.01}])
 def test_nothing_is_taken_as_off_of_two_objects(off):
-    with pytest.raises(ArgumentError, match="uncertainty: is of one free object"):
+    with pytest.raises(ArgumentError, match="problem: has a wrench_matrix"):
         maximize_margin(QuasistaticProblem(**stacked(0.0)), uncertainty=Uncertainty(**off))
+
+
+def test_no_tolerances_are_told_of_two_objects():
+    problem = QuasistaticProblem(**stacked(0.0))
+    with pytest.raises(ArgumentError, match="problem: has a wrench_matrix"):
+        tolerances(problem, [])
 
 
 def test_a_stack_relies_on_all_of_its_three_corners():

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from tests.core.child_calls import is_running
@@ -114,6 +115,19 @@ def test_an_exception_that_is_none_of_ours_is_one_line_that_asks_for_a_report():
     last = shown.splitlines()[-1]
     assert last.startswith("error: internal error in solve.py, line ")
     assert "AssertionError; " in last
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has it")
+@pytest.mark.parametrize("command", [["robots"], ["--help"]])
+def test_output_that_takes_no_more_ends_with_one_line(command):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
+            [sys.executable, "-m", "graspless_pin", *command],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=PATIENCE,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: standard output cannot be written (No space left")
+    assert len(done.stderr.splitlines()) == 1
 
 
 def gone(number: int) -> bool:

@@ -39,10 +39,11 @@ def test_an_audit_says_what_to_do(tmp_path):
     assert result.exit_code == 1
     assert "missing collision mesh" in result.stdout and "tip.stl" in result.stdout
     assert "placeholder effort" in result.stdout and "bend" in result.stdout
+    assert "2 links without mass (neither verdicts nor simulations)" in result.stdout
     # A sound robot passes.
     result = run("inspect", "trihand")
     assert result.exit_code == 0
-    assert "can be mounted as it is" in result.stdout
+    assert "can be mounted as it is" in result.stdout and "without mass" not in result.stdout
 
 
 def test_a_hand_that_touches_nothing_loads_and_is_doubtful(tmp_path):

@@ -54,6 +54,7 @@ def test_inertias_are_read_only_copies():
         ("object_inertia", np.full((6, 6), np.nan), r"is NaN at index \(0, 0\)"),
         ("object_inertia", np.diag([1, 1, 1, 1, 1, 0.0]), r"is 0.0 at index \(5, 5\); the diag"),
         ("object_inertia", -OBJECT, r"is -2.0 at index \(0, 0\); the diagonal must be positive"),
+        ("object_inertia", np.diag([2, 2, 3, 1, 1, 1]), r"has .* for the mass; one free"),
         ("joint_inertia", np.eye(3), r"has shape \(3, 3\); expected \(2, 2\)"),
         ("joint_inertia", [[1, 0], [0, np.inf]], r"is inf at index \(1, 1\); it must be finite"),
         ("joint_inertia", [[1, 0.1], [0.1001, 1]], r"is 0.1 at index \(0, 1\) and 0.1001 at \(1, 0"

@@ -364,6 +364,11 @@ def test_objects_that_are_not_rigid_or_of_no_known_shape_are_refused() -> None:
         )
 
 
+def test_the_text_of_an_mjcf_is_not_taken_for_its_path() -> None:
+    with pytest.raises(ArgumentError, match=r"source: is MJCF itself.*MjSpec.from_string"):
+        scene_from_mjcf(TWO_GEOMS)
+
+
 def test_what_no_mjcf_can_say_is_refused() -> None:
     scene = load_scene(EXAMPLES / "paper/sphere_on_slope.yaml").with_changes(motion=None)
     for change, words in (

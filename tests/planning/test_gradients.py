@@ -249,6 +249,21 @@ def test_fingers_that_limit_together_are_flagged():
     assert gradients.degenerate is False
 
 
+def test_limits_that_are_equal_have_no_derivative():
+    """Nor has the weight that a joint carries which moves no contact: any other is infeasible."""
+    jacobian = np.zeros((9, 3))
+    jacobian[1, 0], jacobian[4, 1] = -0.1, 0.1
+    pinched = QuasistaticProblem(
+        [[0, -0.05, 0], [0, 0.05, 0], [0, 0, -0.05]], [[0, 1, 0], [0, -1, 0], [0, 0, 1]],
+        [0, 0, -4.9, 0, 0, 0], jacobian, friction=0.5, torque_limits=([-2, -2, 0], [2, 2, 0]),
+    )  # fmt: skip
+    for solver in ("auto", "highs"):
+        found = maximize_margin(pinched, static_friction="coulomb", solver=solver)
+        unique = optimum_gradients(found).unique
+        for name in ("gravity_torques", "upper_torque", "lower_torque"):
+            assert not unique[name][2], name
+
+
 def test_what_has_no_gradient():
     lifted = scene("sphere").with_changes(external_wrench=[0, 0, 99, 0, 0, 0])
     with pytest.raises(NoSolutionError, match="no optimum to differentiate"):

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.core.scenes import rescaled, scene
 from verified_documents import SCALES, SOLUTIONS, changed, documented, failed, slab
@@ -182,6 +183,23 @@ def test_the_words_of_a_status_are_held_against_it(made):
     false = changed(made("tree"), "message", to="optimal in the given virtual-sliding mode")
     assert failed(false) == ["message and status agree"]
     assert "found and status agree" in failed(changed(made("tree"), "found", to=False))
+
+
+@pytest.mark.parametrize("seed", range(3, 6))
+def test_a_margin_of_zero_is_proven_whatever_rounding_leaves_of_it(seed):
+    """No load: two contacts that cannot press on each other do best with no forces."""
+    rng = np.random.default_rng(seed)
+    normals = np.array([[0.15, 0.29, 0.945], [0.23, 0.775, -0.59]])
+    problem = QuasistaticProblem(
+        0.1 * rng.normal(size=(2, 3)), normals / np.linalg.norm(normals, axis=1)[:, None],
+        np.zeros(6), 0.1 * rng.normal(size=(6, 1)), friction=[0.57, 0.46], cone="round",
+        torque_limits=(-np.inf, np.inf), gravity_torques=[-0.04],
+    )  # fmt: skip
+    document = documented(maximize_margin(problem))
+    verification = verify_document(document)
+    assert verification.proven, str(verification)
+    document["margin"] = 1e-6
+    assert not verify_document(document).proven
 
 
 def test_a_proof_that_is_withdrawn_is_not_proven(made):

@@ -272,7 +272,9 @@ class OptimalSet:
         """
         formulation, (x, y, z, reduced) = self._formulation, point
         rows, columns = self._inward
-        own = np.concatenate([self._own.y, self._own.z - rows]), self._own.reduced + columns
+        sides = self._own.z - rows
+        sides[sides == 0.0] = 1.0  # of equal limits
+        own = np.concatenate([self._own.y, sides]), self._own.reduced + columns
         program = formulation.program
         found = marginals(
             (program.blocks, program.bounded_blocks),

@@ -207,13 +207,11 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
         )
         for item in fields(Gradients)
     }
-    return OptimumGradients(
-        values,
-        MappingProxyType(unique),
-        solution,
-        point,
-        alternatives,
-    )
+    # One of two equal limits moves away from the other only.
+    pinned = solution.problem.lower_torque == solution.problem.upper_torque
+    for limit in ("upper_torque", "lower_torque"):
+        unique[limit] = read_only(unique[limit] & ~pinned)
+    return OptimumGradients(values, MappingProxyType(unique), solution, point, alternatives)
 
 
 def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:

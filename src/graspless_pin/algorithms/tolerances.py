@@ -70,7 +70,8 @@ def tolerances(
         problem: Contacts, load and joints.
         torques: (L,) motor torques, N m (N).
         feedback: Joint stiffness that adds to the torques, N m/rad (N/m), or a controller.
-        weight: Which part of the load is weight; None: all of the external wrench.
+        weight: Which part of the load is weight; None: all of the external wrench but a moment
+            about its force.
         fingers: The finger of each joint that belongs to one, for a controller that names them.
         quantities: Which to tell of; others take no time.
         attainable: Whether to tell, too, how far each may be off if torques are chosen for it.
@@ -96,6 +97,10 @@ def tolerances(
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)
+    named = [quantities] if isinstance(quantities, str) else quantities
+    wanted = [Quantity(one_of([*Quantity], "quantities", one)) for one in named]
+    if {*wanted} - {Quantity.FRICTION, Quantity.TILT}:
+        how.rules.need_signs("tolerances")
     given = finite_array("torques", torques, (problem.joint_count,))
     weight = weight_of_arrays(problem) if weight is None else weight
     stiffness = joint_stiffness(problem, feedback, fingers)
@@ -103,8 +108,6 @@ def tolerances(
     search = _Search(problem, given, stiffness, SolveOptions.parse(**options), options)
     if search.fails(0.0 * search.rest.external_wrench):
         raise NoSolutionError("No contact forces balance the load under these torques.")
-    named = [quantities] if isinstance(quantities, str) else quantities
-    wanted = [Quantity(one_of([*Quantity], "quantities", one)) for one in named]
     nominal = read_only(weight.wrench(0.0, np.zeros(3), weight.down)[:3].copy())
     each = tuple(search.all(weight, wanted))
     found: list[AttainableTolerance] = []

@@ -92,7 +92,7 @@ def weight_of_arrays(problem: QuasistaticProblem) -> Weight:
     """
     if problem.passive_count != 6 or problem.wrench_matrix is not None:
         raise ArgumentError(
-            "uncertainty", "is of one free object, and the problem has a wrench_matrix"
+            "problem", "has a wrench_matrix; what may be off is that of one free object"
         )
     force, moment = problem.external_wrench[:3], problem.external_wrench[3:]
     lever = np.cross(force, moment) / max(float(force @ force), np.finfo(float).tiny)

@@ -7,6 +7,7 @@ Elsewhere than on Linux the work is done in one process, as it would be without.
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
@@ -41,10 +42,20 @@ def main(*, guarded: bool = True) -> None:
 
         app()
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in _NO_ROOM and error.filename is None:
+            _end_without_output(error)
         if os.environ.get(_TRACEBACK):
             sys.excepthook(type(error), error, error.__traceback__)
         sys.stderr.write(f"error: {_report_of(error)}\n")
         sys.exit(INTERNAL_ERROR)
+
+
+def _end_without_output(error: OSError) -> NoReturn:
+    """Say that standard output takes no more, and end: Python would try again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    why = os.strerror(error.errno or 0)
+    sys.stderr.write(f"error: standard output cannot be written ({why}); send it elsewhere\n")
+    sys.exit(CRASHED)
 
 
 def _report_of(error: Exception) -> str:
@@ -60,7 +71,7 @@ def _report_of(error: Exception) -> str:
 
 
 CRASHED = 2
-"""Exit code after a library has crashed: that of input which cannot be used."""
+"""Exit code after a library has crashed, or for want of room: that of what cannot be used."""
 INTERNAL_ERROR = 70
 """Exit code after an exception that nobody foresaw, as ``sysexits.h`` has it."""
 
@@ -69,6 +80,7 @@ INTERRUPTED = 130
 INTERRUPTION = "interrupted\n"
 """What is said then."""
 
+_NO_ROOM = errno.ENOSPC, errno.EDQUOT
 _CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSYS", "SIGTRAP", "SIGKILL")
 _PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 _SENT_BY_A_TERMINAL = 0x80  # SI_KERNEL: the child has got it, too

@@ -85,9 +85,10 @@ def audit_text(report: AuditReport) -> str:
     loads = "can be mounted as it is" if report.loads else "cannot be mounted as it is"
     if report.loads and is_serious(report.findings):
         loads = "loads, but something serious is wrong"
+    weightless = " without mass (neither verdicts nor simulations)" if not report.mass else ""
     lines = [
         f"{report.name} ({report.urdf_path}): {loads}",
-        f"{len(report.links)} links, {len(report.joints)} movable joints; palm: "
+        f"{len(report.links)} links{weightless}, {len(report.joints)} movable joints; palm: "
         f"{', '.join(report.palms) or 'none found'}",
     ]
     lines += [f"finger {name}: {', '.join(joints)}" for name, joints in report.fingers.items()]

@@ -178,6 +178,9 @@ def solve_scene(
             **figures,
         }
         _refuse_idle(loaded, given, verdict_nodes, controller, no_verdict=no_verdict)
+        if json_file is not None:
+            options = {name: value for name, value in given.items() if value is not None}
+            loaded.asked(algorithm, **options)[1].rules.need_signs("a document")
         solution, answer, verdict, note = judged_solution(
             loaded, algorithm, verdict_nodes, no_verdict=no_verdict, **given
         )

@@ -282,6 +282,7 @@ class AuditReport:
         palms: The links that carry fingers.
         fingers: The joints of every finger.
         findings: What was found, the gravest first.
+        mass: Of all links, kg.
     """
 
     name: str
@@ -292,6 +293,7 @@ class AuditReport:
     palms: tuple[str, ...] = ()
     fingers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    mass: float = 0.0
 
 
 def audit_urdf(
@@ -365,6 +367,7 @@ def audit_urdf(
         joints=joined.tree.joint_names,
         palms=joined.palms,
         fingers={name: spec.joints for name, spec in joined.fingers.items()},
+        mass=float(joined.tree.masses[0].sum()),
     )
 
 

@@ -23,6 +23,10 @@ from graspless_pin.suggestions import first_of, names_in_words
 
 def source_of(source: Any) -> MjcfSource:
     """Return what MuJoCo has read of the path of an MJCF, a ``MjSpec`` or a ``MjModel``."""
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        raise ArgumentError(
+            "source", "is MJCF itself, not its path; give mujoco.MjSpec.from_string of it"
+        )
     if isinstance(source, str | Path):
         return read_mjcf(Path(source), keyframes=True)
     if hasattr(source, "worldbody"):

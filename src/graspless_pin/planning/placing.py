@@ -188,7 +188,8 @@ _ADVICE = {
     PlacingFault.INTERNAL_ERROR: "this is our fault: please report it with the scene",
     PlacingFault.OUT_OF_REACH: "the arm does not reach the object from its base: set base_pose, or "
     "let the base move with move_base (--move-base)",
-    PlacingFault.SUPPORT_IN_THE_WAY: f"nowhere is the open hand clear of the supports; {_OTHERS}",
+    PlacingFault.SUPPORT_IN_THE_WAY: "nowhere is the open hand, with its arm, clear of the "
+    f"supports; {_OTHERS}; of an arm, a base_pose that stays, or the hand alone (root_link)",
     PlacingFault.OBJECT_IN_THE_WAY: f"nowhere is the open hand clear of the object; {_LARGER}",
     PlacingFault.TOUCHES_NOTHING: f"no finger reaches the object; {_LARGER}",
     PlacingFault.HAND_ON_SUPPORT: f"each closed hand touches a support; {_OTHERS}",

@@ -36,6 +36,7 @@ from graspless_pin.problem.cones import checked_cone, default_tangents
 AT_REST = 1e-12
 """Sliding speeds up to this are none, m/s."""
 _LARGEST_COSINE = 1e-6
+_ONE_MASS = 1e-9
 
 
 def checked_arguments(
@@ -108,7 +109,7 @@ def checked_arguments(
         "gravity_torques": gravity,
         "wrench_matrix": matrix,
         "passive_units": kinds,
-    } | _checked_inertias(object_inertia, joint_inertia, (len(kinds), count))
+    } | _checked_inertias(object_inertia, joint_inertia, (len(kinds), count), free=matrix is None)
 
 
 def _checked_coordinates(
@@ -131,12 +132,23 @@ def _checked_coordinates(
 
 
 def _checked_inertias(
-    of_object: ArrayLike | None, of_joints: ArrayLike | None, counts: tuple[int, int]
+    of_object: ArrayLike | None,
+    of_joints: ArrayLike | None,
+    counts: tuple[int, int],
+    *,
+    free: bool,
 ) -> dict[str, Any]:
-    """Return the inertias that are given, by attribute."""
+    """Return the inertias that are given, by attribute; that of one free object has one mass."""
     checked, (passive, count) = {}, counts
     if of_object is not None:
         own = checked_inertia("object_inertia", of_object, passive, definite=True)
+        mass = own[:3, :3]
+        if free and np.abs(mass - mass[0, 0] * np.eye(3)).max() > _ONE_MASS * mass[0, 0]:
+            raise ArgumentError(
+                "object_inertia",
+                f"has {mass.tolist()} for the mass; one free object has the same in all "
+                "directions (others need a wrench_matrix)",
+            )
         checked["object_inertia"] = own
     if of_joints is not None:
         checked["joint_inertia"] = checked_inertia("joint_inertia", of_joints, count)

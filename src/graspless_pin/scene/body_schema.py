@@ -240,6 +240,17 @@ class PrefixedMountEntry(MountEntry):
 
     prefix: Name = Field(description="such as left/")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_state(cls, data: Any) -> Any:
+        of_all = HandEntry.model_fields.keys() - cls.model_fields.keys()
+        if isinstance(data, dict) and (found := sorted(of_all & data.keys())):
+            raise ValueError(
+                f"found {' and '.join(found)}; write that beside 'mounts', not in one, with "
+                "the prefix before names of joints and fingers"
+            )
+        return data
+
 
 ModeName = Literal["force", "position", "hybrid"]
 

@@ -90,6 +90,9 @@ def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]
     having = {
         name for name, one in zip(problem.units, torques, strict=True) if one >= found - tolerance
     } or {"N m"}  # fmt: skip
+    # Zero stands for what cones may be short of it: see `check_forces`.
+    is_none = margin == 0.0 and -tolerances.force(problem) <= forces.margin < 0.0
+    kept = 0.0 if is_none else forces.margin
     return [
         within(
             "torques J^T f + g as stated",
@@ -97,7 +100,7 @@ def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]
             tolerances.ARITHMETIC,
             "of the load's",
         ),
-        agrees("margin as stated", margin, forces.margin, tolerances.force_figure(problem), "N"),
+        agrees("margin as stated", margin, kept, tolerances.force_figure(problem), "N"),
         agrees("largest torque as stated", largest, found, tolerance, unit),
         holds("its unit as stated", unit in having, unit),
     ]
