@@ -230,12 +230,12 @@ class _Search:
     def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
         times = float(self._rays(load[None])[0])
         if times >= most:
-            return Tolerance(quantity, most, np.inf, **self._given_way(most))
+            return Tolerance(quantity, most, np.inf, deflection=self._deflection(most))
         return Tolerance(quantity, times, times, **self._at_the_end(times * load))
 
-    def _given_way(self, borne: float) -> dict[str, float]:
+    def _deflection(self, borne: float) -> float:
         """Return `deflection` where nothing fails: without bound where any torque is borne."""
-        return {"deflection": borne} if np.isinf(borne) and self.stiffness is not None else {}
+        return borne if np.isinf(borne) and self.stiffness is not None else 0.0
 
     def _joints(self, joints: NDArray[np.intp]) -> Tolerance:
         """Return by how much the torque of any one joint may be off, either way."""
@@ -246,7 +246,7 @@ class _Search:
         worst = int(times.argmin())
         least = float(times[worst])
         if np.isinf(least):
-            return Tolerance(Quantity.JOINT, least, least, **self._given_way(least))
+            return Tolerance(Quantity.JOINT, least, least, deflection=self._deflection(least))
         told = self._at_the_end(least * loads[worst])
         return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), **told)
 
