@@ -76,21 +76,47 @@ def test_stiffer_joints_give_way_less():
     assert soft.deflection == pytest.approx(4.0 * stiff.deflection, rel=1e-3)
 
 
-def test_torques_that_feedback_makes_up_for_may_be_off_by_any():
-    """An object on one tip of a lever of 0.1 m: whatever its torque is off by, it gives way."""
+def test_a_motor_makes_up_for_errors_as_far_as_its_limit_goes():
+    """An object on one tip of a lever of 0.1 m, of a motor that bears 2 N m at most.
+
+    It gives way until what it makes, and what that is off by, is 0.49 N m again.
+    """
     jacobian = np.array([[0.0], [0.0], [-0.1]])
     lever = QuasistaticProblem([[0, 0, -0.03]], [[0, 0, 1]], [0, 0, -4.9, 0, 0, 0], jacobian,
                                friction=0.5, torque_limits=(-2.0, 2.0))  # fmt: skip
-    given = {"feedback": 1.0, "static_friction": COULOMB, "attainable": True}
-    found = tolerances(lever, [-0.49], **given)
-    for name in ("all torques larger", "one joint's torque"):
-        one = found.of(name)
-        assert one.borne == one.failing == one.deflection == np.inf
-        assert f"{name}any" in re.sub(" {2,}", "", str(found))
+    given = {"feedback": 0.5, "static_friction": COULOMB}
+    found = tolerances(lever, [-0.49], attainable=True, **given)
+    more, one = found.of("all torques larger"), found.of("one joint's torque")
+    assert (more.borne, more.failing) == pytest.approx((2.49 / 0.49,) * 2, rel=0.01)
+    assert more.deflection == pytest.approx(2.49 / 0.5, rel=0.01)
+    assert more.joints == (0,)
+    assert (one.borne, one.failing) == pytest.approx((2.0 - 0.49,) * 2, rel=0.01)
+    assert one.deflection == pytest.approx((2.0 - 0.49) / 0.5, rel=0.01)
     assert found.of("all torques smaller").borne == 1.0
     assert found.of("more mass").failing == pytest.approx(2.0 / 0.49 - 1.0)
     bare = tolerances(lever, [-0.49], static_friction=COULOMB)
     assert bare.of("one joint's torque").borne == 0.0
+    tireless = lever.with_changes(torque_limits=(-np.inf, np.inf))
+    found = tolerances(tireless, [-0.49], **given)
+    for name in ("all torques larger", "one joint's torque"):
+        some = found.of(name)
+        assert some.borne == some.failing == some.deflection == np.inf
+        assert f"{name}any" in re.sub(" {2,}", "", str(found))
+
+
+@pytest.mark.parametrize("feedback", [0.0, 1.0])
+def test_feedback_changes_nothing_where_nothing_gives_way(feedback):
+    """Contacts that leave no motion: errors of motors near their limits are no feedback."""
+    problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+    torques = minimize_torque(problem, 0.1, static_friction=COULOMB).torques
+    most = 1.05 * float(np.abs(torques).max())
+    near = problem.with_changes(torque_limits=(-most, most))
+    rigid = tolerances(near, torques, static_friction=COULOMB)
+    soft = tolerances(near, torques, feedback=feedback, static_friction=COULOMB)
+    assert rigid.of("all torques larger").borne > 4.0
+    for one, other in zip(rigid.each, soft.each, strict=True):
+        assert other.borne == pytest.approx(one.borne, rel=0.01), one.quantity
+        assert not other.deflection > 1e-9
 
 
 def test_pushes_from_all_sides_are_borne():

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
 from graspless_pin.algorithms.attainable_tolerances import AttainableSearch, AttainableTolerance
@@ -39,11 +40,13 @@ _AT_LIMIT = 1e-4
 _CLOSE = 0.01
 """Of a bracket: how near what is borne and what fails have to be."""
 _ROUNDS = 12
+_FINE = 2e-5
+"""Of a bracket, where a joint is to be seen at its limit."""
 _AROUND = 16
 """Directions in the plane that are looked at first."""
 _CORNER_ROUNDS = 3
-_ROUNDING = 1e-12
-"""Of torques: a smaller load is what rounding leaves."""
+_DOUBLINGS = 20
+"""Of an error of torques, from that of the torques' own size: what bears that bears any."""
 _CERTAIN = 1e-6
 """Of the load: a margin that is not below minus this is none that failed."""
 
@@ -144,7 +147,6 @@ class _Search:
         still, down, problem = np.zeros(3), weight.down, self.problem
         nominal = weight.wrench(0.0, still, down)
         heavier = self._load(weight.wrench(1.0, still, down) - nominal)
-        larger = self._torque(self.torques)
         pushes = np.array([self._load(one) for one in np.eye(6)])
         joints = np.flatnonzero(problem.jacobian.any(axis=0))
         ways: dict[Quantity, Callable[[], Tolerance]] = {}
@@ -169,12 +171,15 @@ class _Search:
         if nominal[:3].any() and weight.links is not None:
             ways[Quantity.TILT] = lambda: self._bisected(Quantity.TILT, "tilt", weight, MOST_TILT)
         if self.torques.any():
+            more = self.torques[None]
             ways |= {
-                Quantity.TORQUE_MORE: lambda: self._ray(Quantity.TORQUE_MORE, larger),
-                Quantity.TORQUE_LESS: lambda: self._ray(Quantity.TORQUE_LESS, -larger, most=1.0),
+                Quantity.TORQUE_MORE: lambda: self._errors(Quantity.TORQUE_MORE, more),
+                Quantity.TORQUE_LESS: lambda: self._errors(Quantity.TORQUE_LESS, -more, most=1.0),
             }
         if len(joints):
-            ways[Quantity.JOINT] = lambda: self._joints(joints)
+            each = np.concatenate([np.eye(problem.joint_count)[joints]] * 2)
+            each[len(joints) :] *= -1.0
+            ways[Quantity.JOINT] = lambda: self._errors(Quantity.JOINT, each)
         return [way() for quantity, way in ways.items() if quantity in wanted]
 
     def fails(self, load: FloatArray) -> bool:
@@ -186,15 +191,6 @@ class _Search:
 
     def _load(self, wrench: FloatArray) -> FloatArray:
         return np.concatenate([wrench, np.zeros(self.rest.passive_count - len(wrench))])
-
-    def _torque(self, added: FloatArray) -> FloatArray:
-        """Return the load that torques which are off make on the joints' coordinates.
-
-        Zero where feedback makes up for all of it, as the joints give way.
-        """
-        changed = under_commands(self.member, self.torques + added, self.directions)
-        load = changed.external_wrench - self.rest.external_wrench
-        return load * (np.linalg.norm(load) > _ROUNDING * np.linalg.norm(added))
 
     def _rays(self, loads: FloatArray) -> FloatArray:
         """Return how many times each load is borne."""
@@ -210,7 +206,11 @@ class _Search:
 
     def _at_the_end(self, load: FloatArray) -> dict[str, Any]:
         """Return `contacts`, `joints` and `deflection` of a load that is just borne."""
-        found = solve_problem(self._under((1.0 - _CERTAIN) * load), Margin(), self.how)
+        return self._told(self._under((1.0 - _CERTAIN) * load))
+
+    def _told(self, problem: QuasistaticProblem) -> dict[str, Any]:
+        """Return `contacts`, `joints` and `deflection` of a problem that is just feasible."""
+        found = solve_problem(problem, Margin(), self.how)
         if not found.found:
             return {"deflection": 0.0 if self.stiffness is None else np.nan}
         limits = limiting_contacts(found)
@@ -230,25 +230,51 @@ class _Search:
     def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
         times = float(self._rays(load[None])[0])
         if times >= most:
-            return Tolerance(quantity, most, np.inf, deflection=self._deflection(most))
+            return Tolerance(quantity, most, np.inf)
         return Tolerance(quantity, times, times, **self._at_the_end(times * load))
 
-    def _deflection(self, borne: float) -> float:
-        """Return `deflection` where nothing fails: without bound where any torque is borne."""
-        return borne if np.isinf(borne) and self.stiffness is not None else 0.0
+    def _errors(self, quantity: Quantity, errors: FloatArray, most: float = np.inf) -> Tolerance:
+        """Return how many times the torques may be off by any of (k, L) errors.
 
-    def _joints(self, joints: NDArray[np.intp]) -> Tolerance:
-        """Return by how much the torque of any one joint may be off, either way."""
-        directions = np.concatenate([np.eye(self.problem.joint_count)[joints]] * 2)
-        directions[len(joints) :] *= -1.0
-        loads = np.array([self._torque(one) for one in directions])
+        Rays tell it without feedback. With it a motor's limit counts, and bounds what the motor is
+        commanded, not what it makes of that: such an error is no load, and found by bisection.
+        """
+        if self.stiffness is None:
+            return self._worst_ray(quantity, errors, most)
+
+        def members(times: float) -> list[Member]:
+            return [replace(self.member, offsets=times * one) for one in errors]
+
+        end = most
+        if np.isinf(most):
+            end = float(self.problem.scales.joints.max()) if quantity is Quantity.JOINT else 1.0
+            for _ in range(_DOUBLINGS):
+                if self._worst(members(end))[0]:
+                    break
+                end *= 2.0
+        low, high, worst = self._bracket(members, 0.0, end, _FINE)
+        if np.isinf(high):
+            return Tolerance(quantity, most, high, deflection=np.inf if np.isinf(most) else 0.0)
+        found = self._told(
+            under_commands(members((1.0 - _CERTAIN) * low)[worst], self.torques, self.directions)
+        )
+        if quantity is Quantity.JOINT:
+            found["direction"] = read_only(errors[worst])
+        return Tolerance(quantity, low, high, **found)
+
+    def _worst_ray(self, quantity: Quantity, errors: FloatArray, most: float) -> Tolerance:
+        """Return how many times errors (k, L) that are loads on the joints are borne."""
+        made = [under_commands(self.member, self.torques + one) for one in errors]
+        loads = np.array([one.external_wrench for one in made]) - self.rest.external_wrench
         times = self._rays(loads)
         worst = int(times.argmin())
         least = float(times[worst])
-        if np.isinf(least):
-            return Tolerance(Quantity.JOINT, least, least, deflection=self._deflection(least))
+        if least >= most:
+            return Tolerance(quantity, most, np.inf)
         told = self._at_the_end(least * loads[worst])
-        return Tolerance(Quantity.JOINT, least, least, read_only(directions[worst]), **told)
+        if quantity is Quantity.JOINT:
+            told["direction"] = read_only(errors[worst])
+        return Tolerance(quantity, least, least, **told)
 
     def _ball(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
         """Return how large a change may be in any direction.
@@ -324,31 +350,35 @@ class _Search:
         ]  # fmt: skip
 
     def _bracket(
-        self, members: Callable[[float], Sequence[Member]], low: float, most: float
+        self,
+        members: Callable[[float], Sequence[Member]],
+        low: float,
+        most: float,
+        close: float = 0.5 * _CLOSE,
     ) -> tuple[float, float, int]:
-        """Bisect between a figure that is borne and the largest.
+        """Bisect between a figure that is borne and the largest, to a share of what fails.
 
         Returns:
             A figure that is borne; one at which a member has no forces, inf where none fails; and
             the number of that member.
         """
-
-        def worst_at(figure: float) -> tuple[bool, int]:
-            margins = member_margins(
-                members(figure), self.torques, self.how, NO_LIMITS, directions=self.directions
-            )
-            fails = not margins.min() >= -_CERTAIN * self.problem.scales.force
-            return fails, int(margins.argmin())
-
         high = float(np.nextafter(most, 0.0))
-        fails, worst = worst_at(high)
+        fails, worst = self._worst(members(high))
         if not fails:
             return most, np.inf, worst
-        while high - low > max(0.5 * _CLOSE * high, 1e-4 * most):
+        while high - low > close * max(high, 0.02 * most):
             middle = 0.5 * (low + high)
-            fails, number = worst_at(middle)
+            fails, number = self._worst(members(middle))
             low, high, worst = (low, middle, number) if fails else (middle, high, worst)
         return low, high, worst
+
+    def _worst(self, members: Sequence[Member]) -> tuple[bool, int]:
+        """Return whether a member has no forces, and the number of that with the least margin."""
+        margins = member_margins(
+            members, self.torques, self.how, NO_LIMITS, directions=self.directions
+        )
+        fails = not margins.min() >= -_CERTAIN * self.problem.scales.force
+        return fails, int(margins.argmin())
 
 
 def _corners(ends: FloatArray) -> FloatArray:

@@ -140,12 +140,13 @@ _ROUNDING = 8.0 * float(np.finfo(float).eps)
 def contact_jacobian(problem: QuasistaticProblem) -> FloatArray:
     """Return G = [W^T, -J] in contact frames, (M, 3, P + L).
 
-    What rounding leaves of an entry is zero: a contact does not resist a motion along its tangents,
-    however large its force.
+    What rounding leaves of an entry is zero where coordinates are of other axes than contacts: a
+    contact does not resist a motion along its tangents, however large its force.
     """
     g = contact_map(problem).copy()
     g[:, :, problem.passive_count :] *= -1.0
-    g[np.abs(g) <= _ROUNDING * np.linalg.norm(g, axis=1, keepdims=True)] = 0.0
+    if problem.wrench_matrix is not None:
+        g[np.abs(g) <= _ROUNDING * np.linalg.norm(g, axis=1, keepdims=True)] = 0.0
     return g
 
 

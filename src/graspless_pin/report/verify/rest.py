@@ -189,6 +189,7 @@ class _Verdict:
         speed = float(np.linalg.norm(problem.points @ acceleration[: len(problem.w)], axis=1).max())
         claimed, most = motion["point_acceleration"], tolerances.motion(self.resolution)
         checks = [
+            given("what contacts do in a motion", shorten(" ".join(motion["states"]), 60)),
             within("a motion obeys the dynamics", left, most, "loads"),
             within("its forces are in the cones, and as commanded", wrong / F, most, "loads"),
             within("it penetrates nothing", -float(u[:, 0].min()) / unit, most, "loads over mass"),

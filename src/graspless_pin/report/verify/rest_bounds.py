@@ -90,11 +90,14 @@ class RestDynamics:
 def contact_motion(problem: Problem) -> np.ndarray:
     """(M, 3, P + L) G in contact frames: accelerations of the object relative to the others.
 
-    What rounding leaves of an entry is zero: else forces without bound resist a motion.
+    What rounding leaves of an entry of a stated map is zero: else forces without bound resist a
+    motion.
     """
     motion = problem.frames @ np.concatenate([problem.passive, -problem.J], axis=2)
-    size = np.linalg.norm(motion, axis=1, keepdims=True)
-    return np.where(np.abs(motion) <= tolerances.PRODUCT * size, 0.0, motion)
+    if problem.given is not None:
+        size = np.linalg.norm(motion, axis=1, keepdims=True)
+        motion[np.abs(motion) <= tolerances.PRODUCT * size] = 0.0
+    return motion
 
 
 def force_motion(problem: Problem) -> np.ndarray:

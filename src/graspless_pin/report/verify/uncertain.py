@@ -34,6 +34,8 @@ from graspless_pin.report.verify.values import (
 _AS_STATED = {
     "at_corners": "verdicts on the corners",
     "nominal": "the figures of the nominal scene",
+    "served_share": "the share that is served",
+    "with_feedback": "what feedback would do",
 }
 """What nothing in the document proves."""
 _ARRAYS = ("frames", "limit", "v")
@@ -294,8 +296,8 @@ def _same_torques(others: list[np.ndarray], own: np.ndarray, problem: Problem) -
 
 def _figures(stated: Part, proof: Part) -> list[Check]:
     """Whether the figures that are stated are those of the joined problem."""
-    same = [stated[key] == proof[key] for key in ("status", "found")]
-    checks = [holds("status for all members", all(same), f"{stated['status']:.60}")]
+    same = [stated[key] == proof[key] for key in ("status", "found", "max_torque_unit")]
+    checks = [holds("status and unit for all members", all(same), f"{stated['status']:.60}")]
     for key in ("margin", "max_torque"):
         told, own = stated[key], proof[key]
         checks.append(agrees(f"{key} for all members", told, own, tolerances.SAME * abs(own)))
