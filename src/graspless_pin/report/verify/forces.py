@@ -90,7 +90,7 @@ def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]
     having = {
         name for name, one in zip(problem.units, torques, strict=True) if one >= found - tolerance
     } or {"N m"}  # fmt: skip
-    # Zero stands for what cones may be short of it: see `check_forces`.
+    # Zero stands for what cones may be short of it: see `force_checks`.
     is_none = margin == 0.0 and -tolerances.force(problem) <= forces.margin < 0.0
     kept = 0.0 if is_none else forces.margin
     return [
