@@ -230,7 +230,7 @@ class _Search:
     def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
         times = float(self._rays(load[None])[0])
         if times >= most:
-            return Tolerance(quantity, most, np.inf)
+            return self._all_borne(quantity, most)
         return Tolerance(quantity, times, times, **self._at_the_end(times * load))
 
     def _errors(self, quantity: Quantity, errors: FloatArray, most: float = np.inf) -> Tolerance:
@@ -254,7 +254,7 @@ class _Search:
                 end *= 2.0
         low, high, worst = self._bracket(members, 0.0, end, _FINE)
         if np.isinf(high):
-            return Tolerance(quantity, most, high, deflection=np.inf if np.isinf(most) else 0.0)
+            return self._all_borne(quantity, most)
         found: dict[str, Any] = {}
         # What is just borne may be infeasible by as little as counts as none.
         for inside in (_CERTAIN, 0.1 * _CLOSE, _CLOSE):
@@ -274,7 +274,7 @@ class _Search:
         worst = int(times.argmin())
         least = float(times[worst])
         if least >= most:
-            return Tolerance(quantity, most, np.inf)
+            return self._all_borne(quantity, most)
         told = self._at_the_end(least * loads[worst])
         if quantity is Quantity.JOINT:
             told["direction"] = read_only(errors[worst])
@@ -329,15 +329,22 @@ class _Search:
             return members_of(self.problem, Uncertainty(**{of: figure}), weight)
 
         low, high, _ = self._bracket(members, 0.0, most)
+        if np.isinf(high):
+            return self._all_borne(quantity, most)
         told: dict[str, Any] = {}
-        if quantity is Quantity.TILT and np.isfinite(high):
+        if quantity is Quantity.TILT:
             # The set has a polygon for the circle of tilts: what fails in it may be outside.
             ways = polygon(_AROUND) @ np.linalg.svd(weight.down[None])[2][1:]
             _, high, worst = self._bracket(lambda tilt: self._tilted(weight, tilt, ways), low, most)
             told = {"direction": read_only(ways[worst])} if np.isfinite(high) else {}
-        if np.isfinite(high) and self.stiffness is not None:
+        if self.stiffness is not None:
             told["deflection"] = np.nan
         return Tolerance(quantity, low, high, **told)
+
+    def _all_borne(self, quantity: Quantity, most: float) -> Tolerance:
+        """Return the tolerance of what is borne up to its largest, where no forces were looked at."""
+        far = np.inf if np.isinf(most) else np.nan
+        return Tolerance(quantity, most, np.inf, deflection=0.0 if self.stiffness is None else far)
 
     def _tilted(self, weight: Weight, tilt: float, ways: FloatArray) -> list[Member]:
         """Return members whose gravity is tilted towards each of (K, 3) directions across it."""
