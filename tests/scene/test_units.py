@@ -30,6 +30,8 @@ from graspless_pin.scene.units import si_advice
         ("0,125", ("object", "mass"), "write 0.125"),
         ("2,5", ("object", "mass"), "write 2.5"),
         ("heavy", ("object", "mass"), ""),
+        ("1e300", ("object", "mass"), ""),
+        ("-0.5", ("object", "mass"), ""),
         ("1 2 3", ("object", "mass"), ""),
     ],
 )

@@ -163,8 +163,8 @@ def si_advice(found: str, location: Location) -> str:
     if _THOUSANDS.fullmatch(figure[1]):
         unit = f" {written}" if written else ""
         return f"; write {value * 1000.0:.12g}{unit} or {value:.12g}{unit}, without the comma"
-    if written is None:
-        return f"; write {value:.12g}"
+    if written is None:  # with a point it is read as the figure that it is
+        return f"; write {value:.12g}" if "," in figure[1] else ""
     name = re.sub(r"[\s*·]", "", written).replace("µ", "u").replace("²", "2").replace("³", "3")
     name = re.sub(r"(?<=[ms])(?=[23]$)", "^", name)
     name = _SPELLINGS.get(name, name)
