@@ -342,7 +342,7 @@ class _Search:
         return Tolerance(quantity, low, high, **told)
 
     def _all_borne(self, quantity: Quantity, most: float) -> Tolerance:
-        """Return the tolerance of what is borne up to its largest, where no forces were looked at."""
+        """Return the tolerance of what is borne up to its largest: no forces were looked at."""
         far = np.inf if np.isinf(most) else np.nan
         return Tolerance(quantity, most, np.inf, deflection=0.0 if self.stiffness is None else far)
 
