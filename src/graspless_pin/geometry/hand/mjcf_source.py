@@ -237,7 +237,7 @@ def _mesh(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatArray]:
     name = model.mesh(mesh).name
     if source.spec is None or not source.spec.mesh(name).file:
         return _mesh_hull(source, mesh), np.eye(4)
-    spec, asset = source.spec, source.spec.mesh(name)
+    asset = source.spec.mesh(name)
     scale, T_ref = np.array(asset.scale), pose(asset.refquat, asset.refpos)
     if np.ptp(scale) > 0.0 and not np.allclose(T_ref[:3, :3], np.eye(3)):
         raise RobotError(
@@ -247,8 +247,8 @@ def _mesh(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatArray]:
     # MuJoCo's vertex is R_m^T (S R_ref^T (v - p_ref) - p_m) of the file's v.
     T_file = invert(T_ref)
     T_file[:3, 3] *= scale
-    folder = Path(spec.modelfiledir or source.path.parent)
-    file = (folder / spec.compiler.meshdir / asset.file).resolve()
+    # Folders of meshes may be those of attached models, and strippath leaves out those of a mesh.
+    file = Path(model.paths[model.mesh_pathadr[mesh] :].partition(b"\0")[0].decode()).resolve()
     x, y, z = scale.tolist()
     own = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
     found = file if is_file(file) else None
