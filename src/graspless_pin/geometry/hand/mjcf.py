@@ -177,6 +177,14 @@ def _bounds(source: MjcfSource, actuator: int) -> tuple[float, float]:
     if model.actuator_ctrllimited[actuator] and not model.actuator_biasprm[actuator].any():
         ends = float(model.actuator_gainprm[actuator, 0]) * model.actuator_ctrlrange[actuator]
         low, high = max(low, float(ends.min())), min(high, float(ends.max()))
+    tendons = np.where(
+        model.actuator_trntype == source.mujoco.mjtTrn.mjTRN_TENDON, model.actuator_trnid[:, 0], -1
+    )
+    tendon = tendons[actuator]
+    if tendon >= 0 and model.tendon_actfrclimited[tendon]:
+        # MuJoCo bounds the sum of a tendon's motors, gears left out; here each has an equal share.
+        ends = model.tendon_actfrcrange[tendon] / np.count_nonzero(tendons == tendon)
+        low, high = max(low, float(ends[0])), min(high, float(ends[1]))
     return low, high
 
 

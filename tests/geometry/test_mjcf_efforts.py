@@ -1,0 +1,58 @@
+"""Limits of motors that an MJCF states at their tendons, against MuJoCo's torques."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from graspless_pin import Hand
+from graspless_pin.simulation.protocol import load_mujoco
+
+mujoco = load_mujoco()
+
+FINGER = """
+<mujoco>
+  <worldbody><body name="palm">
+    <geom size="0.01"/>
+    <body name="near" pos="0 0 0.1">
+      <joint name="bend" axis="0 1 0"/><geom size="0.01"/>
+      <body name="far" pos="0 0 0.1"><joint name="curl" axis="0 1 0"/><geom size="0.01"/></body>
+    </body>
+  </body></worldbody>
+  <tendon><fixed name="belt" actuatorfrcrange="-5 4">ARMS</fixed></tendon>
+  <actuator>MOTORS</actuator>
+</mujoco>
+"""
+BEND, CURL = '<joint joint="bend" coef="0.01"/>', '<joint joint="curl" coef="0.02"/>'
+PULL = '<motor name="pull" tendon="belt" gear="3" ctrlrange="-10 10"/>'
+
+
+def most_torques(path: Path) -> np.ndarray:
+    """Return MuJoCo's torques at the joints, all motors commanded to pull as much as they can."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.ctrl[:] = model.actuator_ctrlrange[:, 1]
+    mujoco.mj_forward(model, data)
+    return np.array(data.qfrc_actuator)
+
+
+@pytest.mark.filterwarnings("ignore:effort limits that look like placeholders")
+@pytest.mark.parametrize("motors", [PULL, PULL + PULL.replace('"pull"', '"other"')])
+def test_a_tendon_bounds_what_its_motors_do_at_one_joint(tmp_path: Path, motors: str) -> None:
+    path = tmp_path / "finger.xml"
+    path.write_text(FINGER.replace("ARMS", BEND).replace("MOTORS", motors))
+    hand = Hand.from_urdf(path)
+    column = hand.actuated_joint_names.index("bend")
+    assert hand.effort_limits[1][column] == pytest.approx(most_torques(path)[0])
+
+
+def test_a_tendon_bounds_its_own_tension(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    path.write_text(FINGER.replace("ARMS", BEND + CURL).replace("MOTORS", PULL))
+    hand = Hand.from_urdf(path)
+    column = hand.actuated_joint_names.index("pull")
+    lower, upper = (ends[column] for ends in hand.effort_limits)
+    assert (lower, upper) == (-5.0, 4.0)
+    np.testing.assert_allclose(most_torques(path), upper * 3 * np.array([0.01, 0.02]))
