@@ -87,6 +87,20 @@ def test_a_missing_mesh_names_few_places(tmp_path):
         Hand.from_urdf(file)
 
 
+@pytest.mark.parametrize("key", ["effort", "velocity"])
+def test_a_limit_below_zero_is_refused_where_the_joint_moves(tmp_path, key):
+    limits = {"effort": 1, "velocity": 1} | {key: -1}
+    text = '<limit lower="-1" upper="1" effort="{effort}" velocity="{velocity}"/>'
+    body = TWO + joint("hinge", "a", "b", limit="", extra=text.format(**limits))
+    file = write_urdf(tmp_path, body)
+    with pytest.raises(RobotError, match=f"joint 'hinge' has the limit {key}='-1', .* negative"):
+        Hand.from_urdf(file)
+    (found,) = audit_urdf(file).findings
+    assert found.code is FindingCode.UNREADABLE
+    file = write_urdf(tmp_path, body.replace("revolute", "fixed"))
+    assert Hand.from_urdf(file).joint_names == ()
+
+
 FOOT = joint("ankle", "a", "foot", "fixed", limit="")
 
 

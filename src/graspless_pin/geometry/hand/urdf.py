@@ -155,6 +155,12 @@ def _limits(where: str, kind: str, limit: ET.Element | None) -> tuple[float, flo
         key: _number(where, f"limit {key}", text, unlimited=True)
         for key, text in limit.attrib.items()
     }
+    for key in ("effort", "velocity") if kind in MOVABLE_KINDS else ():
+        if found[key] < 0.0:
+            raise RobotError(
+                f"{where} has the limit {key}={limit.get(key)!r}, which is negative; give the most "
+                "that it has both ways, or leave it out"
+            )
     # Files that know of no limit state a velocity of 0.
     most = limit_of(found["effort"]), limit_of(found["velocity"]) or np.inf
     if not is_limited:
