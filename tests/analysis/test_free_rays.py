@@ -113,6 +113,33 @@ def test_a_ray_that_needs_friction(sign_rule, sliding_rule):
     np.testing.assert_array_less(bounds.lower[:, 0], 1.5 / np.sin(0.15) + 1e-5)
 
 
+@pytest.mark.parametrize("rule", ["coulomb", "strict"])
+@pytest.mark.parametrize("axis", [[0.36, 0.48, 0.8], [3.0, 1.0, -2.0], [-1.0, 2.0, 5.0]])
+def test_a_squeeze_makes_no_friction_where_there_is_none(axis, rule):
+    """Right angles in rounded figures are off by 1e-17, and no normal force makes more of that."""
+    normal = np.array(axis) / np.linalg.norm(axis)
+    along = np.cross(normal, [0.0, 1.0, 0.0])
+    slip = along / np.linalg.norm(along)
+    options: dict[str, Any] = {"static_friction": rule} if rule == "coulomb" else {}
+    stuck = QuasistaticProblem(
+        np.zeros((2, 3)), [normal, -normal], [*-normal, 0, 0, 0], friction=0.0
+    )
+    bounds = contact_force_bounds(stuck, [], **options)
+    np.testing.assert_array_equal(np.isinf(bounds.upper), [[True, False, False]] * 2)
+    np.testing.assert_array_equal(bounds.upper[:, 1:], 0.0)
+    np.testing.assert_array_equal(bounds.lower[:, 1:], 0.0)
+    # Where both slide along t1 in opposite directions there is none along t2.
+    sliding = stuck.with_changes(
+        friction=0.5,
+        sliding=[slip, -slip],
+        external_wrench=[*(0.5 * slip - normal), 0, 0, 0],
+    )
+    bounds = contact_force_bounds(sliding, [], **options)
+    np.testing.assert_array_equal(np.isinf(bounds.upper[:, 0]), [True, True])
+    np.testing.assert_array_equal(bounds.upper[:, 2], 0.0)
+    np.testing.assert_array_equal(bounds.lower[:, 2], 0.0)
+
+
 def test_a_ray_that_no_force_goes_with():
     """Squeezing leaning fingers takes a slide along z, and the load one that excludes it.
 

@@ -26,7 +26,7 @@ from graspless_pin.programs.analysis_objectives import (
     FreeRays,
     HeldMargin,
 )
-from graspless_pin.programs.forces import force_rows
+from graspless_pin.programs.forces import component_row, force_rows
 from graspless_pin.programs.program import FARTHEST
 from graspless_pin.records import Brief
 from graspless_pin.solution import FOUND, Status
@@ -115,9 +115,8 @@ class ForceExtremes:
 
     def component(self, contact: int, component: int) -> FloatArray:
         """(n,) functional of the coordinates that gives f_n, f_t1 or f_t2 of a contact, in N."""
-        frame = np.column_stack([self.problem.normals[contact], self.problem.tangents[contact]])
-        block = self.coordinates.basis[3 * contact : 3 * contact + 3]
-        return self.coordinates.force_scale * (frame[:, component] @ block)
+        row = component_row(self.problem, self.coordinates, contact, component)
+        return self.coordinates.force_scale * row
 
     def largest(self, functional: FloatArray, *, above: float = -np.inf) -> Extreme:
         """Largest value of a linear function over all modes; inf along a free ray.

@@ -28,6 +28,8 @@ from graspless_pin.programs.program import FARTHEST
 
 NARROW = 1e-3
 """Friction below which the faces of a cone, met to a tolerance, let contacts pull too far."""
+_RIGHT_ANGLE = 1e-6
+"""Cosine up to which a direction of sliding is at a right angle to a tangent."""
 _FRAME = np.arange(3)
 _LAYOUTS_KEPT = 16
 
@@ -278,6 +280,31 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
         np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.without_cone[:, None])
     force, length, joints = scales
     return ForceCoordinates(directions, layout, force, joints, length, strict)
+
+
+def component_row(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates, contact: int, component: int
+) -> FloatArray:
+    """Return (n,) coefficients with which scaled coordinates give f_n, f_t1 or f_t2, over F.
+
+    What rounding leaves of a right angle counts as nothing: without friction, or across the
+    sliding, there is no friction, however large the normal force is.
+
+    Args:
+        problem: The problem.
+        coordinates: Its force coordinates.
+        contact: Which contact.
+        component: 0, 1 or 2.
+    """
+    row, at = np.zeros(coordinates.layout.size), coordinates.normal_columns[contact]
+    if component == 0 or problem.has_cone[contact]:
+        row[at + component] = 1.0
+        return row
+    kinetic = problem.kinetic_directions[contact] - problem.normals[contact]
+    along = float(problem.tangents[contact, :, component - 1] @ kinetic)
+    if abs(along) > _RIGHT_ANGLE * problem.friction[contact]:
+        row[at] = along
+    return row
 
 
 @dataclass(frozen=True, eq=False)
