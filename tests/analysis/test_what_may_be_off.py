@@ -65,6 +65,27 @@ def test_each_is_borne_just_so_far(name, feedback):
             assert beyond > BALANCED, one.quantity
 
 
+def test_what_is_a_micrometre_long_bears_the_same_shares():
+    """Moments and torques are measured by the lengths of the object, not by one metre."""
+    cuboid = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+    torques = minimize_torque(cuboid, 0.05, static_friction=COULOMB).torques
+    shorter = 1e-5
+    small = cuboid.with_changes(
+        positions=shorter * cuboid.positions,
+        external_wrench=cuboid.external_wrench * np.repeat([1.0, shorter], 3),
+        jacobian=shorter * cuboid.jacobian,
+        torque_limits=(shorter * cuboid.lower_torque, shorter * cuboid.upper_torque),
+        gravity_torques=shorter * cuboid.gravity_torques,
+    )
+    lengths = {Quantity.CENTER, Quantity.MOMENT, Quantity.JOINT}
+    nominal = tolerances(cuboid, torques, static_friction=COULOMB)
+    found = tolerances(small, shorter * torques, static_friction=COULOMB)
+    for one, other in zip(nominal.each, found.each, strict=True):
+        unit = shorter if one.quantity in lengths else 1.0
+        assert other.borne == pytest.approx(unit * one.borne, rel=0.02), one.quantity
+        assert other.failing == pytest.approx(unit * one.failing, rel=0.02), one.quantity
+
+
 def test_stiffer_joints_give_way_less():
     problem = load_scene("examples/allegro_sphere_on_slope.yaml").problem()
     torques = minimize_torque(problem, 0.1, static_friction=COULOMB).torques

@@ -31,6 +31,7 @@ from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, one_of, read_only
 from graspless_pin.problem.members import Corner, Member, feedback_torques, under_commands
+from graspless_pin.problem.scales import passive_levers
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution.active_limits import limiting_contacts
 from graspless_pin.tree_search import NO_LIMITS
@@ -194,11 +195,13 @@ class _Search:
 
     def _rays(self, loads: FloatArray) -> FloatArray:
         """Return how many times each load is borne."""
-        times, sizes = np.full(len(loads), np.inf), np.linalg.norm(loads, axis=1)
+        length = self.rest.scales.length
+        ways = loads / passive_levers(self.rest.passive_units, length)
+        times, sizes = np.full(len(loads), np.inf), np.linalg.norm(ways, axis=1)
         some = sizes > 0.0
         if some.any():
             found = disturbance_margin(
-                self.rest, directions=loads[some], characteristic_length=1.0, **self.options
+                self.rest, directions=ways[some], characteristic_length=length, **self.options
             ).magnitudes
             is_some = found > _CERTAIN * self.problem.scales.force
             times[some] = np.where(is_some, found / sizes[some], 0.0)
