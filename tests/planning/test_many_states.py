@@ -224,7 +224,7 @@ def test_what_is_given_once_holds_for_all():
 
     expected = [evaluator.evaluate(one, T, np.zeros(6)).margin for one in q]
     np.testing.assert_allclose(found.margins, expected, atol=1e-9)
-    assert str(found).splitlines()[:2] == ["3 states", "3 torques were found"]
+    assert str(found).splitlines()[:2] == ["3 states", "3: torques were found"]
     assert repr(found) == "<EvaluatedStates: 3 states>"
     none = evaluator.evaluate_many(q[:0])
     assert len(none) == 0

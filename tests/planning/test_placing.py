@@ -134,7 +134,7 @@ def test_all_places_are_told_in_a_table(scene: Scene, found) -> None:
     asked = place_hand(scene, candidates=20, workers=1, verdict_nodes=20, verdicts=None)
     assert asked.places and all(one.verdict is not None for one in asked.places)
     assert [row[:3] for row in asked.table.rows] == [
-        (rank, one.margin, one.carrying_margin) for rank, one in enumerate(asked.places, 1)
+        (rank, one.margin, f"{one.carrying_margin:.3g}") for rank, one in enumerate(asked.places, 1)
     ]
     assert str(asked.table).splitlines()[0].split() == asked.table.headers
 

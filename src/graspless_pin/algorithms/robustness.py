@@ -255,13 +255,13 @@ class Robustness(Brief):
         share = f"{100.0 * _NO_ERROR:g} %"
         for most, names in free.items():
             lines.append(
-                f"{', '.join(names)}: rely on joint feedback: under constant torques errors below "
-                f"{most}, {share} of the largest torque, fail"
+                f"{', '.join(names)}: rely on joint feedback: under constant torques an error of "
+                f"{most}, {share} of the largest torque, already fails"
             )
         if self.all_less is not None and self.all_more is not None and self.less:
             borne = _error(self.all_less, self.all_more, 100.0, "%")
             if self.all_less.failing <= _NO_ERROR and self.all_more.failing <= _NO_ERROR:
-                borne = f"rely on joint feedback: errors below {share} fail"
+                borne = f"rely on joint feedback: an error of {share} already fails"
             lines.append(f"all torques together: {borne}")
         if self.without:
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"

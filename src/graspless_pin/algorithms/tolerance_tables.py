@@ -131,7 +131,7 @@ class Tolerances(Brief):
         told = [[row[place] for place in kept] for row in rows]
         table = tabulate(told, headers=[headers[place] for place in kept])
         law = "Coulomb friction" if self.coulomb else "friction that opposes virtual sliding"
-        forces = f"contact forces are the best that {law} allows; robustness counts on none"
+        forces = f"contact forces are the best that {law} allows; robustness looks at all"
         return f"{table}\n{forces}\n{self.remark}".rstrip()
 
     @property

@@ -67,7 +67,8 @@ def place(
     seed: Annotated[int, typer.Option(min=0, help="Of all random choices.")] = 0,
     candidates: Annotated[int, typer.Option(min=1, help="How many are tried.")] = 600,
     time_limit: Annotated[
-        float, typer.Option(min=0.0, metavar="SECONDS", help="Ends with what was found by then.")
+        float,
+        typer.Option(min=0.0, metavar="SECONDS", help="Ends the search; what was found is kept."),
     ] = 60.0,
     verdict_nodes: Annotated[
         int,
@@ -81,7 +82,7 @@ def place(
     """Find where the hand holds the object, and write that scene.
 
     Open hands are brought to the object and closed. The best that holds it is written.
-    The same seed finds the same places.
+    The same seed finds the same places, unless --time-limit ends the search.
 
     Exit code 0: written; 1: no place was found, and why; 2: bad input; 4:
     written, and something serious is wrong with the scene.

@@ -83,6 +83,8 @@ def _controller(robot: RobotRecord) -> str:
 def audit_text(report: AuditReport) -> str:
     """Return what an audit found and what to do about it."""
     loads = "can be mounted as it is" if report.loads else "cannot be mounted as it is"
+    if report.loads and report.findings:
+        loads = "can be mounted, but see below"
     if report.loads and is_serious(report.findings):
         loads = "loads, but something serious is wrong"
     weightless = " without mass (neither verdicts nor simulations)" if not report.mass else ""

@@ -76,8 +76,8 @@ def simulate_scene(
 
     It is held in a fixture while the torques grow, and then released; or all acts at once.
 
-    Exit code 0: held; 1: moved or crept, or there are no torques; 2: bad input; 4: held,
-    and something serious is wrong with the scene.
+    Exit code 0: held; 1: shifted, moved or crept, or there are no torques; 2: bad input;
+    4: held, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin simulate scene.yaml

@@ -415,7 +415,8 @@ def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
         yield Finding(
             FindingCode.WEIGHTLESS_LINK,
             f"links {', '.join(weightless)}",
-            "have shapes but no mass: motors do not carry their weight",
+            "have shapes but no mass: motors do not carry their weight, and if one moves no other "
+            "mass there are no verdicts",
             "add <inertial> with their mass, unless other links have it",
         )
 

@@ -248,7 +248,7 @@ class Requirement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Conflict:
-    """A proof that requirements exclude each other: a combination of them all but vanishes.
+    """A certificate, like Farkas', that no virtual motion meets some requirements.
 
     Attributes:
         signs: (contact, component, sign) items that take part with a positive weight.

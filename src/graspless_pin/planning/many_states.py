@@ -293,7 +293,7 @@ class EvaluatedStates(Record):
         """Return how many states ended how, and the range of the margins."""
         counts = Counter(self.statuses.tolist()).most_common()
         lines = [f"{len(self)} states"]
-        lines += [f"{count:>{len(str(len(self)))}} {status.message}" for status, count in counts]
+        lines += [f"{count:>{len(str(len(self)))}}: {status.message}" for status, count in counts]
         if self.found.any():
             ends = float(self.margins[self.found].min()), float(self.margins[self.found].max())
             least, most = (brief_figure(end, max(map(abs, ends))) for end in ends)

@@ -131,14 +131,14 @@ class HandPlacement(Brief):
             (
                 rank,
                 place.margin,
-                place.carrying_margin if place.carrying_margin >= 0.0 else "none",
+                f"{place.carrying_margin:.3g}" if place.carrying_margin >= 0.0 else "none",
                 "-" if place.verdict is None else place.verdict.status.value,
                 ", ".join(place.touching),
             )
             for rank, place in enumerate(self.places, 1)
         ]
         headers = ["rank", "margin", "alone", "rest", "links"]
-        legend = "margins in N; alone: without the supports; rest: the verdict, - not asked"
+        legend = "margins in N; alone: without the supports; rest: the verdict (-: none)"
         return Table(rows, headers, legend, ".3g", (4,))
 
     def __str__(self) -> str:

@@ -75,7 +75,7 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
             + (
                 "together with others it moves no mass"
                 if singular
-                else "it moves no mass, and is no hybrid finger's column"
+                else "no link that it moves has a mass"
             )
             + "; give its links an inertia (<inertial> in the URDF) or its motor one "
             "(hand.armature in the scene)",

@@ -86,9 +86,9 @@ def without_far_limits(program: Program) -> Program:
 
 
 def clipped(program: Program) -> Program | None:
-    """Return a program without figures that no solver bears; None where it hangs on them.
+    """Return a program without limits above `LARGEST_FIGURE`; None if others are so large.
 
-    Libraries below crash on them or print. Limits so far away are left out, as if there were none.
+    Libraries below crash on such figures or print. Limits so far away count as none.
     """
     if not program.has_rows_in_range:
         return None

@@ -62,7 +62,7 @@ _SPHERE_SUBDIVISIONS = 3  # 1280 triangles
 class Box(Shape):
     """A box with full edge lengths.
 
-    It stands about its frame's origin.
+    Its centre is its frame's origin.
 
     Attributes:
         size (tuple[float, float, float]): Full edge lengths along x, y, z, m.
@@ -99,7 +99,7 @@ class Box(Shape):
 class Sphere(Shape):
     """A sphere.
 
-    It stands about its frame's origin. See the example of `Box`.
+    Its centre is its frame's origin. See the example of `Box`.
 
     Attributes:
         radius (float): m.
@@ -279,7 +279,7 @@ class MeshShape(Shape):
     """
 
     kind = "mesh"
-    path: Annotated[ShapeFile, Field(description="STL, OBJ, DAE or PLY file")]
+    path: Annotated[ShapeFile, Field(description="STL, OBJ, DAE, PLY, OFF, GLB or glTF file")]
     scale: Annotated[
         Length | Lengths,
         Field(
