@@ -13,6 +13,8 @@ import pytest
 from graspless_pin import Scene, load_scene
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, RobotError, SceneError
 from graspless_pin.findings import FindingCode, Severity, capture
+from graspless_pin.geometry import Cone, HalfSpace, ManipulatedObject, Support
+from graspless_pin.geometry.poses import rigid
 from graspless_pin.interfaces.mujoco import scene_from_mjcf, scene_to_mjcf
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene import Load
@@ -124,6 +126,16 @@ def test_a_scene_comes_back_from_mujoco_as_the_same_problem(name: str) -> None:
     assert back.solve("torque").margin == pytest.approx(scene.solve("torque").margin, abs=1e-6)
     assert back.solve_options == scene.solve_options
     assert back.controller == scene.controller
+
+
+def test_a_cone_comes_back_as_a_hull_about_it() -> None:
+    cone = ManipulatedObject.from_shape("cone", Cone(0.03, 0.06), rigid([0.0, 0.0, 0.03]), mass=1.0)
+    floor = Support("floor", HalfSpace(), np.eye(4), friction=0.5)
+    scene = Scene(name="cone", object=cone, supports=(floor,), friction={"default": 0.5})
+    back = scene_from_mjcf(model_of(scene_to_mjcf(scene)))
+    radii = np.linalg.norm(back.contacts.arrays.positions[:, :2], axis=1)
+    np.testing.assert_allclose(radii, 0.03, rtol=2e-3)
+    assert back.solve().found
 
 
 def contact_rows(scene: Scene) -> list[tuple[str, np.ndarray]]:

@@ -405,7 +405,8 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
         label: What messages call them.
 
     Raises:
-        MeshError: coal cannot use their hull, or would crash over it since it is next to flat.
+        MeshError: coal cannot use their hull, as with more than 254 edges at one corner, or would
+            crash over it since it is next to flat.
     """
     centered = points - points.mean(axis=0)
     across = np.linalg.svd(centered, full_matrices=False)[2]
@@ -426,7 +427,10 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
             return coal.Convex.convexHull(corners, True, option)  # noqa: FBT003 - keep triangles
         except (RuntimeError, ValueError) as failure:
             error = failure
-    raise MeshError(f"{label} has no usable convex hull; simplify it ({error})") from error
+    why = " ".join(str(error).rpartition("message:")[2].split())
+    if why.startswith("Too many neighbors"):
+        why = "more than 254 edges of it meet in one corner, such as the tip of a cone"
+    raise MeshError(f"{label} has no usable convex hull ({why}); simplify it") from error
 
 
 def checked_lengths(name: str, value: Any, count: int) -> Any:
