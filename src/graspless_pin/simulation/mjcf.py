@@ -102,6 +102,9 @@ def add_tendon(document: Mjcf, name: str, arms: Mapping[str, float]) -> None:
 
 def add_mass(body: ET.Element, mass: float, center: FloatArray, inertia: FloatArray) -> None:
     """State a body's mass (kg), centre of mass (3,) and inertia (3, 3) about it, in its frame."""
+    if not inertia.any():  # of a point; MuJoCo refuses zeros as fullinertia
+        add(body, "inertial", mass=mass, pos=center, diaginertia=np.zeros(3))
+        return
     Ixx, Ixy, Ixz, Iyy, Iyz, Izz = inertia[np.triu_indices(3)].tolist()
     add(body, "inertial", mass=mass, pos=center, fullinertia=[Ixx, Iyy, Izz, Ixy, Ixz, Iyz])
 
