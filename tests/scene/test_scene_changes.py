@@ -408,6 +408,20 @@ def test_names_may_hold_dots(key: str, above: dict) -> None:
         assert getattr(getattr(changed, part), figure)[name] == 1e-3
 
 
+def test_a_key_replaces_the_one_that_may_not_stand_beside_it(scene: Scene) -> None:
+    """Also what an earlier change has left in its place."""
+    for _ in range(2):
+        scene = scene.with_changes({"object.density": 500.0})
+        dense = scene.object.mass
+        scene = scene.with_changes({"object.pose.quaternion": [0.0, 0.0, 0.6, 0.8]})
+        np.testing.assert_allclose(scene.object.T_world_object[0, :3], [0.28, -0.96, 0.0])
+        scene = scene.with_changes({"object.mass": 2.0, "object.pose.rpy": [0.0, 0.0, np.pi]})
+        assert scene.object.mass == 2.0 != dense
+        np.testing.assert_allclose(scene.object.T_world_object[:2, :2], -np.eye(2), atol=1e-12)
+    with pytest.raises(SceneError, match="found both of 'mass'"):
+        scene.with_changes({"object.mass": 2.0, "object.density": 500.0})
+
+
 def test_a_part_of_a_body_is_no_field_but_a_key(scene: Scene) -> None:
     with pytest.raises(ArgumentError, match=r"mass: .*with_changes\(\{'object\.mass': \.\.\.\}\)"):
         scene.with_changes(mass=2.0)

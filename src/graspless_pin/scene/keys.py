@@ -137,6 +137,20 @@ def put(tree: Any, location: Location, value: Any) -> Any:
     return changed
 
 
+def _without_others(tree: Any, location: Location, kept: set[Location]) -> Any:
+    """Return a tree without what may not stand beside a key, but for what is to be kept."""
+    *above, name = location
+    node: Any = tree
+    for part in above:
+        node = node[part]
+    for other in (one for names in _EITHER if name in names for one in names if one != name):
+        if other in node and (*above, other) not in kept:
+            tree = put(tree, (*above, other), None)
+    return tree
+
+
+_EITHER = ("mass", "density"), ("rpy", "quaternion", "matrix")
+"""Keys of which one may stand: the one that is given says what the others said before."""
 _NO_FIELD = ("description", "warnings")
 
 
@@ -154,7 +168,7 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
     tree = in_radians(scene_data(scene))
     path = scene.path or Path(scene.name)
     defaults = validated(YamlSource(path, tree, SCENE), SceneEntry).model_dump()
-    changed = set()
+    changed, stated = set(), set[Location]()
     for key, value in values.items():
         location = place_key(tree, defaults, key)
         first = str(location[0])
@@ -163,6 +177,10 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
             raise ArgumentError(key, f"is no key of a scene; {names_in_words(first, known)}")
         tree = put(tree, location, plain(value))
         changed.add(first)
+        if value is not None:
+            stated.add(location)
+    for location in stated:
+        tree = _without_others(tree, location, stated)
     source, parts = YamlSource(path, tree, SCENE), SceneParts()
     entry = parts.validated(source)
     if "hand" not in changed and scene.hand is not None:
