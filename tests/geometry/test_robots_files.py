@@ -144,6 +144,8 @@ LOOP = joint("i", "a", "b") + joint("j", "b", "a")
         (link("a") * 2, "two links are called 'a'"),
         (TWO, "one root link, found a, b"),
         (TWO + LOOP, "one root link, found none"),
+        (TWO + joint("i", "a", "a"), "root link is 'b', .* on a loop of joints: a; correct"),
+        (TWO + link("c") + LOOP, "root link is 'c', .* on a loop of joints: a, b; correct"),
         (TWO + joint("i", "a", "b") * 2, "two joints are called 'i'"),
         (TWO + joint("i", "a", "b") + joint("j", "a", "b"), "'b' is the child of two joints"),
         (TWO + joint("j", "a", "c"), "joint 'j' names the child link 'c', which does not exist"),

@@ -368,10 +368,17 @@ def _check_chains(label: str, top: str, ends: Iterable[tuple[str, str]]) -> None
     below: dict[str, list[str]] = {}
     for parent, child in ends:
         below.setdefault(parent, []).append(child)
-    level = [top]
+    level, reached = [top], {top}
     for _ in range(LONGEST_CHAIN + 1):
         level = [child for link in level for child in below.get(link, ())]
+        reached.update(level)
         if not level:
+            apart = sorted({child for _, child in ends} - reached)
+            if apart:
+                raise RobotError(
+                    f"{label}: the root link is {top!r}, and what does not hang on it hangs on a "
+                    f"loop of joints: {first_of(apart, _MOST_PLACES)}; correct their parents"
+                )
             return
     raise RobotError(
         f"{label}: more than {LONGEST_CHAIN} joints follow each other down to link {level[0]!r}; "
