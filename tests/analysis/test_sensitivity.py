@@ -7,6 +7,8 @@ from tests.core.scenes import scene
 from graspless_pin import (
     QuasistaticProblem,
     margin_sensitivity,
+    minimize_torque,
+    optimum_gradients,
 )
 from graspless_pin.errors import NoSolutionError
 
@@ -54,3 +56,33 @@ def test_an_infeasible_problem_has_none():
     lifted = scene("sphere").with_changes(external_wrench=[0, 0, 99, 0, 0, 0])
     with pytest.raises(NoSolutionError, match="no optimum to differentiate"):
         margin_sensitivity(lifted)
+
+
+def test_multipliers_without_bound_are_not_unique():
+    """The third joint's limit is just what balance asks for: its multiplier may be any.
+
+    Solvers tell one of millions. Beside it the forces that are open must be seen, too: contact 1
+    may press with 17 N or with 43 N, and leans the same way along y.
+    """
+    planar = np.zeros((3, 6))  # moment about y, then two sums of forces along x and z
+    planar[0, 3:] = 0.1, -0.1, 0.1
+    planar[1, [0, 2, 5]] = -1.0, -1.0, 1.0
+    planar[2, [0, 2, 5]] = -1.0, -1.0, -1.0
+    levers = [[-0.05, 0.05, -0.05] * 2, [0, 0, -0.1, 0, 0, 0], [0.1, 0, 0.1, 0, 0, 0]]
+    problem = QuasistaticProblem(
+        [[0.0, 0.0, -0.1], [0.0, -0.1, 0.1]],
+        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]],
+        [-0.09, -0.06, 0.06],
+        np.transpose(levers),
+        friction=[1.0, 2.0],
+        torque_limits=([-np.inf, -0.2, 0.0], [np.inf, 0.3, 1.0]),
+        cone_edges=4,
+        wrench_matrix=planar,
+        passive_units=["N m", "N", "N"],
+    )
+    solution = minimize_torque(problem, 5.0, static_friction="coulomb")
+    gradients = optimum_gradients(solution)
+    assert gradients.unique["gravity_torques"].tolist() == [True, True, False]
+    assert not gradients.unique["lower_torque"][2]
+    assert not gradients.unique["jacobian"][4, 0]
+    assert gradients.values.gravity_torques[0] == pytest.approx(-1.0)

@@ -21,7 +21,7 @@ from scipy.linalg import null_space
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.builder import Marginals, marginals
 from graspless_pin.records import Record
 from graspless_pin.solution import TorqueSolution
@@ -30,6 +30,9 @@ _HELD_COST = 1e-7
 """Reduced costs above this hold a variable at its bound; a smaller slack or multiplier is none."""
 _RANK_TOLERANCE = 1e-7
 """Geometry is exact to some 1e-9: constraints closer to dependent than this are."""
+_SAME_DERIVATIVE = 1e-6
+DERIVATIVE_ROUNDING = 1e-9
+_ROUNDING = 1e-14
 _LARGEST_STEP = 1e6
 _OTHER_POINTS = 2
 
@@ -113,7 +116,8 @@ class OptimalSet:
         """Return other points of the affine hulls of all optimal forces and all multipliers.
 
         What is linear in both and the same there is the same for all of them: the points are
-        random.
+        random. They are as far from the solution's own as that is from zero: where multipliers
+        have no bound it may be far out, and nearer points seem to agree with it.
         """
         x, y, z, reduced = self._own
         forces = self._open_forces
@@ -121,8 +125,8 @@ class OptimalSet:
         random = np.random.default_rng(0)
         others = []
         for _ in range(_OTHER_POINTS):
-            a = random.uniform(0.5, 1.0, len(forces))
-            b = random.uniform(0.5, 1.0, len(balance))
+            a = _farthest(x) * random.uniform(0.5, 1.0, len(forces))
+            b = _farthest(y, z, reduced) * random.uniform(0.5, 1.0, len(balance))
             point = _Point(x + a @ forces, y + b @ balance, z + b @ rows, reduced + b @ bounds)
             others.append(self._in_units(point))
         return tuple(others)
@@ -287,6 +291,27 @@ class OptimalSet:
             value=formulation.signed_unit * formulation.program.value(x),
             multipliers=found,
         )
+
+
+def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
+    """Return which entries are the same in arrays of one quantity, read-only.
+
+    Those that differ do not count in the size of the others: they may be as large as one likes.
+    """
+    stack = np.stack([values, *others])
+    spread, sizes = np.abs(stack - values).max(axis=0), np.abs(stack).max(axis=0)
+    rounding = DERIVATIVE_ROUNDING + _ROUNDING * sizes.max(initial=0.0)
+    same = np.ones(spread.shape, dtype=bool)
+    while True:
+        agreed = spread <= _SAME_DERIVATIVE * sizes[same].max(initial=0.0) + rounding
+        if (agreed == same).all():
+            return read_only(agreed)
+        same = agreed
+
+
+def _farthest(*parts: FloatArray) -> float:
+    """Return the largest entry of some arrays, 1 at least."""
+    return max(1.0, *(float(np.abs(one).max(initial=0.0)) for one in parts))
 
 
 def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

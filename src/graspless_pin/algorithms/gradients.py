@@ -17,7 +17,12 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
+from graspless_pin.algorithms.dual_degeneracy import (
+    DERIVATIVE_ROUNDING,
+    OptimalPoint,
+    OptimalSet,
+    agreeing,
+)
 from graspless_pin.algorithms.optimization import maximize_margin
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.algorithms.robust_solution import RobustSolution
@@ -32,9 +37,6 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
 from graspless_pin.solution.tables import Table
-
-_SAME_DERIVATIVE = 1e-6
-_DERIVATIVE_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +87,7 @@ class Gradients(Brief):
             if values.size:
                 place = np.unravel_index(np.abs(values).argmax(), values.shape)
                 index = ", ".join(map(str, map(int, place)))
-                is_zero = abs(values[place]) <= _DERIVATIVE_ROUNDING
+                is_zero = abs(values[place]) <= DERIVATIVE_ROUNDING
                 shown = "0" if is_zero else f"{values[place]:+.4g}"
                 rows.append([name, shown, unit, "" if is_zero else f"[{index}]"])
         return rows
@@ -212,15 +214,6 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
     for limit in ("upper_torque", "lower_torque"):
         unique[limit] = read_only(unique[limit] & ~pinned)
     return OptimumGradients(values, MappingProxyType(unique), solution, point, alternatives)
-
-
-def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
-    """Return which entries are the same in arrays of one quantity, read-only."""
-    stack = np.stack([values, *others])
-    spread = np.abs(stack - values).max(axis=0)
-    return read_only(
-        spread <= _SAME_DERIVATIVE * np.abs(stack).max(initial=0.0) + _DERIVATIVE_ROUNDING
-    )
 
 
 def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.algorithms.dual_degeneracy import agreeing
 from graspless_pin.algorithms.gradients import (
     Gradients,
     OptimumGradients,
-    agreeing,
     gradients_at,
     optimum_gradients,
 )

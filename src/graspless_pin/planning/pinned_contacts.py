@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
+from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet, agreeing
 from graspless_pin.algorithms.gradients import (
     Gradients,
-    agreeing,
     gradients_at,
     optimum_gradients,
 )
