@@ -174,6 +174,19 @@ def test_motions_and_paths_are_for_the_whole_set() -> None:
     assert all(one.robust is not None for one in profile.evaluations)
 
 
+def test_a_set_that_nothing_serves_is_an_answer_among_many() -> None:
+    """It has no value, and so no gap: to ask for one ended all states of the call."""
+    evaluator = Evaluator(
+        example(BOX), uncertainty=Uncertainty(force=20.0), algorithm="margin", **COULOMB
+    )  # N; the box weighs 9.81 N
+
+    states = evaluator.evaluate_many([{}, {}], evaluations=[1])
+
+    assert states.statuses.tolist() == [StateStatus.INFEASIBLE] * 2
+    assert states.margins.tolist() == [-np.inf] * 2 and np.isnan(states.gaps).all()
+    assert np.isnan(states.torques).all() and (states.contact_counts > 0).all()
+
+
 def test_a_scene_says_what_is_not_known_and_where_nothing_serves_it() -> None:
     scene = example(BOX).with_changes(uncertainty=Uncertainty(mass=0.2))
     state = Evaluator(scene, uncertainty=True, **COULOMB).evaluate()

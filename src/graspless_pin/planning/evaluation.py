@@ -163,7 +163,7 @@ class Evaluation(Brief):
         if found is None or isinstance(found, TorqueSolution):
             problem, proof = self.solution.problem, self.solution.certificate
             return problem.contact_count, proof.bound, proof.gap, proof.primal_residual
-        gap = abs(found.bound - found.value)
+        gap = abs(found.bound - found.value) if found.found else np.nan
         return found.members[0].problem.contact_count, found.bound, gap, found.residual
 
     @property
