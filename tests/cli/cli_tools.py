@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import yaml
 from typer.testing import CliRunner, Result
 
 from graspless_pin.cli.commands import app
@@ -38,6 +40,14 @@ def run(*arguments: str | Path) -> Result:
     return CliRunner().invoke(
         app, [str(argument) for argument in arguments], catch_exceptions=False
     )
+
+
+def stating(folder: Path, source: Path, **keys: Any) -> Path:
+    """Write an example with some keys more."""
+    data = yaml.safe_load(source.read_text(encoding="utf-8")) | keys
+    file = folder / "scene.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return file
 
 
 def solve_text(folder: Path, text: str | bytes, *options: str | Path) -> Result:

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
-from cli_tools import EXAMPLES, PAPER, run
+from cli_tools import EXAMPLES, PAPER, run, stating
 
 from graspless_pin import Status, Uncertainty, load_scene, served_share
 from graspless_pin.algorithms import uncertain_members
@@ -30,14 +29,6 @@ SPHERE = PAPER / "sphere_on_slope.yaml"
 BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
 ASKED = ("--algorithm", "torque", "--margin", "0.1", "--static-friction", "coulomb")
 SET = {"mass": 0.2, "center_of_mass": 0.01}
-
-
-def stating(folder: Path, source: Path, **keys: Any) -> Path:
-    """Write an example with some keys more."""
-    data = yaml.safe_load(source.read_text(encoding="utf-8")) | keys
-    file = folder / "scene.yaml"
-    file.write_text(yaml.safe_dump(data), encoding="utf-8")
-    return file
 
 
 def words(text: str) -> str:
@@ -506,6 +497,8 @@ def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
     assert answer.robust.status is Status.NOT_FOUND_IN_LIMIT and np.isnan(answer.served_share)
     result = run("solve", file, "--algorithm", "torque", "--time-limit", "0", "--no-verdict")
     assert result.exit_code == 3 and "a node or time limit" in words(result.stdout)
+    assert "Whether torques serve all of it is open" in words(result.stdout)
+    assert "No torques" not in result.stdout  # no word that there are none
     limited = stating(tmp_path, file, solve={"algorithm": "torque", "time_limit": 1e-9})
     assert run("tolerances", limited).exit_code == 3
 
@@ -524,14 +517,6 @@ def test_commands_without_torques_for_the_set_say_so(
     assert result.exit_code == 1
     assert result.stdout.startswith("there are no torques for all that the scene says is not known")
     assert f"graspless-pin solve {scene}" in result.stdout
-
-
-def test_a_limit_that_ends_the_search_leaves_it_open(cuboid: Path) -> None:
-    """No word that there are none."""
-    said = run("solve", cuboid, *ASKED, "--no-verdict", "--time-limit", "0")
-    assert said.exit_code == 3
-    assert "Whether torques serve all of it is open" in words(said.stdout)
-    assert "No torques" not in said.stdout
 
 
 def test_what_affine_forces_do_not_prove_is_left_open(tmp_path: Path) -> None:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 from report_cases import AT_REST, SPHERE, read_html
-from tests.cli.cli_tools import run
+from tests.cli.cli_tools import run, stating
 
 from graspless_pin import Uncertainty, load_scene
 
@@ -17,18 +15,17 @@ pytestmark = pytest.mark.usefixtures("without_plots")
 
 SET = {"mass": 0.2, "center_of_mass": 0.01}
 QUICK = ("--no-ranges", "--no-verdict")
-SOLVE = {"algorithm": "torque", "margin": 0.1, "static_friction": "coulomb"}
-
-
-def stating(folder: Path, source: Path, **keys: Any) -> Path:
-    data = yaml.safe_load(source.read_text(encoding="utf-8")) | {"uncertainty": SET} | keys
-    file = folder / "scene.yaml"
-    file.write_text(yaml.safe_dump(data), encoding="utf-8")
-    return file
+KEYS = {
+    "uncertainty": SET,
+    "solve": {"algorithm": "torque", "margin": 0.1, "static_friction": "coulomb"},
+}
 
 
 def test_torques_for_the_whole_set(tmp_path: Path) -> None:
-    file, target = stating(tmp_path, AT_REST, solve=SOLVE), tmp_path / "report.html"
+    file, target = (
+        stating(tmp_path, AT_REST, **KEYS),
+        tmp_path / "report.html",
+    )
     assert run("report", file, "-o", target, *QUICK).exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
     section = page.section("unknown")
@@ -69,7 +66,7 @@ def test_torques_for_the_whole_set(tmp_path: Path) -> None:
 
 
 def test_where_nothing_serves_the_set(tmp_path: Path) -> None:
-    file, target = stating(tmp_path, SPHERE, solve=SOLVE), tmp_path / "report.html"
+    file, target = stating(tmp_path, SPHERE, **KEYS), tmp_path / "report.html"
     assert run("report", file, "-o", target, *QUICK).exit_code == 1
     page = read_html(target.read_text(encoding="utf-8"))
     section = page.section("unknown")
