@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tests.core.random_scenes import general_scene, slope_scene
 from tests.core.scenes import SIGN_RULES, SLIDING_RULES, random_problem, structured_arguments
 
-from graspless_pin import QuasistaticProblem
+from graspless_pin import QuasistaticProblem, load_scene
 
 PAIRS = tuple(product(SIGN_RULES, SLIDING_RULES))
 
@@ -100,3 +100,9 @@ def squeezed_scene(seed: int, contacts: int) -> QuasistaticProblem:
         max_normal_force=20.0,
         cone_edges=4,
     )
+
+
+def contacts_alone(name: str) -> QuasistaticProblem:
+    """The problem of an example with coarse cones, whose hand weighs nothing."""
+    problem = load_scene(f"examples/{name}.yaml").problem()
+    return problem.with_changes(cone_edges=8, gravity_torques=np.zeros(problem.joint_count))

@@ -5,20 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from analysis_scenes import contacts_alone
 from scipy.optimize import linprog
 from tests.oracles.uncertain_members import BALANCED, Balance, imbalance, yielding
 
-from graspless_pin import QuasistaticProblem, load_scene, minimize_torque, tolerances
+from graspless_pin import QuasistaticProblem, minimize_torque, tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.report.robust import tolerances_data
 
 COULOMB: dict[str, Any] = {"static_friction": "coulomb"}
 WAYS = {"push": "force", "moment": "moment", "centre of mass": "center_of_mass"}
-
-
-def contacts_alone(name):
-    problem = load_scene(f"examples/{name}.yaml").problem()
-    return problem.with_changes(cone_edges=8, gravity_torques=np.zeros(problem.joint_count))
 
 
 def served_together(problem, members, added):

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from analysis_scenes import contacts_alone
 
 from graspless_pin import Uncertainty, load_scene, minimize_torque, served_share
 from graspless_pin.algorithms import attainable_tolerances as module
@@ -18,11 +19,6 @@ from graspless_pin.report.robust import robust_sentences
 from graspless_pin.scene.robust_answer import robust_answer
 
 COULOMB: dict[str, Any] = {"static_friction": "coulomb"}
-
-
-def contacts_alone(name):
-    problem = load_scene(f"examples/{name}.yaml").problem()
-    return problem.with_changes(cone_edges=8, gravity_torques=np.zeros(problem.joint_count))
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from page_blocks import ROOT, blocks_of
 
@@ -110,6 +111,13 @@ def _server(package: Path) -> subprocess.Popen[str]:
 def run(package: Path, program: str, *words: str) -> subprocess.CompletedProcess[str]:
     """Run a program with the copy, as ``python -c`` would."""
     return _run(package, "-c", program, *words)
+
+
+def shown(package: Path, program: str, file: Path) -> dict[str, Any]:
+    """What a program prints of a file, as JSON."""
+    result = run(package, program, str(file))
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
 
 
 def command(package: Path, *words: str) -> subprocess.CompletedProcess[str]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from package_copy import command, followed, run, walkthrough
+from package_copy import command, followed, run, shown, walkthrough
 from page_blocks import ROOT
 from tests.core.test_cone_models import Elliptic
 
@@ -98,12 +98,6 @@ def scene_of(folder: Path, example: str, **changes: Any) -> Path:
     return file
 
 
-def shown(package: Path, file: Path) -> dict[str, Any]:
-    result = run(package, SHOWN, str(file))
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout)
-
-
 def test_it_is_the_model_that_is_held_against_programs(tmp_path):
     """`test_cone_models` solves for its like, of another text."""
     module = tmp_path / "ribbed.py"
@@ -126,7 +120,7 @@ def test_it_is_the_model_that_is_held_against_programs(tmp_path):
     ],
 )
 def test_the_new_model_is_solved_and_its_documents_are_proven(package, tmp_path, example, axis):
-    found = shown(package, scene_of(tmp_path, example, cone_edges=16, tangent_axes=[axis]))
+    found = shown(package, SHOWN, scene_of(tmp_path, example, cone_edges=16, tangent_axes=[axis]))
     assert found["repr"].endswith("joints, ribbed cones of 16 edges)")
     assert found["same"]
     for solved in found["solved"].values():

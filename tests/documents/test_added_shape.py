@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
-from package_copy import command, followed, run
+from package_copy import command, followed, shown
 from page_blocks import ROOT
 from scipy.spatial.transform import Rotation
 
@@ -87,12 +87,6 @@ def on_a_block(file: Path, shape: dict[str, Any], turn: float) -> Path:
     return file
 
 
-def shown(package: Path, file: Path) -> dict[str, Any]:
-    result = run(package, SHOWN, str(file))
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout)
-
-
 def in_order(rows: Any) -> np.ndarray:
     """Rows in an order that rounding does not change."""
     found = np.array(rows)
@@ -115,9 +109,9 @@ def squares(package, tmp_path_factory):
     box = {"type": "box", "size": [0.2, 0.2, HEIGHT]}
     mesh = {"type": "mesh", "path": "box.off"}
     return (
-        shown(package, scene_of(folder, "prism", prism, 45.0)),
-        shown(package, scene_of(folder, "box", box, 0.0)),
-        shown(package, scene_of(folder, "mesh", mesh, 0.0)),
+        shown(package, SHOWN, scene_of(folder, "prism", prism, 45.0)),
+        shown(package, SHOWN, scene_of(folder, "box", box, 0.0)),
+        shown(package, SHOWN, scene_of(folder, "mesh", mesh, 0.0)),
     )
 
 
@@ -152,7 +146,7 @@ def test_a_square_prism_touches_weighs_and_holds_like_a_box(squares):
 def test_it_may_be_a_support(package, squares, tmp_path):
     shape = {"type": "prism", "corners": 4, "radius": 0.3 * 2.0**0.5, "height": 0.1}
     cube = {"type": "box", "size": [0.2, 0.2, HEIGHT]}
-    found = shown(package, on_a_block(scene_of(tmp_path, "block", cube, 0.0), shape, 45.0))
+    found = shown(package, SHOWN, on_a_block(scene_of(tmp_path, "block", cube, 0.0), shape, 45.0))
     _, box, _ = squares
     assert in_order(found["contacts"]) == pytest.approx(in_order(box["contacts"]), abs=1e-7)
     assert found["margin"] == pytest.approx(box["margin"], rel=1e-6)

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from graspless_pin.studies import Study
+from graspless_pin.studies import Study, run_study
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "examples" / "paper"
@@ -63,3 +63,8 @@ class Here(Executor):
         self.samples += [number for number, _ in samples]
         future.set_result(fn(*args, **kwargs))
         return future
+
+
+def run(made: Study, file: Any, here: Any = None, **options: Any) -> Any:
+    """The table of a study that is computed on the spot."""
+    return run_study(made, file, executor=here or Here(), progress=False, **options)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from study_tools import ROOT, Here, study_file
+from study_tools import ROOT, Here, run, study_file
 
 from graspless_pin import close_fingers, load_scene, place_hand
 from graspless_pin.errors import SceneError, StudyError
@@ -40,10 +40,6 @@ PUSH = ROOT / "examples" / "trihand_push_box.yaml"
 def made(tmp_path):
     (tmp_path / "far.yaml").write_text(yaml.safe_dump(FAR), encoding="utf-8")
     return load_study(study_file(tmp_path, PLACED))
-
-
-def run(study, file, here=None, **options) -> Any:
-    return run_study(study, file, executor=here or Here(), progress=False, **options)
 
 
 def test_a_sample_is_what_placing_by_hand_and_solving_give(made, monkeypatch):

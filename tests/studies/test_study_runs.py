@@ -1,13 +1,12 @@
 """Runs of a study in this process: the table, its files, going on, whose output it is."""
 
 import json
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from study_tools import CUBOID, HEIGHT, ROOT, Here, data, study, study_file
+from study_tools import CUBOID, HEIGHT, ROOT, Here, data, run, study, study_file
 
 from graspless_pin import (
     contact_force_bounds,
@@ -24,15 +23,10 @@ from graspless_pin.studies import (
     results,
     results_parts,
     results_summary,
-    run_study,
 )
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 
 LOW = {"values": [0.0, 0.3]}  # without friction nothing holds the cuboid on its slope
-
-
-def run(made: Study, file, here=None, **options) -> Any:
-    return run_study(made, file, executor=here or Here(), progress=False, **options)
 
 
 @pytest.mark.parametrize("name", ["out.parquet", "out.csv"])

@@ -226,7 +226,8 @@ def follow(document: Document) -> None:
         joint["torque_contact"] = float(claimed.contact_torques[index])
 
 
-def _best(document: Document, value: float) -> None:
+def set_optimum(document: Document, value: float) -> None:
+    """Make bound and gap fit what the document claims."""
     document["certificate"] |= {"bound": value, "gap": 0.0, "duality_gap": 0.0}
 
 
@@ -272,7 +273,7 @@ def says(status: str, message: str) -> Forge:
 
 def _is_the_best(document: Document) -> None:
     says("optimal", OPTIMAL)(document)
-    _best(document, document["max_torque"])
+    set_optimum(document, document["max_torque"])
 
 
 def _direction(document: Document) -> dict[str, Any]:
@@ -574,7 +575,7 @@ def limit_of_the_worst_joint_is_left_out(document: Document) -> None:
     worst = max(joints, key=lambda one: abs(one["torque"]))
     worst["upper"] = worst["lower"] = None
     other = min(joints, key=lambda one: abs(one["torque"]))
-    _best(document, abs(other["torque"]) / other["upper"])
+    set_optimum(document, abs(other["torque"]) / other["upper"])
 
 
 @forgery("margin")
@@ -584,7 +585,7 @@ def load_and_forces_are_none(document: Document) -> None:
         contact["force"] = [0.0, 0.0, 0.0]
     document["scales"]["force"] = min(c["max_normal_force"] for c in document["contacts"])
     follow(document)
-    _best(document, document["margin"])
+    set_optimum(document, document["margin"])
 
 
 @forgery("limit")
@@ -701,7 +702,7 @@ _TABLE: tuple[tuple[Any, ...], ...] = (
      put("contacts", ..., "force", by=times(-1.0)), follow),
     ("frames_are_scaled", "tree", put("contacts", ..., "normal", by=times(0.5))),
     ("forces_in_kilonewtons", "tree", put("contacts", ..., "force", by=times(1e-3)), follow,
-     lambda d: _best(d, d["max_torque"])),
+     lambda d: set_optimum(d, d["max_torque"])),
     ("lengths_in_millimetres", "tree", put("contacts", ..., "position", by=times(1e3)),
      put("scales", "length", by=times(1e3))),
     ("limits_are_a_thousand_times_as_wide", "shares", put("joints", ..., "upper", by=times(1e3)),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.scene.scene_tools import EXAMPLES
+from verified_documents import failed
 
 from graspless_pin import Controller, load_scene
 from graspless_pin.holding.small_motions import lyapunov_matrix
@@ -30,12 +31,8 @@ def held_ball(tmp_path_factory) -> dict[str, Any]:
     return made(BALL, 2.0, tmp_path_factory.mktemp("ball"))
 
 
-def failing(document: dict[str, Any]) -> list[str]:
-    return [one.name for one in verify_document(document).checks if one.passed is False]
-
-
 def test_a_rest_that_holds_is_proven(held_ball) -> None:
-    assert failing(held_ball) == []
+    assert failed(held_ball) == []
     names = [one.name for one in verify_document(held_ball).checks]
     assert "no small motion grows (facets)" in names
     proof = {
@@ -57,7 +54,7 @@ def test_a_rest_that_holds_is_proven(held_ball) -> None:
 def test_gains_that_differ_are_told_from_the_least_to_the_largest(held_ball, tmp_path) -> None:
     joint = held_ball["joints"][held_ball["holding"]["proofs"]["facets"]["joints"][0]]["name"]
     document = made(BALL, {"default": 2.0, joint: 3.0}, tmp_path)
-    assert failing(document) == []
+    assert failed(document) == []
     lines = {one.name: one.detail for one in verify_document(document).checks}
     words = "joint feedback of 2 N m/rad at joints, 3 N m/rad at joints"
     assert lines["the controller is that of the proof (facets)"] == words
@@ -66,7 +63,7 @@ def test_gains_that_differ_are_told_from_the_least_to_the_largest(held_ball, tmp
 def test_a_rest_without_small_motions_is_proven(tmp_path) -> None:
     document = made(BOX, 0.0, tmp_path)
     assert document["holding"]["proofs"]["any"]["velocities"][0] == []
-    assert failing(document) == []
+    assert failed(document) == []
 
 
 def _columns(proof: dict[str, Any], kept: int) -> None:
@@ -146,7 +143,7 @@ def _scaled_proof(key: str, factor: float) -> Any:
 def test_what_is_no_proof_is_refused(held_ball, forge) -> None:
     forged = copy.deepcopy(held_ball)
     forge(forged["holding"]["proofs"]["facets"])
-    *others, last = failing(forged)
+    *others, last = failed(forged)
     assert last == "no small motion grows (facets)"
     assert set(others) <= {"the controller is that of the proof (facets)"}
 
@@ -164,7 +161,7 @@ def test_what_is_no_proof_is_refused(held_ball, forge) -> None:
 def test_the_gains_are_those_of_the_controller(held_ball, forge) -> None:
     forged = copy.deepcopy(held_ball)
     forge(forged["holding"])
-    assert "the controller is that of the proof (facets)" in failing(forged)
+    assert "the controller is that of the proof (facets)" in failed(forged)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
@@ -178,14 +175,14 @@ def test_small_or_nearly_equal_columns_hide_no_slip(held_ball, share) -> None:
 def test_without_a_proof_it_does_not_hold(held_ball) -> None:
     forged = copy.deepcopy(held_ball)
     forged["holding"]["proofs"] = {}
-    assert failing(forged) == ["no small motion grows"]
+    assert failed(forged) == ["no small motion grows"]
 
 
 def test_a_rest_that_grows_cannot_be_said_to_hold(tmp_path) -> None:
     document = made(BALL, 0.1, tmp_path)
-    assert failing(document) == [] and document["holding"]["proofs"] == {}
+    assert failed(document) == [] and document["holding"]["proofs"] == {}
     document["holding"] |= {"status": "holds", "growth_rate": 0.0}
-    assert failing(document) == ["no small motion grows"]
+    assert failed(document) == ["no small motion grows"]
 
 
 @pytest.mark.parametrize("growth", [0.05, 0.2])
