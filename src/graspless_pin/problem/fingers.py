@@ -15,6 +15,7 @@ from graspless_pin.problem.checks import (
     FloatArray,
     JointUnit,
     checked_units,
+    choice,
     finite_array,
     per_item,
     read_only,
@@ -171,13 +172,7 @@ def _finger_block(
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
     """Return one finger's (3M, L_i) columns and its limits."""
     size = 3 * len(normals)
-    try:
-        mode = ControlMode(finger.mode)
-    except ValueError:
-        known = ", ".join(repr(str(option)) for option in ControlMode)
-        raise ArgumentError(
-            f"{label}.mode", f"is {finger.mode!r}; it must be one of {known}"
-        ) from None
+    mode = choice(ControlMode, f"{label}.mode", finger.mode)
     if mode is ControlMode.POSITION:
         return np.zeros((size, 0)), (np.zeros(0), np.zeros(0))
     if mode is ControlMode.HYBRID:
