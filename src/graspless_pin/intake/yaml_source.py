@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cache
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,7 +30,7 @@ from graspless_pin.intake.files import (
     refuse_other_kind,
 )
 from graspless_pin.intake.yaml_text import Location, parse_yaml
-from graspless_pin.suggestions import names_in_words, nearest_name
+from graspless_pin.suggestions import names_in_words, nearest_name, what_to_pass
 
 _NEEDED = {
     "scene": "a scene needs object and friction",
@@ -60,7 +61,7 @@ class YamlSource:
     lines: Mapping[Location, int] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, path: Path, kind: FileKind) -> YamlSource:
+    def read(cls, path: str | PathLike[str], kind: FileKind) -> YamlSource:
         """Read and parse a file.
 
         Args:
@@ -70,8 +71,11 @@ class YamlSource:
         Raises:
             GrasplessPinError: The kind's error, if the file is missing, empty, too large or no
                 regular file, is not UTF-8 text or not plain YAML.
+            ArgumentError: If it is no path.
         """
-        return cls.parsed(path, read_text(path, kind), kind)
+        if not isinstance(path, str | PathLike):
+            raise ArgumentError("path", what_to_pass("path", path, f"path of a {kind.name} file"))
+        return cls.parsed(Path(path), read_text(Path(path), kind), kind)
 
     @classmethod
     def parsed(cls, path: Path, text: str, kind: FileKind) -> YamlSource:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import reprlib
 from collections import Counter
 from collections.abc import Mapping
@@ -50,7 +49,7 @@ from graspless_pin.scene.scene_stability import (
 )
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import counted
-from graspless_pin.suggestions import first_of, what_to_pass
+from graspless_pin.suggestions import first_of
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution
@@ -361,9 +360,7 @@ def load_scene(path: str | Path) -> Scene:
         >>> print(f"{scene.solve().margin:.4f} N")
         1.6504 N
     """
-    if not isinstance(path, str | os.PathLike):
-        raise ArgumentError("path", what_to_pass("path", path, "path of a scene file"))
-    return build_scene(Scene, YamlSource.read(Path(path), SCENE))
+    return build_scene(Scene, YamlSource.read(path, SCENE))
 
 
 def _first(lines: list[str], where: str = "") -> list[str]:

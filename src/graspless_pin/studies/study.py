@@ -10,13 +10,12 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
 
 from graspless_pin.algorithms.options import useless
 from graspless_pin.caching import Bounded, is_alike
-from graspless_pin.errors import ArgumentError, SceneError, StudyError
+from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.intake.yaml_text import texts_of
@@ -33,7 +32,6 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import MOVABLE, Sample, Variable, displace, make_variable
 from graspless_pin.studies.sampling import adaptive_samples, samples_of
 from graspless_pin.studies.study_schema import CloseEntry, PlaceEntry, PosingEntry, StudyEntry
-from graspless_pin.suggestions import what_to_pass
 
 Row = dict[str, Any]
 """Results by column."""
@@ -300,9 +298,7 @@ def load_study(path: str | Path) -> Study:
         >>> study.name
         'Allegro hand, box on a slope'
     """
-    if not isinstance(path, str | PathLike):
-        raise ArgumentError("path", what_to_pass("path", path, "path of a study file"))
-    source = YamlSource.read(Path(path), _STUDY)
+    source = YamlSource.read(path, _STUDY)
     return _made(source, source.path.parent)
 
 
