@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from graspless_pin.bounds import MOST_SAMPLES
 from graspless_pin.errors import GrasplessPinError
-from graspless_pin.problem.checks import FloatArray
 from graspless_pin.studies.keys import Sample, Variable
 from graspless_pin.studies.study_schema import SamplingEntry
 
@@ -71,21 +70,6 @@ def grid_samples(points: Sequence[Sequence[Any]]) -> Samples:
         return tuple([values[place] for values, place in zip(points, places, strict=True)])
 
     return MadeSamples(prod(shape), combination)
-
-
-def drawn_samples(variables: Sequence[Variable], shares: FloatArray) -> Samples:
-    """Return samples at shares of the variables' ranges.
-
-    Args:
-        variables: What varies.
-        shares: (samples, variables) in [0, 1]: eight bytes a value are all that is kept.
-    """
-    return MadeSamples(
-        len(shares),
-        lambda number: tuple([
-            one.at(share) for one, share in zip(variables, shares[number].tolist(), strict=True)
-        ]),
-    )  # fmt: skip
 
 
 def grid_size(variable: Variable, fail: Callable[..., GrasplessPinError]) -> int:
@@ -140,7 +124,13 @@ def samples_of(
         shares = engine.random_base2(int(np.ceil(np.log2(count))))[:count].copy()
     else:
         shares = qmc.LatinHypercube(len(variables), rng=rng).random(count)
-    return drawn_samples(variables, shares)
+    # Shares of the variables' ranges: eight bytes a value are all that is kept.
+    return MadeSamples(
+        count,
+        lambda number: tuple([
+            one.at(share) for one, share in zip(variables, shares[number].tolist(), strict=True)
+        ]),
+    )  # fmt: skip
 
 
 Places = NDArray[np.int64]
