@@ -217,3 +217,25 @@ def test_figures_of_the_oracle_are_those_of_the_state():
     )  # fmt: skip
     assert found["optimum"] == pytest.approx(state.optimum, rel=1e-6)
     np.testing.assert_array_equal(found["gaps"], state.gaps)
+
+
+def test_a_corner_on_two_bodies_goes_with_each_of_them():
+    """The box's lower edge is on the floor and at the wall: two contacts at one place."""
+    scene = example("pivot_against_wall")
+    evaluator = Evaluator(scene, pins=pins_of(scene), static_friction="coulomb")
+    q, T = evaluator.configuration({"x": -0.21, "y": 0.01, "z": 0.09}), scene.object.T_world_object
+    state = evaluator.pinned(q)  # m
+    places = state.evaluation.contacts.arrays.positions.round(9).tolist()
+    assert len({*map(tuple, places)}) < len(places)
+    assert state.by_optimum.unique.all()
+    friction = np.array([0.4, 0.2, 0.2])
+    for told, ask, size in (
+        (state.by_optimum.pose, lambda way: {"T_world_object": displaced(scene, T, way)}, 6),
+        (state.by_optimum.friction, lambda way: {"friction": friction + way}, 3),
+    ):
+        ends = [
+            [evaluator.pinned(q, **ask(h * way)).optimum for way in np.eye(size)]
+            for h in (STEP, -STEP)
+        ]
+        slopes = np.subtract(*ends) / (2.0 * STEP)
+        np.testing.assert_allclose(told, slopes, rtol=1e-3, atol=1e-3)

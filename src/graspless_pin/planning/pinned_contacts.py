@@ -25,7 +25,7 @@ from graspless_pin.planning.configuration_gradient import (
     frame_turns,
     problem_rates,
 )
-from graspless_pin.planning.configurations import pin_rates, pinned_point
+from graspless_pin.planning.configurations import PinnedPoint, pin_rates, pinned_point
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
@@ -220,10 +220,7 @@ def pinned_state(
     values = read_only(np.array([one.gap for one in points]))
     if not evaluation.found:
         return PinnedState(evaluation, bodies, values, by_gaps)
-    # The declared motion may part contacts.
-    places = np.array([one.contact.position for one in points])
-    found = evaluation.contacts.arrays.positions
-    kept = [int(np.abs(places - one).max(axis=1).argmin()) for one in found]
+    kept = _kept(evaluation, points)
     moving = [rates[k] for k in kept]
     center = np.hstack([np.zeros((3, n)), np.eye(3), np.zeros((3, 3))])
     middles, turns = np.array([one.middle for one in moving]), _turns(evaluation, moving)
@@ -235,6 +232,21 @@ def pinned_state(
     weight = object_wrench(heavier) - object_wrench(scene)
     rates = _Rates(made, surfaces[kept], weight, all(one.smooth for one in moving))
     return PinnedState(evaluation, bodies, values, by_gaps, rates)
+
+
+def _kept(evaluation: Evaluation, points: Sequence[PinnedPoint]) -> list[int]:
+    """Return which pinned point each contact is of: the declared motion may part some.
+
+    One corner of the object may be on two bodies, such as a floor and a wall, or on two faces.
+    """
+    bodies = np.array([one.contact.body for one in points])
+    places = np.array([[one.contact.position, one.contact.normal] for one in points])
+    found = evaluation.contacts.arrays
+    kept = []
+    for body, *place in zip(found.bodies, found.positions, found.normals, strict=True):
+        off = np.abs(places - place).max(axis=(1, 2))
+        kept.append(int(np.where(bodies == body, off, np.inf).argmin()))
+    return kept
 
 
 def _with_surfaces(scene: Scene, friction: Any, mass: Any) -> Scene:
