@@ -255,6 +255,8 @@ def test_forces_of_hybrid_fingers_have_columns_of_their_own(tmp_path):
         ({"q": np.full((2, 9), np.nan)}, r"q: is NaN at index \(0, 0\)"),
         ({"T_world_object": np.stack([np.eye(4), 2 * np.eye(4)])}, r"T_world_object\[1\]"),
         ({"twist": np.zeros((2, 5))}, r"twist: has shape \(2, 5\)"),
+        ({"q": [[0.0] * 9, [0.0] * 8]}, r"q: is \[\[0.0, .* array of real numbers"),
+        ({"q": [{}, np.zeros(9)]}, r"q: is \[\{\}, .* array of real numbers"),
         ({"q": np.zeros((3, 9)), "twist": np.zeros((2, 6))}, "has 2 states and q has 3"),
         ({"q": np.zeros((3, 9)), "workers": 0}, "workers: is 0"),
         ({"q": np.zeros((3, 9)), "evaluations": [3]}, r"evaluations: is 3; .* from 0 to 2"),

@@ -105,7 +105,7 @@ def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) 
     each: dict[str, FloatArray] = {}
     common: dict[str, Any] = {}
     for name, value in given.items():
-        if isinstance(value, Motion | Mapping) or np.ndim(value) < _DIMENSIONS[name]:
+        if isinstance(value, Motion | Mapping) or _axes(value) < _DIMENSIONS[name]:
             common[name] = value
         else:
             each[name] = _numbers(name, value, (None, *shapes[name]))
@@ -123,6 +123,14 @@ def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) 
             )
     _check_rigid(each.get("T_world_object", np.empty((0, 4, 4))))
     return StateArrays(count, each, common)
+
+
+def _axes(value: Any) -> float:
+    """Return how many axes something has as an array; infinitely many if it is none."""
+    try:
+        return np.ndim(value)
+    except ValueError:  # rows of several lengths: what is wrong is said where numbers are read
+        return np.inf
 
 
 def _positions(at: Configurations, number: int, q: Mapping[str, float]) -> FloatArray:
