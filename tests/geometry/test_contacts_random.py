@@ -213,6 +213,17 @@ def test_the_gap_of_two_hulls_lies_between_the_bounds_of_a_linear_program(seed: 
         assert largest < 1e-7
 
 
+def gap_after_moves(first: str, second: str, seed: int, gap: float, moves: int) -> float:
+    """The gap that is found after a body was moved along the normal, so as to leave another."""
+    one, two = touching(first, second, seed)
+    for _ in range(moves):
+        contacts = find_contacts(one, [], [two])
+        moved = two.T_world_geometry.copy()
+        moved[:3, 3] += (min(item.distance for item in contacts) - gap) * contacts[0].normal
+        two = CollisionBody("two", two.geometry, moved)
+    return min(item.distance for item in find_contacts(one, [], [two]))
+
+
 @pytest.mark.sampled(14)
 @pytest.mark.parametrize(("first", "second"), PAIRS)
 @pytest.mark.parametrize("gap", [0.0, 1e-6, -1e-6, -1e-5])
@@ -223,15 +234,7 @@ def test_at_a_hair_of_a_gap_the_overlap_is_never_taken_for_a_deeper_one(
     # the normal and has come nearer by so much is found at that gap or above.
     # From 145 on: rims whose overlap coal alone takes for one of millimetres.
     for seed in (100, 145, 219, 262, 310, 311, 350):
-        one, two = touching(first, second, seed)
-        for _ in range(2):
-            contacts = find_contacts(one, [], [two])
-            nearer = min(contact.distance for contact in contacts) - gap
-            moved = two.T_world_geometry.copy()
-            moved[:3, 3] += nearer * contacts[0].normal
-            two = CollisionBody("two", two.geometry, moved)
-        found = min(contact.distance for contact in find_contacts(one, [], [two]))
-        assert found >= gap - 1e-4
+        assert gap_after_moves(first, second, seed, gap, 2) >= gap - 1e-4
 
 
 @pytest.mark.parametrize(
@@ -246,15 +249,8 @@ def test_at_a_hair_of_a_gap_the_overlap_is_never_taken_for_a_deeper_one(
 def test_rims_that_overlap_are_asked_for_again_until_the_direction_is_right(
     first: str, second: str, seed: int, gap: float
 ) -> None:
-    one, two = touching(first, second, seed)
-    for _ in range(3):
-        contacts = find_contacts(one, [], [two])
-        found = min(contact.distance for contact in contacts)
-        moved = two.T_world_geometry.copy()
-        moved[:3, 3] += (found - gap) * contacts[0].normal
-        two = CollisionBody("two", two.geometry, moved)
-    # From here the bodies are at the gap, up to what moving along another normal makes of it.
-    assert min(contact.distance for contact in find_contacts(one, [], [two])) >= gap - 1e-9
+    # Then the bodies are at the gap, up to what moving along another normal makes of it.
+    assert gap_after_moves(first, second, seed, gap, 3) >= gap - 1e-9
 
 
 def test_concentric_bodies_overlap_too_deep_and_nothing_else() -> None:
