@@ -140,13 +140,14 @@ def test_a_cone_comes_back_as_a_hull_about_it() -> None:
 
 def test_a_payload_comes_back_as_part_of_the_object() -> None:
     scene = load_scene(EXAMPLES / "paper" / "cuboid_at_rest.yaml")
-    scene = scene.with_changes(loads=[Load("payload", mass=0.2, at=[0.01, 0.02, 0.03])])
+    at = np.array([0.01, 0.02, 0.03])
+    scene = scene.with_changes(loads=[Load("payload", mass=0.2, at=at)])
     back = scene_from_mjcf(model_of(scene_to_mjcf(scene)))
     made, target = scene.object, back.object
-    center = (made.mass * made.center_of_mass + 0.2 * scene.loads[0].at) / (made.mass + 0.2)
+    center = (made.mass * made.center_of_mass + 0.2 * at) / (made.mass + 0.2)
     np.testing.assert_allclose(target.center_of_mass, center, atol=1e-9)
     assert target.mass == pytest.approx(made.mass + 0.2)
-    arms = made.center_of_mass - center, scene.loads[0].at - center
+    arms = made.center_of_mass - center, at - center
     inertia = made.own_inertia + sum(
         mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         for mass, arm in zip((made.mass, 0.2), arms, strict=True)

@@ -259,6 +259,8 @@ def test_forces_of_hybrid_fingers_have_columns_of_their_own(tmp_path):
         ({"q": [{}, np.zeros(9)]}, r"q: is \[\{\}, .* array of real numbers"),
         ({"q": np.zeros((3, 9)), "twist": np.zeros((2, 6))}, "has 2 states and q has 3"),
         ({"q": np.zeros((3, 9)), "workers": 0}, "workers: is 0"),
+        ({"q": np.zeros((3, 9)), "evaluations": 3}, "evaluations: needs the numbers"),
+        ({"q": np.array([[np.inf, -np.inf, *np.zeros(7)]])}, "q: is inf"),
         ({"q": np.zeros((3, 9)), "evaluations": [3]}, r"evaluations: is 3; .* from 0 to 2"),
     ],
 )

@@ -191,6 +191,7 @@ def test_changes_of_contacts_are_marked():
         ([Waypoint(time=np.nan)], "NaN"),
         ([Waypoint(), Waypoint(T_world_object=np.zeros((4, 4)))], r"waypoints\[1\].T_world_object"),
         ([Waypoint(q={"thumb": 1.0})], "unknown joint 'thumb'"),
+        (Waypoint(), "waypoints: needs a list of them"),
     ],
 )
 def test_bad_paths(path, message):

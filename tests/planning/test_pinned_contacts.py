@@ -156,6 +156,8 @@ def test_a_state_without_torques_still_has_gaps():
     [
         ([], r"pins: needs at least one pair"),
         ([("finger_1_tip",)], r"pins\[0\]: needs two bodies"),
+        (5, r"pins: needs at least one pair"),
+        ([5], r"pins\[0\]: needs two bodies"),
         ([*TIPS, ("object", "tabel")], r"pins\[3\]: unknown body 'tabel'; did you mean 'table'"),
         ([("finger_1_tip", "table")], r"pins\[0\]: pairs .* one of the two has to be the object"),
         ([("finger_1_tip", "object", [0.0, 1.0, 1.0])], r"pins\[0\]: .*no face looks that way"),

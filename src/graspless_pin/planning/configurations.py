@@ -86,7 +86,7 @@ def pins_of(scene: Scene, entries: Sequence[PinEntry]) -> tuple[Pin, ...]:
     Raises:
         ArgumentError: If an entry is no pair of bodies that can touch.
     """
-    if isinstance(entries, str) or not entries:
+    if isinstance(entries, str) or not np.iterable(entries) or not len(entries):
         raise ArgumentError("pins", "needs at least one pair of bodies, e.g. ('finger_tip', 'box')")
     pins: list[Pin] = []
     for index, entry in enumerate(entries):
@@ -95,7 +95,7 @@ def pins_of(scene: Scene, entries: Sequence[PinEntry]) -> tuple[Pin, ...]:
 
 
 def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
-    if isinstance(entry, str) or len(entry) not in (2, 3):
+    if isinstance(entry, str) or not np.iterable(entry) or len(entry) not in (2, 3):
         raise ArgumentError(name, f"needs two bodies and perhaps a direction, got {entry!r}")
     own, links = scene.object.name, _links(scene)
     known = [own, *links, *(support.name for support in scene.supports)]
@@ -362,7 +362,7 @@ class Configurations:
             isinstance(q, np.ndarray)
             and q.dtype == np.float64
             and q.shape == shape
-            and math.isfinite(np.add.reduce(q))  # a finite sum has finite terms
+            and math.isfinite(q @ q)  # a finite sum of squares has finite terms
         ):
             return q
         return finite_array("q", q, shape)

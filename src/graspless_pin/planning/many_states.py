@@ -317,6 +317,8 @@ def evaluated_states(
     progress: Progress | None,
 ) -> EvaluatedStates:
     """Return what is found of states: see `Evaluator.evaluate_many`."""
+    if not np.iterable(kept):
+        raise ArgumentError("evaluations", f"needs the numbers of states, got {kept!r:.60}")
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
     columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)

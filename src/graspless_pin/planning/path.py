@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Unpack
 
@@ -185,6 +185,8 @@ def evaluate_path(
     """
     if isinstance(evaluator, Scene):
         evaluator = Evaluator(evaluator)
+    if not isinstance(evaluator, Evaluator):
+        raise ArgumentError("evaluator", f"needs an Evaluator or a Scene, got {evaluator!r:.60}")
     if evaluator.attached_to is not None:
         raise ArgumentError(
             "evaluator",
@@ -192,6 +194,8 @@ def evaluate_path(
             "path's configurations to its evaluate_many",
         )
     evaluator = evaluator.with_regularization(regularization)
+    if isinstance(waypoints, Mapping | str) or not np.iterable(waypoints):
+        raise ArgumentError("waypoints", f"needs a list of them, got {waypoints!r:.60}")
     if not len(waypoints):
         raise ArgumentError("waypoints", "is empty; a path has at least one")
     waypoints = [item if isinstance(item, Waypoint) else Waypoint(item) for item in waypoints]
