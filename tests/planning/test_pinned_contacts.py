@@ -235,9 +235,9 @@ def test_a_corner_on_two_bodies_goes_with_each_of_them():
         (state.by_optimum.pose, lambda way: {"T_world_object": displaced(scene, T, way)}, 6),
         (state.by_optimum.friction, lambda way: {"friction": friction + way}, 3),
     ):
-        ends = [
-            [evaluator.pinned(q, **ask(h * way)).optimum for way in np.eye(size)]
-            for h in (STEP, -STEP)
-        ]
-        slopes = np.subtract(*ends) / (2.0 * STEP)
+        ends = []
+        for step in STEP * np.vstack([np.eye(size), -np.eye(size)]):
+            changed: dict[str, Any] = ask(step)
+            ends.append(evaluator.pinned(q, **changed).optimum)
+        slopes = (np.array(ends[:size]) - ends[size:]) / (2.0 * STEP)
         np.testing.assert_allclose(told, slopes, rtol=1e-3, atol=1e-3)
