@@ -41,7 +41,7 @@ class ExitCode(IntEnum):
 
 _MOST_LINES = 8
 _ERROR_BYTES = 950
-_NOTE_BYTES = 400
+_NOTE_BYTES = 200
 _WIDEST = 100  # columns; longer lines are hard to read
 _LEFT_OUT = " [...] "
 
