@@ -75,7 +75,7 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
             + (
                 "together with others it moves no mass"
                 if singular
-                else "no link that it moves has a mass"
+                else "it moves no mass"
             )
             + "; give its links an inertia (<inertial> in the URDF) or its motor one "
             "(hand.armature in the scene)",
