@@ -72,11 +72,7 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
         raise ArgumentError(
             "joint_inertia",
             f"is singular at joint {problem.joint_names[joints[worst]]!r}: "
-            + (
-                "together with others it moves no mass"
-                if singular
-                else "it moves no mass"
-            )
+            + ("together with others it moves no mass" if singular else "it moves no mass")
             + "; give its links an inertia (<inertial> in the URDF) or its motor one "
             "(hand.armature in the scene)",
         )
