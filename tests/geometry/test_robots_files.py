@@ -158,7 +158,10 @@ LOOP = joint("i", "a", "b") + joint("j", "b", "a")
             TWO + link("c") + joint("i", "a", "b") + joint("j", "a", "c", "planar"),
             "joint 'j' is planar and does not carry the whole robot",
         ),
-        (TWO + joint("j", "a", "b", "hinge"), "joint 'j' has the unknown type 'hinge'"),
+        (
+            TWO + joint("j", "a", "b", "Revolute"),
+            r"type 'Revolute'; did you mean 'revolute'\? known: ",
+        ),
         (TWO + joint("j", "a", "b", limit=""), "joint 'j' is revolute and has no <limit"),
         (TWO + joint("j", "a", "b", limit='lower="low"'), "limit lower='low', .*not a number"),
         (TWO + joint("j", "a", "b", limit='effort="nan"'), "limit effort='nan'"),

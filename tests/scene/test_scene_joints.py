@@ -8,6 +8,7 @@ from scene_tools import ALLEGRO, PAPER, content, hand_of, loaded
 
 from graspless_pin import QuasistaticProblem, load_scene, maximize_margin, minimize_torque
 from graspless_pin.errors import SceneError
+from graspless_pin.findings import FindingCode
 
 Q = np.sqrt(0.5)
 POSITIONS = np.array(
@@ -90,6 +91,15 @@ def test_a_hybrid_finger_commands_its_normal_force(tmp_path, limit):
     normal_force = NORMALS[1] @ best.contact_forces[1]
     assert best.torques[1] == pytest.approx(normal_force, abs=1e-9)
     assert 0.0 < normal_force <= most + 1e-6
+
+
+def test_a_limit_of_hybrid_fingers_is_told_where_there_is_none(tmp_path):
+    def told(control):
+        found = controlled(tmp_path, control, hybrid_force_limit=12.0).findings
+        return [one.place for one in found if one.code is FindingCode.UNUSED_OPTION]
+
+    assert told({"finger_6/finger": "hybrid"}) == []
+    assert told("force") == [f"{tmp_path / 'scene.yaml'}:9: hand.hybrid_force_limit"]
 
 
 def test_a_hybrid_finger_has_one_contact(tmp_path):

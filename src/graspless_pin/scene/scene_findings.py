@@ -146,6 +146,15 @@ def _deepest(overlaps: Iterable[Overlap]) -> dict[BodyKind, tuple[Overlap, str]]
     return told
 
 
+_UNUSED_LIMIT = Finding(
+    FindingCode.UNUSED_OPTION,
+    "hybrid_force_limit",
+    "hybrid_force_limit is given, and no finger is under hybrid control",
+    "write control: {FINGER: hybrid} for the fingers that it is for, or leave it out",
+    ("hand", "hybrid_force_limit"),
+)
+
+
 def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
     """Return what is wrong with a scene, the gravest first.
 
@@ -156,6 +165,8 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
         found = [*_figures(scene)]
         if scene.hand is not None:
             found += [*_joints(scene.hand), *_overlaps(scene, scene.hand)]
+            if scene.hybrid_force_limit is not None and not scene.hand.control.hybrid_fingers:
+                found.append(_UNUSED_LIMIT)
         found += [*_touching(scene), *stated_contact_findings(scene)]
     of_hand = () if scene.hand is None else scene.hand.findings
     return causes_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])

@@ -34,6 +34,7 @@ from graspless_pin.geometry.poses import rigid, rotation_matrix
 from graspless_pin.geometry.robots.description import JointCoupling, RobotDescription
 from graspless_pin.intake.files import is_file
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.suggestions import names_in_words
 
 _PRIMITIVES = ("box", "sphere", "cylinder", "capsule")
 _MOST_ANGLE = 6.3
@@ -121,8 +122,9 @@ def _joint(path: Path, joint: ET.Element, rotors: Mapping[str, float]) -> RobotJ
     """Read one joint."""
     name, kind = joint.get("name", ""), joint.get("type", "")
     where = f"{path}: joint {name!r}"
-    if kind not in (*MOVABLE_KINDS, *FREE_KINDS, "fixed"):
-        raise RobotError(f"{where} has the unknown type {joint.get('type')!r}")
+    known = (*MOVABLE_KINDS, *FREE_KINDS, "fixed")
+    if kind not in known:
+        raise RobotError(f"{where} has the unknown type {kind!r}; {names_in_words(kind, known)}")
     T, axis = _origin(where, joint), np.array([1.0, 0.0, 0.0])
     element = joint.find("axis")
     if kind in MOVABLE_KINDS and element is not None:
