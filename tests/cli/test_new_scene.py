@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from graspless_pin import load_scene
+from graspless_pin.geometry import unwanted_overlaps
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Capsule, HalfSpace, MeshShape
 from graspless_pin.geometry.poses import pose_matrix
@@ -246,8 +247,22 @@ def test_close_writes_the_closed_hand_and_tells_which_finger_misses() -> None:
     assert missed.exit_code == 1 and "index: touches nothing" in missed.stdout
 
 
-def test_the_base_of_an_arm_is_to_be_moved_for_it_is_out_of_reach() -> None:
+def test_an_arm_stands_where_it_reaches_the_object() -> None:
     arm = run("new", "panda", "box:0.04,0.04,0.06", "--effort", "20")
+    assert arm.stdout.endswith("graspless-pin place scene.yaml -o placed.yaml\n")
+    scene = load_scene("scene.yaml")
+    assert scene.hand is not None
+    x, _, z = scene.hand.T_world_base[:3, 3]
+    assert x < -0.3
+    assert z == pytest.approx(0.0, abs=1e-3)
+    assert not unwanted_overlaps(scene.hand, scene.supports)
+    few = "--candidates", "8", "--approach", "0,0,-1", "--verdict-nodes", "0"
+    assert run("place", "scene.yaml", "-o", "placed.yaml", *few).exit_code == 0
+    assert load_scene("placed.yaml").solve().found
+
+
+def test_the_base_of_an_arm_is_to_be_moved_where_it_is_out_of_reach() -> None:
+    arm = run("new", "panda", "box:0.04,0.04,2.5", "--effort", "20")
     assert arm.stdout.endswith("graspless-pin place scene.yaml -o placed.yaml --move-base\n")
     hand = run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "1", "--overwrite")
     assert hand.stdout.endswith("graspless-pin place scene.yaml -o placed.yaml\n")

@@ -171,7 +171,7 @@ def _tell_what_comes_next(
         )
     if made.unplaceable:
         first.append(f"graspless-pin place refuses this hand as it is ({made.unplaceable})")
-    base = " --move-base" if made.on_arm else ""
+    base = " --move-base" if made.out_of_reach else ""
     first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml{base}")
     typer.echo("; ".join(first))
 

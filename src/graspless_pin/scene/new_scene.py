@@ -23,7 +23,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.finger_joints import arm_above
 from graspless_pin.geometry.posing.opposing import carrier_of, fingers_that_close
-from graspless_pin.geometry.posing.settling import clear_base, lying_object
+from graspless_pin.geometry.posing.settling import base_beside, clear_base, lying_object
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.yaml_source import plain
@@ -50,14 +50,14 @@ class NewSceneText(NamedTuple):
         kept: Limits (N m, N) by actuator that the robot's files state, so that `effort`
             does not count; empty where that is None.
         unplaceable: Why no place can be found for the hand; empty: it can be looked for.
-        on_arm: Whether an arm carries the hand, whose base is out of reach of the object.
+        out_of_reach: Whether an arm carries the hand that does not reach the object from its base.
     """
 
     text: str
     left_open: tuple[str, ...]
     kept: Mapping[str, float]
     unplaceable: str
-    on_arm: bool
+    out_of_reach: bool
 
 
 def new_scene_text(
@@ -77,7 +77,8 @@ def new_scene_text(
 ) -> NewSceneText:
     """Return the text of a new scene.
 
-    The object rests on the support; the hand stands clear of it, above the support.
+    The object rests on the support; the hand stands clear of it: above the support, or on it where
+    an arm reaches the object from there.
 
     Args:
         target: The file: paths in it are relative to its folder.
@@ -126,12 +127,19 @@ def new_scene_text(
         fingers_that_close(hand, None)
     except ArgumentError as error:
         unplaceable = str(error)
+    arms = (arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
+    palms = {arm.joint for arm in arms if arm is not None}
+    beside = base_beside(hand, *palms, lying, support) if len(palms) == 1 else None
+    base = clear_base(hand, lying, T_support[:3, 2]) if beside is None else beside
     text = _TEXT.format(
         schema=SCHEMA_FILE,
         name=flow_of(f"{robot.name} and {lying.name}"),
         force=f"{max(_LEAST_NORMAL_FORCE, float(f'{_FORCE_OVER_WEIGHT * weight:.1g}')):g}",
         robot=_block(stated_robot(robot, path_text), 2),
-        base=_pose(clear_base(hand, lying, T_support[:3, 2]), np.eye(3), 3),
+        base=_pose(base, np.eye(3), 4),
+        stands="graspless-pin place finds one where the hand holds"
+        if beside is None
+        else "the arm reaches the object from there",
         fingers=_fingers(robot, hand),
         q=_positions(hand),
         efforts=limits,
@@ -142,8 +150,7 @@ def new_scene_text(
         support=support.name,
         **_sloped(slope),
     )
-    on_arm = any(arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
-    return NewSceneText(text, left_open, kept, unplaceable, on_arm)
+    return NewSceneText(text, left_open, kept, unplaceable, bool(palms) and beside is None)
 
 
 _TEXT = """\
@@ -157,7 +164,7 @@ friction: # coefficients at the object, both guessed: measure them or look them 
 max_normal_force: {force} # N, the most that a contact bears
 hand:
 {robot}
-  base_pose: # of the root link in the world; graspless-pin place finds one where the hand holds
+  base_pose: # of the root link in the world; {stands}
 {base}
 {fingers}{q}{efforts}object:
   name: {object}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ from graspless_pin.geometry.contact.distances import (
     separation,
     solids_of,
 )
-from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.geometry.poses import rigid, shifted
 from graspless_pin.problem.checks import FloatArray, finite_array
 
@@ -121,6 +122,8 @@ _COPLANAR = 1e-3  # rad
 _STEADY_MARGIN = 0.02
 """How far the centre of mass stands inside of a face's edges, as a share of the hull's width."""
 _BASE_CLEARANCE = 0.05  # m
+_BENT_REACH, _LEAST_AWAY, _HIGHEST_SHOULDER = 0.6, 0.4, 0.65
+"""From shoulder to object, in all, along the support and up, as shares of the stretched arm."""
 
 
 def lying_object(target: ManipulatedObject, support: Support) -> ManipulatedObject:
@@ -159,6 +162,42 @@ def clear_base(hand: Hand, target: ManipulatedObject, normal: FloatArray) -> Flo
     links = max(float(np.linalg.norm(origin - base)) for origin in frames)
     reach = max(links, _reach(hand.placed_bodies, base)) + _reach(target.placed_bodies, center)
     return center + (reach + _BASE_CLEARANCE) * normal
+
+
+def base_beside(
+    hand: Hand, palm: int, target: ManipulatedObject, support: Support
+) -> FloatArray | None:
+    """Return a (3,) position of an arm's base, m, from which the arm reaches an object.
+
+    No link is below the surface of the support, and the object lies in the direction in which the
+    support's x axis points: ahead of the robot, as REP 103 of ROS has it.
+
+    Args:
+        hand: The hand on the arm, whose base is turned as it will stand.
+        palm: Pinocchio index of the joint that the arm moves, the last one.
+        target: The object.
+        support: The half-space that both stand on.
+
+    Returns:
+        The position; None: the shoulder is too high, a link would be next to the object, or no link
+        has a shape.
+    """
+    ahead, normal = support.T_world_support[:3, [0, 2]].T
+    if not len(hand.placed_bodies):
+        return None
+    chain = 1 + np.flatnonzero(hand.tree.supports[palm])
+    joints = hand.tree.kinematics(hand.positions).T_world_joint[chain, :3, 3]
+    reach = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
+    rise = -nearest_separation(support.placed_bodies, hand.placed_bodies).distance
+    to_shoulder = joints[0] - target.center_of_mass_world
+    height = float(normal @ to_shoulder) + rise
+    if abs(height) > _HIGHEST_SHOULDER * reach:
+        return None
+    away = reach * math.sqrt(max(_BENT_REACH**2 - (height / reach) ** 2, _LEAST_AWAY**2))
+    shift = height * normal - away * ahead - to_shoulder
+    moved = displaced_hand(hand, shifted(np.eye(4), shift))
+    gap = nearest_separation(target.placed_bodies, moved.placed_bodies).distance
+    return moved.T_world_base[:3, 3] if gap > _BASE_CLEARANCE else None
 
 
 def _reach(bodies: PlacedBodies, point: FloatArray) -> float:
