@@ -119,6 +119,8 @@ def test_wrapping_keeps_joints_that_move_a_touching_link(tmp_path):
     plain, wrapped = (close_hand(hand, plate_above(0.05), wrap=w) for w in (False, True))
     assert wrapped.touching == ("lower",)
     assert wrapped.hand.q == plain.hand.q
+    with pytest.raises(ArgumentError, match="wrap: is 'no'; it must be True or False"):
+        close_hand(hand, plate_above(0.05), wrap="no")  # pyright: ignore[reportArgumentType]
 
 
 def test_rates_turn_hold_and_weight_joints(tmp_path):

@@ -247,6 +247,9 @@ def test_bad_input_is_an_error(arguments, message):
         ({"regularization": -1.0}, "regularization: is -1.0"),
         ({"node_limit": 0}, "node_limit: is 0"),
         ({"time_limit": -1.0}, "time_limit: is -1.0"),
+        ({"collisions": "no"}, "collisions: is 'no'; it must be True or False"),
+        ({"need_hand": None}, "need_hand: is None"),
+        ({"position_limits": 0}, "position_limits: is 0"),
     ],
 )
 def test_bad_options_are_errors(options, message):

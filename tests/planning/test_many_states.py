@@ -282,6 +282,29 @@ def test_states_are_taken_by_the_names_of_joints():
         evaluator.evaluate_many([named[0], {f"{first}x": 0.0}])
 
 
+def test_a_joint_that_follows_another_is_named_where_it_stands_or_not_at_all():
+    evaluator = Evaluator(example("panda_slide_cuboid_up_slope"))
+    leader, follower = "panda_finger_joint1", "panda_finger_joint2"
+    q = {leader: 0.02502, follower: 0.02502}
+    assert evaluator.evaluate_many([q]).found.tolist() == [evaluator.evaluate(q).found] == [True]
+    assert evaluator.configuration({**q, leader: 0.9, follower: 0.9}) == [0.9]
+    for wrong in ({follower: 0.01}, {leader: 0.02502, follower: 0.03}):
+        for ask in (evaluator.evaluate, evaluator.is_feasible, evaluator.configuration):
+            with pytest.raises(ArgumentError, match="mimics"):
+                ask(wrong)
+        for ask in (evaluator.evaluate_many, evaluator.are_feasible):
+            with pytest.raises(ArgumentError, match=r"^q\[1\]\['panda_finger_joint2'\]: .*mimics"):
+                ask([q, wrong])
+
+
+def test_progress_is_told_to_a_function():
+    evaluator = Evaluator(example("trihand_push_box"))
+    q = evaluator.configuration()[None]
+    for ask in (evaluator.evaluate_many, evaluator.are_feasible):
+        with pytest.raises(ArgumentError, match="progress: is 3"):
+            ask(q, progress=3)  # pyright: ignore[reportArgumentType]
+
+
 def test_a_margin_is_asked_for_as_of_one_state():
     evaluator = Evaluator(example("trihand_push_box"), margin=0.2)
     q = np.array([evaluator.configuration()] * 2)

@@ -190,7 +190,8 @@ def test_changes_of_contacts_are_marked():
         ([Waypoint(time=0.0), Waypoint(time=0.0)], "times must increase"),
         ([Waypoint(time=np.nan)], "NaN"),
         ([Waypoint(), Waypoint(T_world_object=np.zeros((4, 4)))], r"waypoints\[1\].T_world_object"),
-        ([Waypoint(q={"thumb": 1.0})], "unknown joint 'thumb'"),
+        ([Waypoint(q={"thumb": 1.0})], r"waypoints\[0\].q: unknown joint 'thumb'"),
+        ([Waypoint(), Waypoint(q=[0.1])], r"waypoints\[1\].q: has shape \(1,\)"),
         (Waypoint(), "waypoints: needs a list of them"),
     ],
 )

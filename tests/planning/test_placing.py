@@ -456,6 +456,10 @@ def test_what_cannot_be_placed_is_refused(scene: Scene, gripper: Hand) -> None:
     for options in wrong:
         with pytest.raises(ArgumentError, match=f"{next(iter(options))}: is -1"):
             place_hand(scene, progress=lambda *_: pytest.fail("it has begun"), **options)
+    mistaken: list[dict[str, Any]] = [{"together": "no"}, {"move_base": None}, {"progress": 3}]
+    for options in mistaken:
+        with pytest.raises(ArgumentError, match=f"{next(iter(options))}: is "):
+            place_hand(scene, **{"workers": "none", **options})
     bare = replace(gripper.tree, geometries=gripper.tree.geometries[:1])
     with pytest.raises(ArgumentError, match="both a joint and a collision shape"):
         place_hand(scene.with_changes(hand=replace(gripper, tree=bare)))

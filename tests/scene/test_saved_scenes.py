@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scene_tools import BOX, EXAMPLES, PAPER, hand_of
 
 from graspless_pin import Controller, Hand, Scene, load_scene
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry import (
     Box,
     Cone,
@@ -281,6 +281,8 @@ def test_a_file_is_not_written_over_unasked(rest: Scene, tmp_path: Path) -> None
     path.write_text("mine", encoding="utf-8")
     with pytest.raises(SceneError, match=r"x\.yaml: is there already; choose another name"):
         rest.save(path)
+    with pytest.raises(ArgumentError, match="overwrite: is 'no'; it must be True or False"):
+        rest.save(path, overwrite="no")  # pyright: ignore[reportArgumentType]
     assert path.read_text(encoding="utf-8") == "mine"
     rest.save(path, overwrite=True)
     assert load_scene(path).name == rest.name

@@ -15,7 +15,7 @@ from graspless_pin import (
     maximize_margin,
     minimum_friction,
 )
-from graspless_pin.errors import StudyError
+from graspless_pin.errors import ArgumentError, StudyError
 from graspless_pin.studies import (
     Study,
     load_study,
@@ -200,6 +200,9 @@ def test_another_studys_output_is_kept(tmp_path):
     for options in ({}, {"fresh": True}):
         with pytest.raises(StudyError, match=r"holds the results of another study.*--overwrite"):
             run(study(), file, here, **options)
+    for name in ("overwrite", "fresh"):
+        with pytest.raises(ArgumentError, match=f"{name}: is 'no'; it must be True or False"):
+            run(study(), file, here, **{name: "no"})
     assert here.samples == [] and file.read_bytes() == before
     with pytest.raises(StudyError, match="pulled the plug"):
         run(study(), file, Here(5), overwrite=True)

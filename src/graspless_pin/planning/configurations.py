@@ -274,7 +274,10 @@ class Configurations:
         if not isinstance(q, Mapping):
             return self._values(q).copy()
         now: Mapping[str, float] = {} if self._hand is None else self._hand.q
-        positions = {**now, **self._named(q)}
+        named = self._named(q)
+        if not named.keys() <= set(self.joint_names):
+            self.without_limits.hand_at(named)  # refuses one that is not where its leaders take it
+        positions = {**now, **named}
         return np.array([positions[name] for name in self.joint_names])
 
     def row(self, q: Configuration | None) -> FloatArray | None:

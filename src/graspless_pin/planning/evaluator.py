@@ -33,7 +33,7 @@ from graspless_pin.planning.many_states import (
 )
 from graspless_pin.planning.pinned_contacts import PinnedState, pinned_state
 from graspless_pin.planning.state_solver import StateSolver
-from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.problem.checks import FloatArray, real_number, truth_values
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import checked_scene
@@ -128,6 +128,7 @@ class Evaluator:
             SolverUnavailableError: If the solver is not installed.
         """
         checked_scene(scene)
+        truth_values(collisions=collisions, need_hand=need_hand, position_limits=position_limits)
         given = {"algorithm": algorithm, "margin": margin, "scale": scale, **options}
         given["regularization"] = regularization
         stated = {name: value for name, value in given.items() if value is not None}

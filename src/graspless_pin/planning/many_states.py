@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from graspless_pin.child_process import kept_processes, shared_work, usable_cores
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
-from graspless_pin.planning.configurations import Configurations
+from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.state_loops import COVERAGES, StateFigures, is_reached
 from graspless_pin.planning.state_solver import StateSolver
@@ -24,6 +24,7 @@ from graspless_pin.problem.checks import (
     FloatArray,
     JointUnit,
     all_within,
+    called_back,
     finite_array,
     whole_number,
 )
@@ -99,7 +100,9 @@ def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) 
     """
     joint_count = len(at.joint_names)
     if isinstance(q, Sequence) and len(q) and all(isinstance(one, Mapping) for one in q):
-        q = np.array([_positions(at, number, one) for number, one in enumerate(q)])
+        q = np.array(
+            [positions_of_one(at.array, f"q[{number}]", one) for number, one in enumerate(q)]
+        )
     given = {"q": q, "T_world_object": T_world_object, "twist": twist}
     shapes = {"q": (joint_count,), "T_world_object": (4, 4), "twist": (6,)}
     each: dict[str, FloatArray] = {}
@@ -133,12 +136,20 @@ def _axes(value: Any) -> float:
         return np.inf
 
 
-def _positions(at: Configurations, number: int, q: Mapping[str, float]) -> FloatArray:
-    """Return (a,) positions of one of many states, in which an error says which."""
+def positions_of_one(
+    array: Callable[[Any], FloatArray], state: str, q: Configuration | None
+) -> FloatArray:
+    """Return (a,) positions of one of many states, in which an error says which.
+
+    Args:
+        array: Makes an array of a configuration.
+        state: What errors call its argument ``q``.
+        q: The configuration.
+    """
     try:
-        return at.array(q)
+        return array(q)
     except ArgumentError as error:
-        raise ArgumentError(f"q[{number}]", error.message) from None
+        raise ArgumentError(state + error.argument.removeprefix("q"), error.message) from None
 
 
 def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
@@ -183,11 +194,12 @@ def gathered(
         progress: Is told how far it is; None: nobody is.
 
     Raises:
-        ArgumentError: If ``workers`` is not a whole number from 1 on.
+        ArgumentError: If ``workers`` is not a whole number from 1 on, or ``progress`` no function.
         CrashError: If a process dies.
     """
     if workers is not None:
         workers = whole_number("workers", workers, 1)
+    called_back("progress", progress)
     whole: Arrays = ()
     for chunk, found in _found(compute, solver, states, workers):
         if not whole:

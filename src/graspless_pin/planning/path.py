@@ -18,6 +18,7 @@ from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.edges import segment_twist
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
+from graspless_pin.planning.many_states import positions_of_one
 from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, read_only
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
@@ -203,6 +204,8 @@ def evaluate_path(
     own = evaluator.scene.object.T_world_object
     given = [own if item.T_world_object is None else item.T_world_object for item in waypoints]
     poses = np.array([as_pose(f"waypoints[{k}].T_world_object", T) for k, T in enumerate(given)])
+    asked = [(f"waypoints[{k}].q", item.q) for k, item in enumerate(waypoints)]
+    positions = np.array([positions_of_one(evaluator.configuration, *one) for one in asked])
     arriving, twists = _twists(poses, times, evaluator.scene.object.center_of_mass)
     evaluations, arrivals = [], []
     for item, pose, before, after in zip(waypoints, poses, arriving, twists, strict=True):
@@ -222,7 +225,7 @@ def evaluate_path(
         hand=evaluator.scene.hand,
         times=read_only(times),
         position_names=evaluator.joint_names,
-        positions=read_only(np.array([evaluator.configuration(item.q) for item in waypoints])),
+        positions=read_only(positions),
         object_poses=read_only(poses),
         twists=read_only(twists),
         evaluations=tuple(evaluations),

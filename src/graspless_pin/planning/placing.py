@@ -34,7 +34,14 @@ from graspless_pin.planning.placing_candidates import (
     try_candidate,
 )
 from graspless_pin.planning.placing_plan import ClosedHand, PlacingAim, PlacingPlan, parts_of
-from graspless_pin.problem.checks import choice, finite_array, real_number, whole_number
+from graspless_pin.problem.checks import (
+    called_back,
+    choice,
+    finite_array,
+    real_number,
+    truth_values,
+    whole_number,
+)
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene, settle
@@ -289,6 +296,8 @@ def place_hand(
         True
     """
     begin = time.monotonic()
+    truth_values(together=together, move_base=move_base)
+    called_back("progress", progress)
     plan = _plan(
         scene, approach, point, fingers, margin, aim, seed, together=together, move_base=move_base
     )

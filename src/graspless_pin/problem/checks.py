@@ -247,6 +247,27 @@ def whole_number(
     return number
 
 
+def truth_values(**values: object) -> None:
+    """Check options that are True or False: a text such as ``"no"`` would count as True.
+
+    Raises:
+        ArgumentError: Naming the first that is neither.
+    """
+    for name, value in values.items():
+        if not isinstance(value, bool | np.bool_):
+            raise ArgumentError(name, f"is {_shown(value)}; it must be True or False")
+
+
+def called_back(name: str, value: object) -> None:
+    """Check a function that is called with what is done, or None.
+
+    Raises:
+        ArgumentError: If it is neither.
+    """
+    if value is not None and not callable(value):
+        raise ArgumentError(name, f"is {_shown(value)}; it must be a function or None")
+
+
 def choice(options: type[_Choice], name: str, value: str) -> _Choice:
     """Return the member of an enum by its value.
 

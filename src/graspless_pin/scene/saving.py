@@ -21,6 +21,7 @@ from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.intake.yaml_text import edited_yaml, yaml_of
+from graspless_pin.problem.checks import truth_values
 from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SCENE, SceneEntry
@@ -46,7 +47,9 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
     Raises:
         SceneError: If the name is not one of a scene file, or the file is there already or cannot
             be written.
+        ArgumentError: If ``overwrite`` is neither True nor False.
     """
+    truth_values(overwrite=overwrite)
     if target.suffix.lower() not in (".yaml", ".yml"):
         raise SceneError(f"{target}: a scene file ends in .yaml or .yml; choose such a name")
     if os.path.lexists(target) and not overwrite:

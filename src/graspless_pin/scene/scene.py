@@ -329,6 +329,7 @@ class Scene(SceneFields):
         Raises:
             SceneError: If the file is there already or cannot be written, or no scene file can say
                 what the scene is.
+            ArgumentError: If ``overwrite`` is neither True nor False.
         """
         from graspless_pin.scene.saving import scene_text, write_scene_file
 

@@ -33,7 +33,7 @@ from graspless_pin.child_process import usable_cores
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.findings import capture
 from graspless_pin.intake.yaml_source import validated
-from graspless_pin.problem.checks import whole_number
+from graspless_pin.problem.checks import truth_values, whole_number
 from graspless_pin.scene.keys import Tree
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
@@ -232,6 +232,7 @@ def run_study(
     Raises:
         StudyError: If the study cannot be computed at all, the output cannot be written or belongs
             to another study, or workers cannot be had.
+        ArgumentError: If an option is none of the values that it may have.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -280,6 +281,7 @@ def compute_study(
     Raises:
         StudyError: If the study cannot be computed at all, the output cannot be written or belongs
             to another study, or workers cannot be had.
+        ArgumentError: If an option is none of the values that it may have.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -293,6 +295,7 @@ def compute_study(
         ...         print(part["margin_N"].round(3).tolist())
         [1.65, 1.875]
     """
+    truth_values(overwrite=overwrite, fresh=fresh)
     require_tables()
     file = Path(output)
     format_of(file)

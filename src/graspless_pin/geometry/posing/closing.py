@@ -31,7 +31,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     searched_ranges,
 )
 from graspless_pin.geometry.posing.overlaps import Clearance, lesser_clearance
-from graspless_pin.problem.checks import FloatArray, check_known, real_number
+from graspless_pin.problem.checks import FloatArray, check_known, real_number, truth_values
 from graspless_pin.records import Brief
 
 DEEPEST_START = 1e-3
@@ -310,6 +310,7 @@ def close_hand(
         >>> print(close_hand(scene.hand, scene.object, fingers=["index"]))
         index: touches with link_3.0_tip
     """
+    truth_values(wrap=wrap)
     names = chosen_fingers(hand, fingers)
     if not real_number("gap", gap, 0.0):
         raise ArgumentError("gap", f"needs a positive length in metres, got {gap!r}")
