@@ -264,6 +264,51 @@ def test_a_changed_file_of_the_scene_is_another_study(tmp_path, suffix):
     assert len(found) == 2
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("pincher.urdf", 'mass value="0.03"', 'mass value="0.04"'),
+        ("tip.obj", "v 0.02 ", "v 0.03 "),
+        ("pincher.srdf", 'value="0.1"', 'value="0.2"'),
+        ("other.urdf", 'name="other"', 'name="another"'),
+    ],
+)
+def test_files_that_files_of_the_scene_name_are_the_studys_too(tmp_path, name, old, new):
+    inertia = '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>'
+    robot = (
+        '<robot name="pincher"><link name="palm"/><joint name="hinge" type="revolute">'
+        '<parent link="palm"/><child link="tip"/><limit lower="-1" upper="1" effort="1" '
+        'velocity="1"/></joint><link name="tip"><inertial><mass value="0.03"/>'
+        f"{inertia}</inertial><collision><geometry>"
+        '<mesh filename="tip.obj"/></geometry></collision></link></robot>'
+    )
+    corners = "v 0 0 0\nv 0.02 0 0\nv 0 0.02 0\nv 0 0 0.02\n"
+    state = '<group_state name="in" group="all"><joint name="hinge" value="0.1"/></group_state>'
+    files = {
+        "pincher.urdf": robot,
+        "other.urdf": robot.replace('name="pincher"', 'name="other"'),
+        "tip.obj": corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+        "pincher.srdf": '<robot name="pincher"><group name="all"><joint name="hinge"/></group>'
+        f"{state}</robot>",
+        "pincher.yaml": "name: pincher\nurdf: pincher.urdf\n",
+        "other.yaml": "name: other\nurdf: other.urdf\n",
+        "scene.yaml": "friction: {default: 0.5}\nhand: {robot: pincher.yaml}\n"
+        "object: {shape: {type: sphere, radius: 0.01}, mass: 0.1}\n",
+    }
+    for file, text in files.items():
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    vary = {"hand.robot": {"values": ["pincher.yaml", "other.yaml"]}}
+
+    def fingerprint():
+        return Study.from_data({"scene": "scene.yaml", "vary": vary}, tmp_path).fingerprint
+
+    before = fingerprint()
+    (tmp_path / name).write_text(files[name].replace(old, new), encoding="utf-8")
+    assert old in files[name] and fingerprint() != before
+    (tmp_path / name).write_text(files[name], encoding="utf-8")
+    assert fingerprint() == before
+
+
 def test_other_versions_are_not_mixed(tmp_path, monkeypatch):
     file = tmp_path / "out.csv"
     with pytest.raises(StudyError, match="pulled the plug"):

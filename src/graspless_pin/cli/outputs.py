@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -65,7 +65,7 @@ OverwriteOption = Annotated[
 class _Files:
     """What a command has read, and what it is to write."""
 
-    read: set[FileIdentity]
+    read: Mapping[FileIdentity, Path]
     outputs: list[tuple[str, Path, OutputKind, FileIdentity]] = field(default_factory=list)
 
 

@@ -131,18 +131,26 @@ def identity_of(state: os.stat_result) -> FileIdentity:
     return state.st_dev, state.st_ino
 
 
-_READ: ContextVar[set[FileIdentity] | None] = ContextVar("read", default=None)
+_READ: ContextVar[dict[FileIdentity, Path] | None] = ContextVar("read", default=None)
 
 
 @contextmanager
-def files_read() -> Iterator[set[FileIdentity]]:
+def files_read() -> Iterator[dict[FileIdentity, Path]]:
     """Collect which files are read within the block by `read_bytes` and what calls it."""
-    read = set[FileIdentity]()
+    outer, read = _READ.get(), dict[FileIdentity, Path]()
     token = _READ.set(read)
     try:
         yield read
     finally:
         _READ.reset(token)
+        if outer is not None:
+            outer |= read
+
+
+def note_read(path: Path, state: os.stat_result) -> None:
+    """Have `files_read` know of a file that is read, or was and is the same."""
+    if (read := _READ.get()) is not None:
+        read[identity_of(state)] = path
 
 
 @dataclass(frozen=True)
@@ -185,8 +193,7 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
             state = os.fstat(handle)
             _check_regular(path, state.st_mode, kind)
             content = file.read(most + 1)
-            if (read := _READ.get()) is not None:
-                read.add(identity_of(state))
+            note_read(path, state)
     except GrasplessPinError:
         raise
     except FileNotFoundError:

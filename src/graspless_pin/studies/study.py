@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,7 +17,8 @@ from typing import Any, Protocol
 from graspless_pin.algorithms.options import useless
 from graspless_pin.caching import Bounded, is_alike
 from graspless_pin.errors import SceneError, StudyError
-from graspless_pin.intake.files import FileKind, is_file, read_bytes
+from graspless_pin.findings import capture
+from graspless_pin.intake.files import FileKind, files_read, is_file, read_bytes
 from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
 from graspless_pin.intake.yaml_text import texts_of
 from graspless_pin.planning.placing import HandPlacement, place_hand
@@ -339,7 +341,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
         scene=replace(scene, data=tree),
         variables=variables,
         samples=samples,
-        fingerprint=_fingerprint(entry, tree, file.parent),
+        fingerprint=_fingerprint(entry, replace(scene, data=tree), variables),
         block=_block(entry, tree, variables, len(samples)),
     )
 
@@ -436,20 +438,31 @@ def _check_algorithm(
             raise fail(("compute", key) if key in options else ("vary", varied[key]), why)
 
 
-def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
-    """Hash what is varied and computed, the scene, and the files that the scene names.
+def _fingerprint(entry: StudyEntry, scene: YamlSource, variables: tuple[Variable, ...]) -> str:
+    """Hash what is varied and computed, the scene, and files: what it names, and what these name.
 
-    Files that those name in turn (meshes of a URDF, its SRDF) are not included.
+    What xacro includes and the meshes of an MJCF are read by others, and not included.
     """
     stated = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
+    folder, tree = scene.path.parent, scene.data
+    found: dict[str, Path] = {}
+    with capture(), files_read() as read:
+        for one in (tree, *(v.placed(tree, end) for v in variables for end in v.extremes())):
+            named = {text: folder / text for text in texts_of(one) if is_file(folder / text)}
+            if one is tree or named.keys() - found.keys():
+                found |= named
+                with suppress(Exception):  # its samples will tell
+                    build_scene(Scene, replace(scene, data=scene_and_posing(one)[0]))
+    # What a glTF names is known only where it was not read before.
+    inner = {(path.name, path) for path in read.values() if path.suffix.lower() not in _OF_GLTF}
     files = {
-        text: hashlib.sha256(read_bytes(folder / text, _NAMED)).hexdigest()
-        for text in sorted(set(texts_of(tree)))
-        if is_file(folder / text)
+        (name, hashlib.sha256(read_bytes(path, _NAMED)).hexdigest())
+        for name, path in {*found.items(), *inner}
     }
-    content = json.dumps([stated, tree, files], sort_keys=True, default=str)
+    content = json.dumps([stated, tree, sorted(files)], sort_keys=True, default=str)
     return hashlib.sha256(content.encode()).hexdigest()
 
 
+_OF_GLTF = (".bin", ".png", ".jpg", ".jpeg")
 _STUDY = FileKind("study", 4, StudyError, si_advice)
 _NAMED = FileKind("file of a scene", 64, StudyError)

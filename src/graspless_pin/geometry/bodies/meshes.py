@@ -21,6 +21,7 @@ from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.bodies.polytopes import hull_of, qhull
+from graspless_pin.intake.files import note_read
 from graspless_pin.problem.checks import FloatArray, read_only
 
 if TYPE_CHECKING:
@@ -276,6 +277,7 @@ def file_state(path: Path) -> tuple[str, int, int]:
         raise MeshError(
             f"mesh file '{path}' does not exist; check the path and what it is relative to"
         ) from None
+    note_read(path, status)
     return str(path.absolute()), status.st_mtime_ns, status.st_size
 
 
