@@ -334,7 +334,7 @@ def test_processes_find_the_same_places_and_another_seed_others(scene: Scene, fo
 def test_the_palm_comes_from_where_and_goes_for_what_it_is_told(scene: Scene) -> None:
     seen: list[tuple[int, int, int]] = []
     placed = quickly(
-        scene, approach=2.0 * DOWN, candidates=12, progress=lambda *told: seen.append(told)
+        scene, approach=1e-200 * DOWN, candidates=12, progress=lambda *told: seen.append(told)
     ).places
     assert placed and [one[:2] for one in seen] == [(k, 12) for k in range(1, 13)]
     for place in placed:
@@ -450,6 +450,8 @@ def test_what_cannot_be_placed_is_refused(scene: Scene, gripper: Hand) -> None:
         place_hand(scene.with_changes(object=buried))
     with pytest.raises(ArgumentError, match=r"fingers: unknown finger 'thumb'"):
         place_hand(scene, fingers=["thumb"])
+    with pytest.raises(ArgumentError, match="fingers: is empty"):
+        place_hand(scene, fingers=[])
     with pytest.raises(ArgumentError, match="approach: needs a direction"):
         place_hand(scene, approach=(0, 0, 0))
     wrong: list[dict[str, Any]] = [{"verdicts": -1}, {"verdict_nodes": -1}]

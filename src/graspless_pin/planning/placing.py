@@ -356,6 +356,8 @@ def _plan(
     way = None if approach is None else finite_array("approach", approach, (3,))
     if way is not None and not way.any():
         raise ArgumentError("approach", "needs a direction, got zeros")
+    if way is not None:
+        way = way / np.abs(way).max()  # squares of small numbers are zero
     names = fingers_that_close(scene.hand, fingers)
     required = scene.solve_options.get("margin", 0.1) if margin is None else margin
     rng = np.random.default_rng(whole_number("seed", seed, 0))

@@ -93,6 +93,8 @@ def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, 
         ArgumentError: If the hand has no fingers, a finger is unknown, or none of them has both.
     """
     names = chosen_fingers(hand, fingers)
+    if not names:
+        raise ArgumentError("fingers", "is empty; name at least one, or leave it out for all")
     able = tuple(name for name in names if driving_columns(hand, name) and tip_shapes(hand, name))
     if not able:
         raise ArgumentError(
