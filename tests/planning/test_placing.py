@@ -241,6 +241,11 @@ def test_an_arm_reaches_from_where_its_base_is(on_arm: Any) -> None:
     none = quickly(far, candidates=4)
     assert not none.places and none.faults == {PlacingFault.OUT_OF_REACH: 4}
     assert "--move-base" in none.advice
+    # One of all that gets farther does not change what nearly all of them need.
+    nearly = replace(none, tried=10, faults={**none.faults, PlacingFault.TOUCHES_NOTHING: 1})
+    assert "fingers" in nearly.advice
+    nearly = replace(nearly, faults={**nearly.faults, PlacingFault.OUT_OF_REACH: 9})
+    assert nearly.advice == none.advice
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,7 @@ from graspless_pin.geometry.hand.joint_columns import JointColumns
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert, transformed
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, unknown_name
+from graspless_pin.problem.checks import FloatArray, finite_array, unit_vector, unknown_name
 from graspless_pin.records import changed
 from graspless_pin.scene import Scene
 from graspless_pin.scene.stated import GivenContact, Motion
@@ -111,10 +111,7 @@ def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
             raise ArgumentError(name, f"{body!r} has no collision shape")
     plane = None
     if len(entry) == 3:
-        direction = finite_array(name, entry[2], (3,))
-        if not direction.any():
-            raise ArgumentError(name, "needs a direction that is not zero")
-        plane = face_along(name, *_placed(scene, second), direction)
+        plane = face_along(name, *_placed(scene, second), unit_vector(name, entry[2]))
     pin = Pin(first, second, plane)
     patch = nearest_patch(*_bodies(scene, pin))
     if len(patch.gaps) == 1:

@@ -40,6 +40,7 @@ from graspless_pin.problem.checks import (
     finite_array,
     real_number,
     truth_values,
+    unit_vector,
     whole_number,
 )
 from graspless_pin.programs.objectives import Algorithm
@@ -175,8 +176,10 @@ class HandPlacement(Brief):
 
     @property
     def advice(self) -> str:
-        """What to try where no place was found, judging by how far the candidates came."""
-        return _ADVICE[max(self.faults, key=list(PlacingFault).index)] if self.faults else ""
+        """What to try where no place was found: of the fault of nearly all, else the last one."""
+        order, nearly_all = list(PlacingFault), _NEARLY_ALL * self.tried
+        ranks = {one: (n >= nearly_all, order.index(one)) for one, n in self.faults.items()}
+        return _ADVICE[max(ranks, key=lambda one: ranks[one])] if ranks else ""
 
 
 _RANKED_BY = {
@@ -186,6 +189,7 @@ _RANKED_BY = {
 }
 _MOST_ERRORS = 3
 _PLACES_SHOWN = 5
+_NEARLY_ALL = 0.9
 _LARGER = (
     "the object may be too large or too small for the hand: compare its size (m), and the scale of "
     "its mesh if it has one, with the fingers"
@@ -195,9 +199,10 @@ _ADVICE = {
     PlacingFault.INTERNAL_ERROR: "this is our fault: please report it with the scene",
     PlacingFault.OUT_OF_REACH: "the arm does not reach the object from its base: set base_pose, or "
     "let the base move with move_base (--move-base)",
-    PlacingFault.SUPPORT_IN_THE_WAY: "nowhere is the open hand, with its arm, clear of the "
-    f"supports; {_OTHERS}; of an arm, a base_pose that stays, or the hand alone (root_link)",
-    PlacingFault.OBJECT_IN_THE_WAY: f"nowhere is the open hand clear of the object; {_LARGER}",
+    PlacingFault.SUPPORT_IN_THE_WAY: "hardly anywhere is the open hand, with its arm, clear of "
+    f"the supports; {_OTHERS}; of an arm, a base_pose that stays, or the hand alone (root_link)",
+    PlacingFault.OBJECT_IN_THE_WAY: "hardly anywhere is the open hand clear of the object; "
+    f"{_LARGER}",
     PlacingFault.TOUCHES_NOTHING: f"no finger reaches the object; {_LARGER}",
     PlacingFault.HAND_ON_SUPPORT: f"each closed hand touches a support; {_OTHERS}",
     PlacingFault.HAND_THROUGH_ITSELF: f"each closed hand collides with itself; {_OTHERS}",
@@ -353,11 +358,6 @@ def _plan(
             f"{label_of(scene)}: contacts are given, and would stay where they are; leave the key "
             "out"
         )
-    way = None if approach is None else finite_array("approach", approach, (3,))
-    if way is not None and not way.any():
-        raise ArgumentError("approach", "needs a direction, got zeros")
-    if way is not None:
-        way = way / np.abs(way).max()  # squares of small numbers are zero
     names = fingers_that_close(scene.hand, fingers)
     required = scene.solve_options.get("margin", 0.1) if margin is None else margin
     rng = np.random.default_rng(whole_number("seed", seed, 0))
@@ -372,7 +372,7 @@ def _plan(
         parts=parts_of(scene.hand, names, rng, together=together, move_base=move_base),
         normals=areas[sizes > 0.0] / sizes[sizes > 0.0, None],
         areas=sizes[sizes > 0.0],
-        direction=None if way is None else way / np.linalg.norm(way),
+        direction=None if approach is None else unit_vector("approach", approach),
         point=None if point is None else finite_array("point", point, (3,)),
         margin=real_number("margin", required, 0.0),
         aim=choice(PlacingAim, "aim", aim),

@@ -103,6 +103,19 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     return array
 
 
+def unit_vector(name: str, value: ArrayLike) -> FloatArray:
+    """Return a (3,) direction scaled to length 1.
+
+    Raises:
+        ArgumentError: If it is zero, or not three finite numbers.
+    """
+    vector = finite_array(name, value, (3,))
+    if not vector.any():
+        raise ArgumentError(name, "needs a direction, got zeros")
+    vector = vector / np.abs(vector).max()  # squares of small numbers are zero
+    return vector / np.linalg.norm(vector)
+
+
 def motor_torques(names: Sequence[str], given: ArrayLike | Mapping[str, float]) -> FloatArray:
     """Return (L,) torques of joints that are given in their order, or by their names.
 

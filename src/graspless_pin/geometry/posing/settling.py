@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
@@ -23,7 +23,7 @@ from graspless_pin.geometry.contact.distances import (
 )
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.geometry.poses import rigid, shifted
-from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.problem.checks import FloatArray, unit_vector
 
 SETTLING_TOLERANCE = 1e-4
 """Overlap with a support across the direction of settling that is left as it is, m."""
@@ -69,10 +69,7 @@ def settle_object(
         >>> settle_object(scene.object, scene.supports).T_world_object[2, 3].round(3).item()  # m
         0.05
     """
-    way = finite_array("direction", direction, (3,))
-    if not way.any():
-        raise ArgumentError("direction", "is zero; give the way to move")
-    way = way / np.linalg.norm(way)
+    way = unit_vector("direction", direction)
     pieces, others = target.placed_bodies, [support.placed_bodies for support in supports]
     paths = [_path_to(piece, body, way) for other in others for body in other for piece in pieces]
     ahead = [path for path in paths if path is not None]
