@@ -418,6 +418,18 @@ def test_a_scene_of_a_file_is_saved_and_one_of_a_model_is_not(tmp_path: Path) ->
         scene_from_mjcf(model_of(PINCHED)).save(tmp_path / "model.yaml")
 
 
+def test_weight_that_an_mjcf_takes_off_the_joints_is_told_where_it_counts(tmp_path: Path) -> None:
+    (tmp_path / "pinched.xml").write_text(PINCHED)
+    saved = tmp_path / "pinched.yaml"
+    scene_from_mjcf(tmp_path / "pinched.xml").save(saved)
+    told = "gravcomp for 'left', 'right', and joints bear the weight"
+    assert told not in str(load_scene(saved).findings)
+    saved.write_text(saved.read_text().replace(", count_own_weight: false", ""))
+    (found,) = load_scene(saved).findings
+    assert (found.code, found.key) == (FindingCode.LEFT_OUT_OF_MJCF, ("hand", "count_own_weight"))
+    assert told in found.message
+
+
 def test_a_scene_of_several_geoms_and_meshes_without_files_is_saved(tmp_path: Path) -> None:
     mesh = (
         '<asset><mesh name="wedge" vertex="0 0 0 .1 0 0 0 .1 0 .1 .1 0 0 0 .05 0 .1 .05"/></asset>'

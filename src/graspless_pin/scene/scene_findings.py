@@ -39,6 +39,7 @@ from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
 from graspless_pin.scene.uncertain_figures import unused_surfaces
+from graspless_pin.suggestions import first_of
 
 STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
@@ -167,6 +168,7 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
             found += [*_joints(scene.hand), *_overlaps(scene, scene.hand)]
             if scene.hybrid_force_limit is not None and not scene.hand.control.hybrid_fingers:
                 found.append(_UNUSED_LIMIT)
+            found += _borne_weight(scene.hand) if scene.count_own_weight else ()
         found += [*_touching(scene), *stated_contact_findings(scene)]
     of_hand = () if scene.hand is None else scene.hand.findings
     return causes_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
@@ -346,6 +348,20 @@ def _joints(hand: Hand) -> Iterator[Finding]:
             f"effort limits that look like placeholders: {', '.join(endless.values())}",
             "give the motors' real limits in effort_limits (N m, or N for a prismatic joint)",
             ("hand", "effort_limits"),
+        )
+
+
+def _borne_weight(hand: Hand) -> Iterator[Finding]:
+    """Find links whose weight an MJCF takes off the joints, where the links' weight counts."""
+    if names := hand.tree.borne_links:
+        yield Finding(
+            FindingCode.LEFT_OUT_OF_MJCF,
+            ", ".join(names),
+            f"the MJCF has gravcomp for {first_of([*map(repr, names)], 3)}, and joints bear the "
+            "weight of all links here",
+            "where the robot's controller adds these torques by itself, write "
+            "count_own_weight: false, which leaves out the weight of all links",
+            ("hand", "count_own_weight"),
         )
 
 

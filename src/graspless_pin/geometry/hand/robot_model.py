@@ -82,6 +82,7 @@ class RobotLink(Record):
         inertia: (3, 3) about the centre of mass, axes of the link's frame, kg m^2.
         collisions: What touches.
         visuals: How it looks; empty where one of its visual shapes is malformed.
+        borne: Share of its weight that an MJCF's ``gravcomp`` takes off its joints.
     """
 
     name: str
@@ -90,6 +91,7 @@ class RobotLink(Record):
     inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     collisions: tuple[LinkShape, ...] = ()
     visuals: tuple[LinkShape, ...] = ()
+    borne: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

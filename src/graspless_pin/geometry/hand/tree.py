@@ -93,6 +93,7 @@ class KinematicTree(Brief, Record):
         groups: Joints by group of SRDFs.
         group_states: Positions by joint, rad or m, by state of SRDFs, ``GROUP/STATE``.
         lacking: See `RobotModel.lacking`.
+        borne_links: Links with a mass of which an MJCF says that their weight is borne.
     """
 
     pinocchio_model: Any
@@ -108,6 +109,7 @@ class KinematicTree(Brief, Record):
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     group_states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     lacking: Mapping[str, str] = field(default_factory=dict)
+    borne_links: tuple[str, ...] = ()
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -374,6 +376,9 @@ def build_tree(
         groups={name: own for robot, _ in robots for name, own in robot.groups.items()},
         group_states={name: own for robot, _ in robots for name, own in robot.group_states.items()},
         lacking={name: own for robot, _ in robots for name, own in robot.lacking.items()},
+        borne_links=tuple(
+            link.name for robot, _ in robots for link in robot.links if link.borne and link.mass
+        ),
     )
 
 
