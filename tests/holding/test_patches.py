@@ -130,6 +130,17 @@ def test_a_disc_on_a_slope_needs_few_sets_of_outcomes() -> None:
     assert verdict.nodes < 100
 
 
+@pytest.mark.parametrize("angle", [0.2, 0.44])
+def test_a_corner_that_is_there_twice_changes_no_verdict(angle: float) -> None:
+    """Two contacts in one place do not tell that a third does not slip."""
+    once, twice = block_on_slope(0.5, angle), [0, 0, 1, 2, 3]
+    doubled = once.with_changes(
+        positions=once.positions[twice], normals=once.normals[twice], friction=0.5,
+        tangents=None, sliding=None, max_normal_force=50.0, jacobian=None,
+    )  # fmt: skip
+    assert stability(doubled, []).status is stability(once, []).status is Stability.STRONG
+
+
 def test_a_motion_in_which_contacts_stick_with_friction_at_its_limit_is_found() -> None:
     """Five contacts of one plane: no point of the split patch is near the outcome that moves."""
     problem = slope_scene(806, 6).with_changes(

@@ -122,9 +122,9 @@ class States:
         free = ~self.are(ContactState.STICKING, ContactState.SLIPPING)[contacts]
         centers[contacts] = np.where(free, patch.arcs[:, 0], centers[contacts])
         widths[contacts] = np.where(free, patch.arcs[:, 1], widths[contacts])
-        # Where two contacts do not slip, none does.
-        sticks[contacts[2:]] |= patch.cone is None
         if patch.cone is None:
+            # Where those do not slip that tell the motion, none does.
+            sticks[contacts[patch.telling :]] = True
             own = self.are(ContactState.STICKING)[contacts]
             slips[contacts] = np.where(own, slips[contacts], np.maximum(slips[contacts], most))
         others = (*(one for one in self.patches if one.contacts != patch.contacts), patch)

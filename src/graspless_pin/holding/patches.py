@@ -24,6 +24,8 @@ _DEPENDENT = 1e-12
 """Of the largest singular value: of what contacts have beside three, less is rounding."""
 _THIN = 1e-6
 """Of the largest singular value: motions with less are none, as of contacts in one place."""
+_UNTOLD = 1e-3
+"""Of the largest singular value of a patch: slips with less tell too little of a motion."""
 _ROUNDING = 2e-15
 """Scaled acceleration: what rounding leaves of slips that one motion tells, for whoever works
 their rows out in another order."""
@@ -95,6 +97,14 @@ class PatchSlip(Record):
     images: FloatArray
     cone: MotionCone | None
     arcs: FloatArray
+
+    @property
+    def telling(self) -> int:
+        """How many of the first contacts tell the motion by their slips: two in two places."""
+        count = 2
+        while np.linalg.matrix_rank(self.images[:count].reshape(-1, 3), tol=_UNTOLD) < 3:
+            count += 1
+        return count
 
     @property
     def width(self) -> float:
