@@ -171,3 +171,23 @@ def test_sets_that_kept_proofs_close_do_not_count() -> None:
     said = stability(scene.problem(), torques, node_limit=2500)
     assert said.status is Stability.STRONG
     assert said.nodes <= said.programs
+
+
+@pytest.mark.parametrize(
+    ("turning", "status"),
+    [((0.1, 0.1), Stability.WEAK), ((0.114, 0.176), Stability.STRONG)],
+)
+def test_a_contact_without_friction_that_always_bears_is_closed(
+    turning: tuple[float, float], status: Stability
+) -> None:
+    """Two bodies in a plane, whose 16 combinations of contact states were gone through by LP."""
+    normal = np.array([[0, 1, -0.5, 0, -1, 0.5], [0, 0, 0, 1, 0, -0.25], [-1, 0, -2, 1, 0, 0.5]])
+    along = np.array([[1, 0, -0.5, -1, 0, 2], [0, 0, 0, 0, -1, -0.5], [0, 1, 0.5, 0, -1, -0.5]])
+    ways = np.stack([normal.T, along.T, np.zeros((6, 3))], axis=2).reshape(6, 9)
+    problem = QuasistaticProblem(
+        np.zeros((3, 3)), [(1.0, 0.0, 0.0)] * 3, along[0] - [1.0, 0.2, 1.0] @ normal,
+        friction=[1.2, 0.0, 0.0], wrench_matrix=ways, passive_units=["N", "N", "N m"] * 2,
+        tangents=np.tile([[0, 0], [1, 0], [0, 1]], (3, 1, 1)),
+        object_inertia=np.diag([1.0, 1.0, turning[0], 1.0, 1.0, turning[1]]),
+    )  # fmt: skip
+    assert verdict(problem).status is status

@@ -373,7 +373,7 @@ def split(
     whole = ~states.are(ContactState.OPEN, ContactState.STICKING)
     whole &= ~(states.are(ContactState.SLIPPING) & (states.half_width <= _NARROWEST))
     # Without friction it does not matter where a closed contact slips.
-    whole &= ~((dynamics.friction == 0.0) & (never_opens | states.are(ContactState.CLOSED)))
+    whole &= (dynamics.friction > 0.0) | (states.are(ContactState.FREE) & ~dynamics.is_commanded)
     u = dynamics.slips(y)
     gaps, slips = coulomb_gaps(dynamics, forces, u), np.hypot(u[:, 1], u[:, 2])
     gaps = gaps + 1e-9 * slips + _LEAST_GAP
