@@ -91,10 +91,13 @@ def test_without_torques_there_is_nothing_to_simulate(tmp_path):
         (("--seconds", "-1"), "--seconds: is -1.0"),
         (("--controller", "-1"), "--controller: is -1.0"),
         (("--friction-factor", "-1"), "--friction-factor: is -1.0"),
+        (("--save", "a.html", "--export", "a.html"), "--export: names the file that --save writes"),
     ],
 )
-def test_bad_options_are_refused(options, message):
-    assert_refused(run("simulate", CUBOID, *options), message)
+def test_bad_options_are_refused_before_anything_is_solved(options, message, tmp_path):
+    file = tmp_path / "infeasible.yaml"
+    file.write_text(LINES.replace("friction: 0.3", "friction: 0.3\nmax_normal_force: 2.0"))
+    assert_refused(run("simulate", file, *options), message)
 
 
 def test_a_motion_and_a_missing_file_are_refused():

@@ -29,6 +29,7 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.scene.scene_stability import hand_support_contacts
 from graspless_pin.simulation import LoadingProtocol, SimulatedOutcome, Simulation, simulate
+from graspless_pin.simulation.protocol import checked_figures
 from graspless_pin.simulation.video import write_video
 
 _RANGES_TIME = 10.0  # s; by then most ranges are proven
@@ -92,6 +93,9 @@ def simulate_scene(
             "--save", save, OutputKind.PAGE if as_page else OutputKind.PICTURE, overwrite=overwrite
         )
         check_output("--export", export, OutputKind.MODEL, overwrite=overwrite)
+        if save is not None and save == export:
+            raise ArgumentError("--export", f"names the file that --save writes, '{save}'")
+        checked_figures(friction_factor, seconds)
         loaded, solution = solved_scene(scene, algorithm, controller, stability=required, **figures)
         with waiting_for("simulating"):
             found = simulate(

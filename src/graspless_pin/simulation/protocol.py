@@ -367,13 +367,9 @@ def simulate(
         >>> len(run.runs)
         2
     """
-    factor = real_number("friction_factor", friction_factor, 0.0)
+    factor, span = checked_figures(friction_factor, seconds)
     force = finite_array("push", push, (3,))
-    span = real_number("seconds", seconds, _LOOK_TIME)
-    if span > _LONGEST_RUN:
-        raise ArgumentError("seconds", f"is {span:g}; it must be at most {_LONGEST_RUN:g}")
     how = choice(LoadingProtocol, "protocol", protocol)
-    load_mujoco()  # before anything else is done
     problem = scene.problem()
     problem = problem.with_changes(
         friction=factor * problem.friction,
@@ -397,6 +393,21 @@ def simulate(
         for model, contact_model in zip(models, hardness, strict=True)
     ]
     return Simulation(tuple(runs), models[0], problem, given)
+
+
+def checked_figures(friction_factor: float, seconds: float) -> tuple[float, float]:
+    """Return two arguments of `simulate`, before any work is done for what cannot be simulated.
+
+    Raises:
+        ArgumentError: If one is wrong.
+        GrasplessPinError: If MuJoCo is not installed.
+    """
+    factor = real_number("friction_factor", friction_factor, 0.0)
+    span = real_number("seconds", seconds, _LOOK_TIME)
+    if span > _LONGEST_RUN:
+        raise ArgumentError("seconds", f"is {span:g}; it must be at most {_LONGEST_RUN:g}")
+    load_mujoco()
+    return factor, span
 
 
 def _run(
