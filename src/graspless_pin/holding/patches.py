@@ -10,6 +10,7 @@ near a centre of rotation, whose direction the cone does not tell.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -98,7 +99,7 @@ class PatchSlip(Record):
     cone: MotionCone | None
     arcs: FloatArray
 
-    @property
+    @cached_property
     def telling(self) -> int:
         """How many of the first contacts tell the motion by their slips: two in two places."""
         count = 2
