@@ -216,3 +216,12 @@ def test_an_end_within_the_precision_is_told_as_zero() -> None:
     window = squeeze_window(pressed_block(limit), [0.2], [1.0], samples=4)
     assert window.upper is not None and 0.0 < window.upper.amount < 1e-5
     assert " to 0 times the given direction" in str(window)
+
+
+def test_torques_that_are_rounding_of_zero_have_the_margin_of_zero() -> None:
+    """0.3 - 3 * 0.1 is -5.55e-17: that the finger pulls by as much is no news."""
+    stands = pressed_block().with_changes(external_wrench=[0.0, 0.0, -WEIGHT, 0.0, 0.0, 0.0])
+    window = squeeze_window(stands, [0.3], [0.1], samples=[-3.0], precision=1.0)
+    assert -1e-16 < window.torques[0, 0] < 0.0
+    assert window.margins[0] == pytest.approx(0.0, abs=1e-6)
+    assert window.normal_forces[0] == pytest.approx(0.0, abs=1e-6)

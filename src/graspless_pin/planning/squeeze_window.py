@@ -34,7 +34,7 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.problem.quasistatic import checked_problem
-from graspless_pin.programs.analysis_objectives import LeastChange
+from graspless_pin.programs.analysis_objectives import AtTorques, LeastChange
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
@@ -360,8 +360,8 @@ class _Line:
         torques = self.torques + amount * self.direction
         if not self.held.all() and amount != 0.0:
             torques = _torques_that_follow(self.problem, torques, self.held, self.direction)
-        fixed = self.problem.with_changes(torque_limits=(torques, torques))
-        best = solve_problem(fixed, Margin(), _REST)
+        unlimited = self.problem.with_changes(torque_limits=(-np.inf, np.inf))  # `reach` has them
+        best = solve_problem(unlimited, AtTorques(Margin(), torques), _REST)
         margin, pressed = best.margin, np.nan
         if best.found:
             by_joints = self.problem.jacobian.reshape(-1, 3, len(torques)).any(axis=(1, 2))
