@@ -10,6 +10,8 @@ from tests.oracles.uncertain_members import BALANCED, imbalance, yielding
 from graspless_pin import (
     QuasistaticProblem,
     Uncertainty,
+    contact_force_bounds,
+    disturbance_margin,
     load_scene,
     maximize_margin,
     minimize_torque,
@@ -282,3 +284,29 @@ def test_figures_that_joints_give_way_far_for_are_told_to_be_rough():
     )
     assert soft.remark and str(soft).endswith("less may be borne")
     assert not stiff.remark and "may be borne" not in str(stiff)
+
+
+@pytest.mark.parametrize("lacking", [1e-13, 0.3])
+def test_joints_that_move_no_contact_do_not_count(lacking):
+    """No contact force depends on what carries the links of an idle finger."""
+    problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+    torques = minimize_torque(problem, 0.05, static_friction=COULOMB).torques
+    idle = problem.with_changes(
+        jacobian=np.pad(problem.jacobian, ((0, 0), (0, 1))),
+        torque_limits=[np.append(one, end) for one, end in zip(
+            (problem.lower_torque, problem.upper_torque), (-1.0, 1.0), strict=True
+        )],
+        gravity_torques=np.append(problem.gravity_torques, 0.3),
+        joint_names=(*problem.joint_names, "idle"),
+        joint_units=(*problem.joint_units, problem.joint_units[0]),
+    )  # fmt: skip
+    along_x, given = [[1, 0, 0, 0, 0, 0]], np.append(torques, 0.3 - lacking)
+    found = [
+        [
+            tolerances(one, made, quantities=["push"], static_friction=COULOMB).each[0].borne,
+            disturbance_margin(one, made, along_x, static_friction=COULOMB).magnitudes[0],
+            contact_force_bounds(one, made, static_friction=COULOMB).smallest_margin,
+        ]
+        for one, made in ((problem, torques), (idle, given))
+    ]
+    assert found[1] == pytest.approx(found[0], rel=1e-6, abs=1e-6)

@@ -115,7 +115,8 @@ def disturbance_margin(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        torques: (L,) motor torques that stay as they are; None: any within the limits.
+        torques: (L,) motor torques that stay as they are; those of joints that move no contact do
+            not count. None: any within the limits.
         directions: (K, P) loads over `characteristic_length` where they are in N m, [force; moment
             / characteristic_length] on one free object, of any length; None: both ways along all
             axes and 64 quasi-uniform directions (a Sobol sequence, the same every time).

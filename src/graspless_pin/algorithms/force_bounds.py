@@ -449,7 +449,8 @@ def contact_force_bounds(
 
     Args:
         problem: Contacts, wrench and joints.
-        torques: (L,) motor torques J^T f + g, N m; for example `TorqueSolution.torques`.
+        torques: (L,) motor torques J^T f + g, N m; for example `TorqueSolution.torques`. Those of
+            joints that move no contact bear no force and do not count.
         options: See `SolveOptions.parse`. A limit returns what was reached, with LIMIT_REACHED, or
             NOT_FOUND_IN_LIMIT if there was no time to hold the torques at all.
 

@@ -72,7 +72,7 @@ def tolerances(
 
     Args:
         problem: Contacts, load and joints.
-        torques: (L,) motor torques, N m (N).
+        torques: (L,) motor torques, N m (N); those of joints that move no contact do not count.
         feedback: Joint stiffness that adds to the torques, N m/rad (N/m), or a controller.
         weight: Which part of the load is weight; None: all of the external wrench but a moment
             about its force.

@@ -11,10 +11,9 @@ from scipy.linalg import block_diag, null_space
 
 from graspless_pin.problem.checks import FloatArray, JointUnit, turning
 from graspless_pin.problem.quasistatic import QuasistaticProblem, contact_map
+from graspless_pin.problem.scales import bears_contacts
 from graspless_pin.records import Brief, Record, unchecked
 
-_IDLE_LEVER = 1e-12
-"""Of the longest lever: joints on shorter ones bear no contact force."""
 _RANK_TOLERANCE = 1e-9
 
 
@@ -240,9 +239,8 @@ def shared_commands(
     units = members[0].problem.joint_units
     if feedback is None:
         maps = [one.problem.jacobian / one.factors for one in members]
-        levers = np.max([np.abs(one).max(axis=0, initial=0.0) for one in maps], axis=0)
         # What carries the links of joints that bear no contact force is their own.
-        loaded = np.flatnonzero(levers > _IDLE_LEVER * levers.max(initial=0.0))
+        loaded = np.flatnonzero(bears_contacts(np.vstack(maps)))
         return np.eye(len(units))[loaded], [units[joint] for joint in loaded.tolist()]
     if members[0].directions is not None:
         feedback = members[0].directions

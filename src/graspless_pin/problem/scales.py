@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, squared_lengths, turning
 
@@ -157,6 +158,16 @@ def scales_of_matrix(
     if length == 0.0:
         length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
     return _of_load(pull, turn, length, jacobian, limits)
+
+
+def bears_contacts(jacobian: FloatArray) -> NDArray[np.bool_]:
+    """Return (L,) whether each joint bears contact forces: levers of others are at most rounding.
+
+    Args:
+        jacobian: (n, L), of contacts.
+    """
+    levers = np.abs(jacobian).max(axis=0, initial=0.0)
+    return levers > LEAST_LEVER * levers.max(initial=0.0)
 
 
 def passive_levers(units: tuple[JointUnit, ...], length: float) -> FloatArray:

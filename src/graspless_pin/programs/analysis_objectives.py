@@ -12,6 +12,7 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.scales import bears_contacts
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.forces import ForceCoordinates, ForceRows
 from graspless_pin.programs.objectives import Objective, Torque, add_largest
@@ -291,8 +292,13 @@ def largest_force_sought(forces: ForceRows, torques: FloatArray) -> float:
 
 
 def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
-    """Return (L,) torques that the contacts make beside gravity, over the joint scale."""
-    return (torques - forces.problem.gravity_torques) / forces.coordinates.joint_scale
+    """Return (L,) torques that the contacts make beside gravity, over the joint scale.
+
+    Of joints that move no contact they are zero: what carries their links is their own.
+    """
+    problem = forces.problem
+    made = np.where(bears_contacts(problem.jacobian), torques - problem.gravity_torques, 0.0)
+    return made / forces.coordinates.joint_scale
 
 
 _MARGIN_BESIDE = 0.1
