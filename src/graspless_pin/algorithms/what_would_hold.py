@@ -20,6 +20,8 @@ from graspless_pin.tree_search import Limits
 
 _TORQUE_SHARES = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Of torques or of the load, by which torques grow, tried one after the other."""
+_WITHIN = 1.0 - 1e-12
+"""Of the room that limits leave: rounding puts no torque beyond them."""
 _MOST_FRICTION = 4.0
 _CHANGE_BISECTIONS = 6
 
@@ -115,9 +117,8 @@ def _tried_changes(
     problem: QuasistaticProblem, tau: FloatArray, limits: Limits
 ) -> Iterator[HoldingChange | None]:
     if problem.joint_count:
-        excess = tau - problem.gravity_torques
-        yield _smallest(
-            lambda share: (problem, tau + share * excess), _TORQUE_SHARES,
+        yield _more_torque(
+            problem, tau, tau - problem.gravity_torques,
             lambda share: f"contact torques {100.0 * share:.0f} % larger",
             limits,
         )  # fmt: skip
@@ -177,11 +178,26 @@ def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Ho
         return None
     largest = float(np.linalg.norm(squeeze.contact_forces, axis=1).max())
     per_newton, load = squeeze.torques / largest, problem.scales.force
-    return _smallest(
-        lambda share: (problem, tau + share * load * per_newton), _TORQUE_SHARES,
+    return _more_torque(
+        problem, tau, load * per_newton,
         lambda share: f"a preload of up to {share * load:.3g} N at the contacts, by the torques",
         limits,
     )  # fmt: skip
+
+
+def _more_torque(
+    problem: QuasistaticProblem,
+    tau: FloatArray,
+    way: FloatArray,
+    words: Callable[[float], str],
+    limits: Limits,
+) -> HoldingChange | None:
+    """Try shares of torques (L,) on top, as far as the joints' limits let them grow."""
+    moved = way != 0.0
+    ends = np.where(way > 0.0, problem.upper_torque, problem.lower_torque)
+    most = _WITHIN * float(((ends - tau)[moved] / way[moved]).min(initial=np.inf))
+    sizes = np.unique(np.minimum(_TORQUE_SHARES, max(most, 0.0)))
+    return _smallest(lambda share: (problem, tau + share * way), (*sizes.tolist(),), words, limits)
 
 
 def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | None:
