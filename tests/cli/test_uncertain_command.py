@@ -308,6 +308,28 @@ def test_the_checker_refuses_what_is_missing_of_a_ball(of_ball: dict[str, Any]) 
             verify_document(document)
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ("--algorithm", "margin"),
+        ("--algorithm", "torque", "--margin", "0.03"),
+        ("--algorithm", "torque", "--margin", "0.03", "--scale", "limits"),
+    ],
+)
+def test_the_optimum_of_a_ball_is_verified_in_the_unit_that_was_asked_for(
+    tmp_path: Path, asked: tuple[str, ...]
+) -> None:
+    """Torques here are a hundredth of what the load makes at the joints, which is their unit."""
+    walls = EXAMPLES / "box_between_walls.yaml"
+    file = stating(tmp_path, walls, uncertainty={"mass": 0.1, "force_radius": 0.1})
+    target = tmp_path / "solution.json"
+    common = ("--static-friction", "coulomb", "--no-verdict", "--json", target)
+    assert run("solve", file, *asked, *common).exit_code == 0
+    document = read_document(target)
+    assert document["uncertainty"]["status"] == "optimal"
+    assert verify_document(document).proven
+
+
 def test_a_ball_whose_bound_the_limit_left_open_is_told(tmp_path: Path) -> None:
     """The members that bound the torques have forces, in modes that twelve nodes do not find."""
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.05, "force_radius": 0.05})

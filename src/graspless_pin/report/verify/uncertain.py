@@ -81,7 +81,9 @@ def uncertainty_checks(
                         for one in joints])  # fmt: skip
     if stated.get("policy") is not None:
         bound = proof["certificate"].maybe("bound")
-        checks += policy_checks(stated, problem, each, [torques, stacked(joints, "torque")])
+        asked = {key: getattr(joined, key) for key in ("algorithm", "e0", "by_limits", "own")}
+        own = replace(problem, **asked)
+        checks += policy_checks(stated, own, each, [torques, stacked(joints, "torque")])
         bounding = [_member(one, problem) for one in stated["bounding"]]
         proven = [
             _is_joined(joined, problem, bounding, constant=constant),
@@ -473,7 +475,7 @@ def policy_checks(
 
     Args:
         stated: What stands under ``uncertainty``.
-        problem: Contacts and joints.
+        problem: Contacts and joints, and what is asked of all members.
         members: What is so of each corner.
         torques: (L,) each, of the set and of the document, N m (N).
 
@@ -489,7 +491,7 @@ def policy_checks(
                float(tolerances.SHARE * problem.joint_scale.max(initial=0.0))),
     ]  # fmt: skip
     status, bound = stated["status"], stated["bound"]
-    closed = abs(affine.value - bound) <= 2.0 * tolerances.SHARE * abs(affine.value)
+    closed = abs(affine.value - bound) <= 2.0 * tolerances.objective(problem, affine.value, bound)
     known = status == "limit_reached" or (closed and status in ("optimal", "optimal_in_mode"))
     checks.append(holds("status", known, f"{status:.60}, {affine.value:.9g}, bound {bound:.9g}"))
     if not problem.coulomb:
