@@ -330,6 +330,21 @@ def test_the_optimum_of_a_ball_is_verified_in_the_unit_that_was_asked_for(
     assert verify_document(document).proven
 
 
+def test_what_is_not_strong_for_a_ball_is_told_of_the_members_that_were_asked(
+    tmp_path: Path,
+) -> None:
+    walls = EXAMPLES / "box_between_walls.yaml"
+    file = stating(tmp_path, walls, uncertainty={"mass": 0.1, "force_radius": 0.1})
+    target = tmp_path / "solution.json"
+    asked = ("--algorithm", "torque", "--margin", "0.03", "--static-friction", "coulomb")
+    result = run("solve", file, *asked, "--stability", "strong", "--json", target)
+    assert result.exit_code == 3
+    assert "Rest is lost where mass -10 %: may fail" in words(result.stdout)
+    document = read_document(target)
+    assert document["uncertainty"]["status"] == "strong_not_found"
+    assert verify_document(document).passed
+
+
 def test_a_ball_whose_bound_the_limit_left_open_is_told(tmp_path: Path) -> None:
     """The members that bound the torques have forces, in modes that twelve nodes do not find."""
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.05, "force_radius": 0.05})

@@ -170,9 +170,13 @@ def _strong_for_members(
         if limits.passed:
             break
     rest = max((one for _, one in tried), key=lambda one: len(one.corners))
-    rest = replace(rest, kept=False, tried=len(tried))
+    # Without a policy the members that the solution is of stand first.
+    first = 0 if best.policy is None else len(best.policy.corners)
+    members = best.members[first:] + best.members[:first]
+    judged = (*((one - first) % len(members) for one in rest.corners),)
+    rest = replace(rest, kept=False, tried=len(tried), corners=judged)
     none = without_forces(best.solution, Status.STRONG_NOT_FOUND)
-    return replace(best, solution=none, policy=None, rest=rest)
+    return replace(best, solution=none, policy=None, members=members, rest=rest)
 
 
 def _held(
