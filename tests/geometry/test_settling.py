@@ -122,5 +122,5 @@ def test_an_overlap_across_the_way_is_an_error():
 
 @pytest.mark.parametrize("direction", [(0, 0, 0), (0, 0, np.inf), (0, 1), "down"])
 def test_a_bad_direction_is_named(direction):
-    with pytest.raises(ArgumentError, match=r"direction: (is|has)"):
+    with pytest.raises(ArgumentError, match=r"direction: (needs|is|has)"):
         settle_object(ball(0.05, (0, 0, 1.0)), [FLOOR], direction)
