@@ -27,7 +27,7 @@ from graspless_pin import (
     minimize_torque,
     served_share,
 )
-from graspless_pin.algorithms import robust_torques, uncertain_members
+from graspless_pin.algorithms import joined_optimum, robust_torques, uncertain_members
 from graspless_pin.algorithms.joined_optimum import member_margins
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.uncertain_members import members_of
@@ -36,7 +36,7 @@ from graspless_pin.problem.members import feedback_torques, joined, under_comman
 from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
-from graspless_pin.tree_search import NO_LIMITS
+from graspless_pin.tree_search import NO_LIMITS, Limits
 
 CORNERS = Uncertainty(mass=0.2, center_of_mass=0.01)
 
@@ -334,6 +334,16 @@ def test_margins_of_members_are_those_of_a_solve_of_each(name, size, feedback):
     assert not served.all()
     np.testing.assert_allclose(found[served], np.array(alone)[served], atol=1e-6)
     assert (found[~served] < 0.0).all()
+
+
+def test_no_program_is_made_of_members_for_which_there_is_no_time(monkeypatch):
+    """Errors of torques leave thousands of members with a program of their own."""
+    monkeypatch.setattr(joined_optimum, "formulate", None)
+    problem = contacts_alone("paper/cuboid_at_rest", 8)
+    members = members_of(problem, Uncertainty(torque=0.05))
+    torques, options = np.zeros(problem.joint_count), SolveOptions.parse(static_friction="coulomb")
+    found = member_margins(members, torques, options, Limits.from_now(None, 0.0))
+    assert np.isnan(found).all()
 
 
 @pytest.mark.parametrize(

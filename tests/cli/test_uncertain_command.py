@@ -417,6 +417,11 @@ def test_feedback_serves_what_rolls(tmp_path: Path) -> None:
     assert told["found"] and told["stiffness"] == 1.0
     serves = f"Position feedback at the joints serves it: max |torque| {told['max_torque']:.4g} N m"
     assert serves in said
+    # Where there is no time for it, it is not said that it does not.
+    scene = load_scene(file)
+    short = robust_answer(scene, "torque", share_time=0.0, margin=0.1, static_friction="coulomb")
+    open_text = words(robust_text(short))
+    assert "Whether position feedback at the joints serves it was not found in time." in open_text
     held = run("solve", file, *ASKED, "--controller", "2", "--no-verdict", "--json", target)
     document = read_document(target)
     assert held.exit_code == 0 and verify_document(document).proven

@@ -304,6 +304,8 @@ def member_margins(
     open_members = np.ones(len(members), dtype=bool)
     if mode is not None or options.rules.static_friction is StaticFriction.COULOMB:
         for group in _alike(members):
+            if limits.passed:
+                break
             alike = [members[number] for number in group]
             loads = loads_under_commands(alike, commanded, directions)
             carried = np.array([one.commanded(np.zeros_like(commanded)) for one in alike])

@@ -156,6 +156,8 @@ def _unserved(robust: RobustSolution) -> str:
 
 
 def _feedback_words(found: RobustSolution) -> str:
+    if found.status is Status.NOT_FOUND_IN_LIMIT:
+        return "Whether position feedback at the joints serves it was not found in time."
     if not found.found:
         return "Position feedback at the joints does not serve it either."
     most = found.largest_deflection

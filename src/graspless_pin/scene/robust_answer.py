@@ -106,7 +106,9 @@ def robust_answer(
         of_part = partial(solve_share, stability=weak)
         share, unserved = _share_of(of_part, robust, share_time, options.get("time_limit"))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
-            with_feedback = of_part(feedback=STIFFNESS)
+            limit = options.get("time_limit")
+            seconds = share_time if limit is None else min(share_time, limit)
+            with_feedback = of_part(feedback=STIFFNESS, time_limit=seconds)
     return RobustAnswer(unknown, robust, nominal, None, share, unserved, with_feedback)
 
 
