@@ -196,8 +196,9 @@ def _more_torque(
     moved = way != 0.0
     ends = np.where(way > 0.0, problem.upper_torque, problem.lower_torque)
     most = _WITHIN * float(((ends - tau)[moved] / way[moved]).min(initial=np.inf))
-    sizes = np.unique(np.minimum(_TORQUE_SHARES, max(most, 0.0)))
-    return _smallest(lambda share: (problem, tau + share * way), (*sizes.tolist(),), words, limits)
+    sizes = np.unique(np.minimum(_TORQUE_SHARES, most))
+    sizes = (*sizes[sizes > 0.0].tolist(),)
+    return _smallest(lambda share: (problem, tau + share * way), sizes, words, limits)
 
 
 def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | None:
