@@ -263,6 +263,10 @@ def test_an_arm_stands_where_it_reaches_the_object() -> None:
 
 def test_the_base_of_an_arm_is_to_be_moved_where_it_is_out_of_reach() -> None:
     arm = run("new", "panda", "box:0.04,0.04,2.5", "--effort", "20")
-    assert arm.stdout.endswith("graspless-pin place scene.yaml -o placed.yaml --move-base\n")
+    place, alone = arm.stdout.splitlines()[-1].split("; ")
+    assert place.endswith("graspless-pin place scene.yaml -o placed.yaml --move-base")
+    assert alone.endswith("take a hand alone: --root-link panda_hand")
+    alone = run("new", "panda", "box:0.04,0.04,0.06", "--root-link", "panda_hand", "--overwrite")
+    assert alone.stdout.endswith("graspless-pin place scene.yaml -o placed.yaml\n")
     hand = run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "1", "--overwrite")
     assert hand.stdout.endswith("graspless-pin place scene.yaml -o placed.yaml\n")

@@ -50,14 +50,15 @@ class NewSceneText(NamedTuple):
         kept: Limits (N m, N) by actuator that the robot's files state, so that `effort`
             does not count; empty where that is None.
         unplaceable: Why no place can be found for the hand; empty: it can be looked for.
-        out_of_reach: Whether an arm carries the hand that does not reach the object from its base.
+        out_of_reach: Palms on arms that may not reach the object from where the robot is; empty:
+            what there is to do with the base is left to ``place``.
     """
 
     text: str
     left_open: tuple[str, ...]
     kept: Mapping[str, float]
     unplaceable: str
-    out_of_reach: bool
+    out_of_reach: tuple[str, ...]
 
 
 def new_scene_text(
@@ -150,7 +151,8 @@ def new_scene_text(
         support=support.name,
         **_sloped(slope),
     )
-    return NewSceneText(text, left_open, kept, unplaceable, bool(palms) and beside is None)
+    out_of_reach = hand.palms if palms and beside is None else ()
+    return NewSceneText(text, left_open, kept, unplaceable, out_of_reach)
 
 
 _TEXT = """\
