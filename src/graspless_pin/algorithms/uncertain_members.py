@@ -293,7 +293,7 @@ def _limits(problem: QuasistaticProblem, left: FloatArray) -> tuple[FloatArray, 
         ArgumentError: If nothing is left between them.
     """
     low, high = problem.lower_torque, problem.upper_torque
-    weaker = np.where(low < 0.0, left, 1.0) * low, np.where(high > 0.0, left, 1.0) * high
+    weaker = np.maximum(low, left * low), np.minimum(high, left * high)
     for joint in np.flatnonzero(weaker[0] > weaker[1]).tolist():
         name, unit = problem.joint_names[joint], problem.joint_units[joint]
         raise ArgumentError(

@@ -130,7 +130,7 @@ def new_scene_text(
         unplaceable = str(error)
     arms = (arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
     palms = {arm.joint for arm in arms if arm is not None}
-    beside = base_beside(hand, *palms, lying, support) if len(palms) == 1 else None
+    beside = base_beside(hand, min(palms), lying, support) if len(palms) == 1 else None
     base = clear_base(hand, lying, T_support[:3, 2]) if beside is None else beside
     text = _TEXT.format(
         schema=SCHEMA_FILE,

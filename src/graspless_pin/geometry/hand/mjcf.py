@@ -452,6 +452,6 @@ class _Reader:
             RobotLink(
                 name, mass, T[:3, 3].copy(), inertia,
                 tuple(geom_shape(self._source, geom) for geom in touching), visuals,
-                float(model.body_gravcomp[body]),
+                borne=float(model.body_gravcomp[body]),
             )
         )  # fmt: skip

@@ -91,7 +91,7 @@ class RobotLink(Record):
     inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     collisions: tuple[LinkShape, ...] = ()
     visuals: tuple[LinkShape, ...] = ()
-    borne: float = 0.0
+    borne: float = field(default=0.0, kw_only=True)
 
 
 @dataclass(frozen=True, eq=False)
