@@ -43,6 +43,11 @@ def test_missing_files(tmp_path):
     assert_refused(with_urdf(tmp_path, None), message)
     result = solve_text(tmp_path, spoilt("lever_100mm", "mine.yaml"))
     assert_refused(result, f":4: hand.robot: {tmp_path / 'mine.yaml'}: there is no such file")
+    # Of files of one stem the one whose whole name is nearest is meant.
+    for name in ("mine.stl", "mine.yaml", "mine.urdf", "mine.srdf"):
+        (tmp_path / name).write_text("")
+    result = solve_text(tmp_path, spoilt("lever_100mm", "mine.yml"))
+    assert_refused(result, f"did you mean '{tmp_path / 'mine.yaml'}'")
 
 
 @pytest.mark.parametrize(
