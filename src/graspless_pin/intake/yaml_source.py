@@ -318,7 +318,8 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any, kind: FileK
     if fault == "missing" and location[-1:] == parts[-1:]:
         return f"is missing; needs {wanted}"
     found = item["input"]
-    return f"found {reprlib.repr(found)}; needs {wanted}{_meant(found, wanted, location, kind)}"
+    value = "nothing" if found is None else reprlib.repr(found)
+    return f"found {value}; needs {wanted}{_meant(found, wanted, location, kind)}"
 
 
 def _meant(found: Any, wanted: str, location: Location, kind: FileKind) -> str:
