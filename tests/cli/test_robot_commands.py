@@ -54,4 +54,5 @@ def test_a_hand_that_touches_nothing_loads_and_is_doubtful(tmp_path):
     assert "loads, but something serious is wrong" in result.stdout
     result = run("inspect", urdf, "--root-link", "palm")
     assert result.exit_code == 1
-    assert "there is no link 'palm'" in result.stdout
+    assert "there is no link 'palm'" in result.stdout and "0 links" not in result.stdout
+    assert "fingers:\n  none found\n" in run("robots", urdf).stdout

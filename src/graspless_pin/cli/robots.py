@@ -62,8 +62,8 @@ def robot_text(robot: RobotRecord) -> str:
     sources = dict.fromkeys(f"  {effort.source}" for effort in efforts)
     table = tabulate(rows, ["joint", "kind", "position [rad, m]", "effort [N m, N]", ""])
     return (
-        f"{robot.name}, {robot.origin}\nfingers:\n{fingers}\n\n{table}\n\nwhere the limits come "
-        "from:\n" + "\n".join(sources) + _controller(robot)
+        f"{robot.name}, {robot.origin}\nfingers:\n{fingers or '  none found'}\n\n{table}\n\n"
+        "where the limits come from:\n" + "\n".join(sources) + _controller(robot)
     )
 
 
@@ -88,11 +88,12 @@ def audit_text(report: AuditReport) -> str:
     if report.loads and is_serious(report.findings):
         loads = "loads, but something serious is wrong"
     weightless = " without mass (neither verdicts nor simulations)" if not report.mass else ""
-    lines = [
-        f"{report.name} ({report.urdf_path}): {loads}",
-        f"{len(report.links)} links{weightless}, {len(report.joints)} movable joints; palm: "
-        f"{', '.join(report.palms) or 'none found'}",
-    ]
+    lines = [f"{report.name} ({report.urdf_path}): {loads}"]
+    if report.links:  # none of a file that cannot be read
+        lines.append(
+            f"{len(report.links)} links{weightless}, {len(report.joints)} movable joints; palm: "
+            f"{', '.join(report.palms) or 'none found'}"
+        )
     lines += [f"finger {name}: {', '.join(joints)}" for name, joints in report.fingers.items()]
     if not report.findings:
         lines.append("nothing to mend")
