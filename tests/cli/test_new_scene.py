@@ -163,6 +163,9 @@ def test_a_size_that_no_hand_holds_is_no_success() -> None:
     assert result.exit_code == 4 and Path("scene.yaml").exists()
     assert "unlikely-size" in result.stderr and result.stderr.count("warning:") == 1
     assert "correct the size of the object; " in result.stdout
+    # Whether an arm reaches it is not known before the size is right.
+    result = run("new", "panda", "box:60,60,60", "-o", "arm.yaml")
+    assert result.exit_code == 4 and "--move-base" not in result.stdout
 
 
 def test_no_scene_is_replaced_unless_asked() -> None:

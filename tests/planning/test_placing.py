@@ -244,8 +244,9 @@ def test_an_arm_reaches_from_where_its_base_is(on_arm: Any) -> None:
     # One of all that gets farther does not change what nearly all of them need.
     nearly = replace(none, tried=10, faults={**none.faults, PlacingFault.TOUCHES_NOTHING: 1})
     assert "fingers" in nearly.advice
-    nearly = replace(nearly, faults={**nearly.faults, PlacingFault.OUT_OF_REACH: 9})
-    assert nearly.advice == none.advice
+    for count in (8, 9):
+        nearly = replace(nearly, faults={**nearly.faults, PlacingFault.OUT_OF_REACH: count})
+        assert nearly.advice == none.advice
 
 
 @pytest.fixture(scope="module")

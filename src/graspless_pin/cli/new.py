@@ -171,7 +171,7 @@ def _tell_what_comes_next(
         )
     if made.unplaceable:
         first.append(f"graspless-pin place refuses this hand as it is ({made.unplaceable})")
-    base = " --move-base" if made.out_of_reach else ""
+    base = " --move-base" if made.out_of_reach and not huge else ""
     first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml{base}")
     if made.out_of_reach:
         alone = " or ".join(made.out_of_reach)

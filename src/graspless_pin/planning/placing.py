@@ -189,7 +189,7 @@ _RANKED_BY = {
 }
 _MOST_ERRORS = 3
 _PLACES_SHOWN = 5
-_NEARLY_ALL = 0.9
+_NEARLY_ALL = 0.8
 _LARGER = (
     "the object may be too large or too small for the hand: compare its size (m), and the scale of "
     "its mesh if it has one, with the fingers"
