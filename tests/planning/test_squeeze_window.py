@@ -1,5 +1,7 @@
 """The window of squeeze: hand-solved ends, and what verdicts say on either side of each end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.scene.scene_tools import EXAMPLES
@@ -216,6 +218,16 @@ def test_an_end_within_the_precision_is_told_as_zero() -> None:
     window = squeeze_window(pressed_block(limit), [0.2], [1.0], samples=4)
     assert window.upper is not None and 0.0 < window.upper.amount < 1e-5
     assert " to 0 times the given direction" in str(window)
+
+
+def test_a_hand_that_need_not_press_presses_with_zero() -> None:
+    """A block on a floor stays without it; what rounding leaves is no force."""
+    stands = pressed_block().with_changes(external_wrench=[0.0, 0.0, -WEIGHT, 0.0, 0.0, 0.0])
+    window = squeeze_window(stands, [0.3], samples=4)
+    assert window.lower is not None
+    window = replace(window, lower=replace(window.lower, torques=np.array([2e-14])))
+    assert "the hand presses with 0 to 5 N (sum of normal forces); " in str(window)
+    assert " has 0 to +0.5 N m" in str(window)
 
 
 def test_torques_that_are_rounding_of_zero_have_the_margin_of_zero() -> None:

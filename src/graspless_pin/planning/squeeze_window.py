@@ -38,6 +38,7 @@ from graspless_pin.programs.analysis_objectives import AtTorques, LeastChange
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
+from graspless_pin.solution.tables import from_to
 
 _REST = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
 _NO_SQUEEZE = 1e-6
@@ -163,11 +164,12 @@ class SqueezeWindow(Brief):
         """The hand's normal forces and the squeezed joints' torques at both ends; empty: none."""
         if self.lower is None or self.upper is None:
             return ""
-        pressed = f"{self.lower.normal_force:.3g} to {self.upper.normal_force:.3g} N"
+        pressed = f"{from_to(self.lower.normal_force, self.upper.normal_force, _ROUNDING)} N"
         most = ", which changes most," if np.count_nonzero(self.direction) > _MOST_NAMED else ""
         has = [
-            f"joint {self.joint_names[joint]!r}{most} has {self.lower.torques[joint]:+.3g} to "
-            f"{self.upper.torques[joint]:+.3g} {self.joint_units[joint]}"
+            f"joint {self.joint_names[joint]!r}{most} has "
+            f"{from_to(self.lower.torques[joint], self.upper.torques[joint], _ROUNDING, '+')} "
+            f"{self.joint_units[joint]}"
             for joint in self.squeezed
         ]
         return "; ".join([f"the hand presses with {pressed} (sum of normal forces)", *has])
@@ -181,11 +183,9 @@ class SqueezeWindow(Brief):
             way = "the given direction"
             if self.of_internal_forces:
                 way = "those of the internal forces\n(-1 takes the squeeze away, +1 doubles it)"
-            ends = self.lower.amount, self.upper.amount
-            rounding = _ROUNDING * (ends[1] - ends[0])
-            least, most = ("0" if abs(end) <= rounding else f"{end:+.3g}" for end in ends)
+            amounts = from_to(self.lower.amount, self.upper.amount, _ROUNDING, "+")
             lines = [
-                f"holds{with_what} while torques change by {least} to {most} times {way}",
+                f"holds{with_what} while torques change by {amounts} times {way}",
                 self.ends_words,
                 f"with less: {self.lower.message}",
                 f"with more: {self.upper.message}",

@@ -341,3 +341,9 @@ def _is_everyday(size: float) -> bool:
 def counted(number: int, noun: str) -> str:
     """Return a number of things in words: ``1 joint``, ``2 joints``."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def from_to(low: float, high: float, precision: float, sign: str = "") -> str:
+    """Return a range in words, ``0 to 5``: an end next to zero, by a share of its width, is 0."""
+    rounding = precision * abs(high - low)
+    return " to ".join("0" if abs(end) <= rounding else f"{end:{sign}.3g}" for end in (low, high))
