@@ -16,6 +16,7 @@ from graspless_pin import (
     place_hand,
     robustness,
 )
+from graspless_pin.planning import configuration_gradient
 from graspless_pin.records import Brief
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -39,6 +40,7 @@ def shown() -> dict[str, object]:
         "curve": margin_torque_curve(problem), "gradients": optimum_gradients(solution),
         "robustness": robustness(problem, solution.torques, time_limit=0.0),
         "evaluation": Evaluator(plain).evaluate(),
+        "slopes": configuration_gradient(Evaluator(plain).evaluate()),
         "places": place_hand(
             load_scene(EXAMPLES / "trihand_push_box.yaml"), candidates=1, verdict_nodes=0,
             workers=1,

@@ -33,6 +33,7 @@ from graspless_pin.programs.analysis_objectives import Tradeoff, aimed
 from graspless_pin.programs.program import Program
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status
+from graspless_pin.solution.tables import counted
 from graspless_pin.solvers import Answer, Outcome, solve
 from graspless_pin.tree_search import Limits
 
@@ -370,7 +371,7 @@ class MarginTorqueCurve(Brief):
         return (
             f"margin 0 to {self.margins[-1, 1]:.4g} N for {self.torques[0, 0]:.4g} to "
             f"{self.torques[-1, 1]:.4g} of torque [{self.torque_unit}], "
-            f"{len(self.modes)} pieces: {self.status.message}"
+            f"{counted(len(self.modes), 'piece')}: {self.status.message}"
         )
 
     def _check_found(self) -> None:

@@ -31,6 +31,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluation import Evaluation
 from graspless_pin.problem.checks import FloatArray, choice, read_only
 from graspless_pin.problem.cones import projected_tangents
+from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
 from graspless_pin.scene.load_wrenches import load_rates
 from graspless_pin.scene.stated import Accelerated
@@ -215,8 +216,8 @@ def frame_turns(
     return shortest + np.outer(normal, spins)
 
 
-@dataclass(frozen=True, eq=False)
-class ConfigurationGradient:
+@dataclass(frozen=True, eq=False, repr=False)
+class ConfigurationGradient(Brief):
     """The gradient of the largest margin or smallest torque by the hand's configuration.
 
     See the example of `configuration_gradient`.
