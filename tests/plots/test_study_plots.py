@@ -164,4 +164,6 @@ def test_where_there_is_no_boundary():
         outcome_boundary(twice, "x", "y")
     rows = [(x, y, True) for x in (0.0, 1.0) for y in (0.0, 1.0)]
     axes = outcome_boundary(pd.DataFrame(rows, columns=["x", "y", "found"]), "x", "y")
-    assert len(segments_of(axes)) == 0 and axes.get_legend() is None
+    assert len(segments_of(axes)) == 0
+    legend = axes.get_legend()  # says which outcome it is that all have
+    assert legend is not None and [text.get_text() for text in legend.get_texts()] == ["found"]

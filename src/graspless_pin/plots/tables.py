@@ -296,7 +296,7 @@ def outcome_boundary(
     axes.set(xlabel=quantity(x), ylabel=quantity(y))
     plain_axis(axes.xaxis)
     plain_axis(axes.yaxis)
-    if named and len(names) > 1:
+    if named:
         # Above, where it hides no sample.
         axes.legend(
             loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(len(names), 4),
