@@ -248,6 +248,14 @@ def test_close_writes_the_closed_hand_and_tells_which_finger_misses() -> None:
     Path("far.yaml").write_text(opened.replace("[0.1989, 0, 0.0628]", "[0.5, 0, 0.3]"))
     missed = run("close", "far.yaml", "-o", "missed.yaml", "--finger", "index")
     assert missed.exit_code == 1 and "index: touches nothing" in missed.stdout
+    # What no command takes is not written: here the object is in the slope.
+    sunk = load_scene("opened.yaml")
+    T_world_object = sunk.object.T_world_object.copy()
+    T_world_object[2, 3] -= 0.008
+    sunk.with_changes(object=sunk.object.with_pose(T_world_object)).save("sunk.yaml")
+    refused = run("close", "sunk.yaml", "-o", "deep.yaml", "--finger", "index")
+    assert_refused(refused, "support 'slope' and object 'box' overlap by 6.93 mm")
+    assert not Path("deep.yaml").exists()
 
 
 def test_an_arm_stands_where_it_reaches_the_object() -> None:

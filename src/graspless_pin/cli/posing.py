@@ -13,6 +13,7 @@ from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
 from graspless_pin.findings import emit
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import close_fingers, settle
+from graspless_pin.scene.contact_arrays import contacts_of
 
 _Source = Annotated[Path, typer.Argument(help="Scene file (YAML).")]
 _Output = Annotated[
@@ -46,6 +47,8 @@ def close_scene(
         loaded = loaded_scene(scene, findings=False)
         with waiting_for("closing the fingers"):
             closed = close_fingers(loaded, fingers=finger, wrap=wrap)
+        if closed.closing.all_touch:
+            contacts_of(closed.scene)  # refuses an object that is deep in a support
         written = closed.scene.save(output, overwrite=overwrite)
         emit(*closed.scene.findings)
         typer.echo(f"{closed.closing}\nwrote {written}")
