@@ -20,6 +20,7 @@ from graspless_pin.plots.canvas import (
     plain_text,
 )
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.units import UNITS
 from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
@@ -43,16 +44,13 @@ _NAMED = {
     "max_normal_force": "largest normal force [N]",
     "contact_tolerance": "contact tolerance [m]",
 }
-_UNITS = {
-    "deg": "°",
-    "rad": "rad",
-    "mm": "mm",
-    "m": "m",
-    "N": "N",
-    "Nm": "N m",
-    "kg": "kg",
-    "s": "s",
+_SYMBOLS = {"deg": "°", "Nm": "N m", "mNm": "mN m", "deg/s": "°/s"}
+_UNITS = {"_s": "s"} | {
+    unit.suffix: _SYMBOLS.get(name, name).replace("^2", "²").replace("^3", "³")
+    for name, unit in UNITS.items()
+    if unit.suffix
 }
+"""What stands on an axis, by the ending of a column."""
 
 
 def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "margin_N") -> Axes:
@@ -220,9 +218,9 @@ def quantity(column: str) -> str:
     first, _, rest = column.partition(".")
     if first == "friction" and rest:
         return f"friction coefficient, {plain_text(rest)}"
-    name, _, unit = column.rpartition("_")
-    if name and unit in _UNITS:
-        return f"{plain_text(name.replace('_', ' '))} [{_UNITS[unit]}]"
+    ending = max(filter(column.endswith, _UNITS), key=len, default=column)
+    if name := column.removesuffix(ending):
+        return f"{plain_text(name.replace('_', ' '))} [{_UNITS[ending]}]"
     return plain_text(column)
 
 
