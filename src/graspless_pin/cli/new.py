@@ -171,10 +171,11 @@ def _tell_what_comes_next(
         )
     if made.unplaceable:
         first.append(f"graspless-pin place refuses this hand as it is ({made.unplaceable})")
-    base = " --move-base" if made.out_of_reach and not huge else ""
+    away = () if huge else made.out_of_reach
+    base = " --move-base" if away else ""
     first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml{base}")
-    if made.out_of_reach:
-        alone = " or ".join(made.out_of_reach)
+    if away:
+        alone = " or ".join(away)
         first.append(f"if the arm is in the way there, take a hand alone: --root-link {alone}")
     typer.echo("; ".join(first))
 

@@ -128,9 +128,11 @@ def new_scene_text(
         fingers_that_close(hand, None)
     except ArgumentError as error:
         unplaceable = str(error)
-    arms = (arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
-    palms = {arm.joint for arm in arms if arm is not None}
-    beside = base_beside(hand, min(palms), lying, support) if len(palms) == 1 else None
+    found_arms = (arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
+    arms = {arm.joint: arm for arm in found_arms if arm is not None}
+    beside = (
+        base_beside(hand, next(iter(arms.values())), lying, support) if len(arms) == 1 else None
+    )
     base = clear_base(hand, lying, T_support[:3, 2]) if beside is None else beside
     text = _TEXT.format(
         schema=SCHEMA_FILE,
@@ -151,7 +153,7 @@ def new_scene_text(
         support=support.name,
         **_sloped(slope),
     )
-    out_of_reach = hand.palms if palms and beside is None else ()
+    out_of_reach = hand.palms if arms and beside is None else ()
     return NewSceneText(text, left_open, kept, unplaceable, out_of_reach)
 
 

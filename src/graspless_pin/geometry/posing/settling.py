@@ -23,6 +23,7 @@ from graspless_pin.geometry.contact.distances import (
 )
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
 from graspless_pin.geometry.poses import rigid, shifted
+from graspless_pin.geometry.posing.finger_joints import Arm
 from graspless_pin.problem.checks import FloatArray, unit_vector
 
 SETTLING_TOLERANCE = 1e-4
@@ -119,6 +120,7 @@ _COPLANAR = 1e-3  # rad
 _STEADY_MARGIN = 0.02
 """How far the centre of mass stands inside of a face's edges, as a share of the hull's width."""
 _BASE_CLEARANCE = 0.05  # m
+_ALL_POSES = 6  # joints
 _BENT_REACH, _LEAST_AWAY, _HIGHEST_SHOULDER = 0.6, 0.4, 0.65
 """From shoulder to object, in all, along the support and up, as shares of the stretched arm."""
 
@@ -162,7 +164,7 @@ def clear_base(hand: Hand, target: ManipulatedObject, normal: FloatArray) -> Flo
 
 
 def base_beside(
-    hand: Hand, palm: int, target: ManipulatedObject, support: Support
+    hand: Hand, arm: Arm, target: ManipulatedObject, support: Support
 ) -> FloatArray | None:
     """Return a (3,) position of an arm's base, m, from which the arm reaches an object.
 
@@ -171,18 +173,18 @@ def base_beside(
 
     Args:
         hand: The hand on the arm, whose base is turned as it will stand.
-        palm: Pinocchio index of the joint that the arm moves, the last one.
+        arm: The arm.
         target: The object.
         support: The half-space that both stand on.
 
     Returns:
-        The position; None: the shoulder is too high, a link would be next to the object, or no link
-        has a shape.
+        The position; None: fewer than six joints bring the palm to few poses, the shoulder is too
+        high, a link would be next to the object, or no link has a shape.
     """
     ahead, normal = support.T_world_support[:3, [0, 2]].T
-    if not len(hand.placed_bodies):
+    if len(arm.columns) < _ALL_POSES or not len(hand.placed_bodies):
         return None
-    chain = 1 + np.flatnonzero(hand.tree.supports[palm])
+    chain = 1 + np.flatnonzero(hand.tree.supports[arm.joint])
     joints = hand.tree.kinematics(hand.positions).T_world_joint[chain, :3, 3]
     reach = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
     rise = -nearest_separation(support.placed_bodies, hand.placed_bodies).distance
