@@ -90,6 +90,18 @@ def test_a_box_tilted_by_a_degree_stands_on_its_edge_and_then_on_its_corner() ->
     assert len(find_contacts(corner, [], [ground])) == 1
 
 
+@pytest.mark.parametrize("size", [1e-4, 9e-4, 0.1])
+def test_a_cube_of_any_size_stands_on_its_corners_within_a_tolerance_of_its_size(
+    size: float,
+) -> None:
+    cube = body("cube", Box((size, size, size)), at(0, 0, 0.5 * size))
+    for other in (HalfSpace(), Box((1, 1, 1))):
+        ground = body("ground", other, at(0, 0, -0.5 if isinstance(other, Box) else 0))
+        contacts = find_contacts(cube, [], [ground], tolerance=0.01 * size)
+        corners = [(x, y, 0) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+        assert np.allclose(sorted_rows([c.position / size for c in contacts]), corners)
+
+
 def test_far_bodies_do_not_touch() -> None:
     ball = body("ball", Sphere(0.05), at(0, 0, 0.0511))
     others = [

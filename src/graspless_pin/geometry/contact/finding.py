@@ -33,7 +33,8 @@ class ContactLimits:
         tolerance: Points closer than this are in contact, m.
         max_penetration: Deepest overlap that passes for contact, m.
         max_points: Largest number of points of one patch, at least 3.
-        merge_distance: Points of one pair of bodies closer together than this become one, m.
+        merge_distance: Points of one pair of bodies closer together than this become one, m; not
+            more than the tolerance.
     """
 
     tolerance: float = 1e-3
@@ -53,6 +54,7 @@ class ContactLimits:
                 raise ArgumentError(name, f"needs a positive length in metres, got {value!r}")
         if self.max_points < 3:
             raise ArgumentError("max_points", f"needs at least 3, got {self.max_points!r}")
+        object.__setattr__(self, "merge_distance", min(self.merge_distance, self.tolerance))
 
 
 class PatchContacts(NamedTuple):
