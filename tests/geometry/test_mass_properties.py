@@ -122,6 +122,31 @@ def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> Non
     assert volume == pytest.approx(0.001)
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("convex", ["hull", "decompose"])
+def test_parts_count_and_hollows_do_not_whichever_way_they_are_turned(
+    tmp_path: Path, convex: str, mirrored: bool
+) -> None:
+    """A weight whose two blocks face opposite ways; the larger is hollow in one of the meshes."""
+    large = trimesh.creation.box(bounds=[[0, 0, 0], [0.1, 0.1, 0.1]])
+    small = trimesh.creation.box(bounds=[[0.2, 0, 0], [0.3, 0.1, 0.05]])
+    hollow = trimesh.creation.box(bounds=[[0.02, 0.02, 0.02], [0.08, 0.08, 0.07]])
+    hollow.invert()
+    (large if mirrored else small).invert()
+    if mirrored:
+        hollow.invert()
+    trimesh.util.concatenate([large, small]).export(tmp_path / "two.ply")
+    shape = MeshShape(tmp_path / "two.ply", convex=convex)
+    volume, centroid, _ = shape.filling()
+    assert volume == pytest.approx(1.5e-3)
+    assert np.allclose(centroid, [(0.05 + 0.125) / 1.5, 0.05, (0.05 + 0.0125) / 1.5])
+    assert len(shape.pieces()) == (2 if convex == "decompose" else 1)
+    trimesh.util.concatenate([hollow, small, large]).export(tmp_path / "hollow.ply")
+    volume, centroid, _ = MeshShape(tmp_path / "hollow.ply").filling()
+    assert volume == pytest.approx(1.5e-3 - 1.8e-4)
+    assert np.allclose(centroid[0], (0.05 + 0.125 - 0.18 * 0.05) / (1.5 - 0.18))
+
+
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_mass_and_density_are_positive(value: float) -> None:
     with pytest.raises(ArgumentError, match="mass: needs a positive number of kg"):

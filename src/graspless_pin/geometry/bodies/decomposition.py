@@ -36,7 +36,11 @@ from graspless_pin.errors import (
     OverrunError,
 )
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.meshes import hull_corners, simplified_for_cutting
+from graspless_pin.geometry.bodies.meshes import (
+    hull_corners,
+    simplified_for_cutting,
+    turned_outward,
+)
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.geometry.outside_calls import ITERATIONS, SEED, run_coacd
 from graspless_pin.intake.fields import Seconds, no_truth_value
@@ -221,24 +225,15 @@ def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray
 
 
 def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Solids of a mesh that are not connected, each turned inside in; else the mesh as it is.
+    """Solids of a mesh that are not connected; the whole mesh if it is open or has hollows.
 
     CoACD would wrap solids that touch in a common skin, which is off by a hundredth of their size.
     """
-    import trimesh
-
     if not (mesh.is_watertight and mesh.is_winding_consistent):
         return [mesh]
+    mesh = turned_outward(mesh)
     parts = [mesh] if mesh.body_count == 1 else list(mesh.split())
-    inside_out = [part.volume < 0.0 for part in parts]
-    if any(inside_out) and not all(inside_out):
-        return [mesh]  # a hollow is a part that is turned inside out
-    return [
-        trimesh.Trimesh(part.vertices, part.faces[:, ::-1], process=False)
-        if part.volume < 0.0
-        else part
-        for part in parts
-    ]
+    return [mesh] if any(part.volume < 0.0 for part in parts) else parts  # there are hollows
 
 
 def _cache_folder() -> Path:

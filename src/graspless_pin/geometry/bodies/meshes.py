@@ -134,6 +134,30 @@ def simplified_for_cutting(
     return points, triangles, (found,)
 
 
+def turned_outward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return a closed mesh with its parts' triangles counterclockwise when seen from outside.
+
+    A part in the box around another is turned as that is: so hollows stay hollows.
+    """
+    import trimesh
+
+    corners = mesh.triangles - mesh.bounds.mean(axis=0)
+    parts = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(corners))
+    volumes = np.bincount(parts, np.linalg.det(corners))
+    low = np.full((len(volumes), 3), np.inf)
+    high = -low
+    np.minimum.at(low, parts, corners.min(axis=1))
+    np.maximum.at(high, parts, corners.max(axis=1))
+    sizes = np.prod(high - low, axis=1)
+    around = [
+        int(np.where(((low <= own[0]) & (high >= own[1])).all(axis=1), sizes, -1.0).argmax())
+        for own in zip(low, high, strict=True)
+    ]
+    inward = (volumes[around] < 0.0)[parts]
+    faces = np.where(inward[:, None], mesh.faces[:, ::-1], mesh.faces)
+    return trimesh.Trimesh(mesh.vertices, faces, process=False) if inward.any() else mesh
+
+
 def _farthest(
     vertices: FloatArray,
     triangles: FloatArray,

@@ -81,10 +81,10 @@ class Filling(NamedTuple):
 
     @classmethod
     def of_mesh(cls, mesh: Any) -> Filling:
-        """Return that of a closed surface; turned inside out, it encloses the same."""
+        """Return that of a closed surface."""
         volume, gyration = float(mesh.volume), np.array(mesh.moment_inertia, dtype=float)
         gyration = 0.5 * (gyration + gyration.T) / volume
-        return cls(abs(volume), read_only(np.array(mesh.center_mass)), read_only(gyration))
+        return cls(volume, read_only(np.array(mesh.center_mass)), read_only(gyration))
 
 
 @dataclass(frozen=True, eq=False)

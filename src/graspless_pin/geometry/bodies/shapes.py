@@ -35,6 +35,7 @@ from graspless_pin.geometry.bodies.meshes import (
     file_triangles,
     hull_points,
     scaled_mesh,
+    turned_outward,
     unit_surface,
 )
 from graspless_pin.geometry.bodies.polytopes import box_of
@@ -334,11 +335,12 @@ class MeshShape(Shape):
 
         hull = trimesh.convex.convex_hull(hull_points(self.path, self.scale))
         mesh = scaled_mesh(self.path, self.scale)
-        if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0:
+        if mesh.is_watertight and mesh.is_winding_consistent:
+            mesh = turned_outward(mesh)
             left_out = (
                 HULL_TOLERANCE * hull.scale * hull.area if len(mesh.vertices) > DENSE_MESH else 0.0
             )
-            if abs(float(mesh.volume)) <= float(hull.volume) * (1.0 + 1e-9) + left_out:
+            if 0.0 < float(mesh.volume) <= float(hull.volume) * (1.0 + 1e-9) + left_out:
                 return Filling.of_mesh(mesh)
             problem = "has parts that lie in each other"
         else:
