@@ -42,7 +42,8 @@ DISTANCE_REQUEST.gjk_tolerance = DISTANCE_REQUEST.epa_tolerance = 1e-9
 
 _IDENTITY: Any = coal.Transform3s()
 _DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
-_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
+_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure; of small bodies, less
+_PULLED_SHARE = 0.02  # of the smaller radius
 _MOST_ATTEMPTS = 5
 _AGREED_COSINE = 1.0 - 1e-5  # cosine between a face normal and coal's direction
 _SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
@@ -218,6 +219,7 @@ class _Pair:
             return None
         middles = unit_vector(self.t + self.R @ self.two.center - self.one.center)
         best_gap, best, witness = -np.inf, middles, self.t
+        pulled = min(_PULLED_APART, _PULLED_SHARE * min(self.one.radius, self.two.radius))
         apart = np.zeros(3)
         for attempt in range(_MOST_ATTEMPTS):
             distance, on_first, on_second, guess = self._ask_coal(apart)
@@ -237,7 +239,7 @@ class _Pair:
             if best_gap >= 0.0 or (settled and best_gap >= -max_penetration):
                 break
             axis = middles if attempt == 0 else best
-            apart = (_PULLED_APART - float(self._gaps(axis[None])[0])) * axis
+            apart = (pulled - float(self._gaps(axis[None])[0])) * axis
         return (best, witness, best_gap) if best_gap <= tolerance else None
 
     def _gaps(self, directions: FloatArray) -> FloatArray:
