@@ -235,7 +235,8 @@ class _Pair:
                 best_gap, best = float(gaps[k]), direction
                 witness = 0.5 * (on_first + on_second)
             on_a_face = k < len(gaps) - 1 and direction @ guess > _AGREED_COSINE
-            settled = on_a_face or (attempt >= 2 and gain <= _SAME_GAP)
+            known = on_a_face and (attempt > 0 or k < len(fixed))
+            settled = known or (attempt >= 2 and gain <= _SAME_GAP)
             if best_gap >= 0.0 or (settled and best_gap >= -max_penetration):
                 break
             axis = middles if attempt == 0 else best
