@@ -56,3 +56,27 @@ def test_a_tendon_bounds_its_own_tension(tmp_path: Path) -> None:
     lower, upper = (ends[column] for ends in hand.effort_limits)
     assert (lower, upper) == (-5.0, 4.0)
     np.testing.assert_allclose(most_torques(path), upper * 3 * np.array([0.01, 0.02]))
+
+
+@pytest.mark.filterwarnings("ignore:effort limits that look like placeholders")
+@pytest.mark.parametrize(
+    ("states", "most"),
+    [('ctrlrange="-9 9" actrange="-3 4" dyntype="integrator"', 3.0 * 2.0),
+     ('ctrlrange="-9 9" actrange="-3 4" dyntype="filter" dynprm="0.1"', 3.0 * 2.0),
+     ('ctrlrange="-2 2" actrange="-3 4" dyntype="filter" dynprm="0.1"', 2.0 * 2.0),
+     ('ctrlrange="-9 9" dyntype="integrator"', np.inf)],
+)  # fmt: skip
+def test_what_a_motor_integrates_is_bounded_by_its_activation(
+    tmp_path: Path, states: str, most: float
+) -> None:
+    path = tmp_path / "finger.xml"
+    motor = f'<general name="pull" joint="bend" gainprm="2" {states}/>'
+    path.write_text(FINGER.replace("ARMS", CURL).replace("MOTORS", motor))
+    hand = Hand.from_urdf(path, effort_limits={"curl": 0.0})
+    assert hand.effort_limits[1][hand.actuated_joint_names.index("bend")] == most
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.ctrl[:] = model.actuator_ctrlrange[:, 0]
+    mujoco.mj_step(model, data, 5000)
+    mujoco.mj_forward(model, data)
+    assert -data.qfrc_actuator[0] == pytest.approx(min(most, 2.0 * 9.0 * data.time), rel=1e-3)

@@ -80,6 +80,20 @@ def test_a_box_pinched_on_a_slope_has_the_margin_worked_out_by_hand(tmp_path: Pa
         assert scene.solve().margin == pytest.approx(by_hand, abs=1e-6)
 
 
+@pytest.mark.parametrize("ends", [("left", "right"), ("right", "left")])
+def test_one_motor_moves_both_fingers_that_an_equality_couples(ends: tuple[str, str]) -> None:
+    """Each finger, a tree of its own, presses with half of the motor's force."""
+    motor = f'<motor name="right" joint="right" forcerange="{-PUSH} {PUSH}"/>'
+    assert motor in PINCHED
+    couple = '<equality><joint joint1="{}" joint2="{}"/></equality></mujoco>'.format(*ends)
+    text = PINCHED.replace(motor, "").replace('gear="2"', 'gear="4"').replace("</mujoco>", couple)
+    scene = scene_from_mjcf(model_of(text)).with_changes(cone="round")
+    assert scene.hand is not None
+    np.testing.assert_allclose(scene.hand.effort_limits[1], 2.0 * PUSH)
+    least = float(np.abs(scene.solve("torque", margin=0.0).torques).max())
+    assert least == pytest.approx(0.5 * 10.0 * np.sin(TILT) / 0.6, abs=1e-4)
+
+
 @pytest.mark.parametrize(("share", "stays"), [(1.15, True), (0.85, False)])
 def test_mujoco_loses_the_box_where_the_scene_says(share: float, stays: bool) -> None:
     model = model_of(PINCHED)

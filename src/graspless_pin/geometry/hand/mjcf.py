@@ -174,9 +174,14 @@ def _bounds(source: MjcfSource, actuator: int) -> tuple[float, float]:
     low, high = -np.inf, np.inf
     if model.actuator_forcelimited[actuator]:
         low, high = map(float, model.actuator_forcerange[actuator])
-    if model.actuator_ctrllimited[actuator] and not model.actuator_biasprm[actuator].any():
-        ends = float(model.actuator_gainprm[actuator, 0]) * model.actuator_ctrlrange[actuator]
-        low, high = max(low, float(ends.min())), min(high, float(ends.max()))
+    integrates = model.actuator_dyntype[actuator] == source.mujoco.mjtDyn.mjDYN_INTEGRATOR
+    for limited, ends in (
+        (model.actuator_ctrllimited[actuator] and not integrates, model.actuator_ctrlrange),
+        (model.actuator_actlimited[actuator], model.actuator_actrange),
+    ):
+        if limited and not model.actuator_biasprm[actuator].any():
+            forces = float(model.actuator_gainprm[actuator, 0]) * ends[actuator]
+            low, high = max(low, float(forces.min())), min(high, float(forces.max()))
     tendons = np.where(
         model.actuator_trntype == source.mujoco.mjtTrn.mjTRN_TENDON, model.actuator_trnid[:, 0], -1
     )
@@ -323,11 +328,18 @@ def tree_roots(model: Any) -> NDArray[np.intp]:
 
 
 def robot_bodies(source: MjcfSource) -> tuple[int, NDArray[np.bool_]]:
-    """Return the robot's root and its bodies: the trees with motors, or with joints at all."""
+    """Return the robot's root and its bodies: the trees with motors, or with joints at all.
+
+    And those whose joints equalities couple with joints of these.
+    """
     model = source.model
     tree = tree_roots(model)
-    moved = tree[model.jnt_bodyid[motor_joints(source)]]
-    roots = np.unique(moved if len(moved) else tree[model.jnt_bodyid])
+    roots = np.unique(tree[model.jnt_bodyid[motor_joints(source) or np.arange(model.njnt)]])
+    ties = (model.eq_type == source.mujoco.mjtEq.mjEQ_JOINT) & (model.eq_obj2id >= 0)
+    ends = np.stack([model.eq_obj1id, model.eq_obj2id])[:, ties & (model.eq_active0 == 1)]
+    pairs = tree[model.jnt_bodyid[ends]].T
+    for _ in pairs:  # one after the other, at worst
+        roots = np.union1d(roots, pairs[np.isin(pairs, roots).any(axis=1)])
     inside = np.isin(tree, roots)
     first = model.body_jntadr[roots[0]] if len(roots) == 1 else -1
     free = source.mujoco.mjtJoint.mjJNT_FREE
