@@ -31,11 +31,13 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
     optimize,
+    stability,
 )
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.report import solution_document
 from graspless_pin.report.html import case_of_document, case_of_scene, report_html
 from graspless_pin.visualization import Role
+from graspless_pin.visualization.contacts import draw_contacts
 
 
 def number(text: str) -> float:
@@ -335,6 +337,32 @@ def test_a_problem_from_arrays():
     refused = report_html(case_of_document(document))
     assert "FAILED" in {row[1] for row in read_html(refused).section("modes").rows()}
     assert "<strong>Refused:</strong>" in refused
+
+
+@TEXT_ALONE
+@pytest.mark.parametrize("rows", [[2], [0, 2], [0, 1, 2, 3, 4, 5, 0, 2]])
+def test_a_problem_in_other_coordinates(rows: list[int]):
+    """Some of one free object's coordinates: on a rail, say; and all, two of them twice."""
+    free = pinched_block()
+    units = ["N" if row < 3 else "N m" for row in rows]
+    problem = pinched_block(
+        wrench_matrix=free.W[rows],
+        external_wrench=free.external_wrench[rows],
+        passive_units=units,
+        object_inertia=np.eye(len(rows)),
+        joint_inertia=np.eye(2),
+    )
+    solution = maximize_margin(problem)
+    lost = stability(problem, np.array([0.0, 0.0]))
+    for verdict in (None, lost):
+        document = solution_document(solution, verdict=verdict)
+        case = case_of_document(json.loads(json.dumps(document)))
+        assert case.motion is None and case.sliding is None
+        page = read_html(report_html(case))
+        assert f"margin e at best {solution.margin:.4f} N" in page.text
+    drawn = draw_contacts(free, maximize_margin(free)).of(Role.VIRTUAL_SLIDING)
+    arrows = case.picture.of(Role.VIRTUAL_SLIDING)
+    assert len(arrows) == len(drawn) or len(rows) < len(free.W)
 
 
 def test_names_cannot_break_the_page():

@@ -131,12 +131,17 @@ def draw_contacts(
     """
     center = finite_array("origin", origin, (3,))
     size = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
-    up, none = up_against(problem.external_wrench[:3]), np.zeros((0, 4))
+    up, none = up_against(_load_force(problem)), np.zeros((0, 4))
     view_from = look_across(np.zeros(3), up)
     views = preset_views(np.zeros(3), up, (), none)
     picture = Picture((), center, 1.2 * size, up, view_from, views)
     picture = with_bearings(picture, size, None, none)
     return with_contacts(picture, problem, solution, center, size, None, bodies)
+
+
+def _load_force(problem: QuasistaticProblem) -> FloatArray:
+    """Return the (3,) force on one free object, N; zero in other coordinates."""
+    return problem.external_wrench[:3] if problem.wrench_matrix is None else np.zeros(3)
 
 
 def with_contacts(
@@ -182,7 +187,7 @@ def with_contacts(
         meshes += _forces(problem, forces, at_limit, points, chosen, _SHAFT * size)
         meshes += _velocities(Role.VIRTUAL_SLIDING, virtual_velocities(found), points, size)
         picture = with_force_scale(picture, chosen, size)
-        load = problem.external_wrench[:3]
+        load = _load_force(problem)
         if chosen > 0.0 and (load @ load) > _NO_FORCE**2 * (forces * forces).sum():
             arrow = arrow_surface(origin, chosen * load, _SHAFT * size)
             meshes.append(Mesh(str(Role.EXTERNAL_FORCE), Role.EXTERNAL_FORCE, *arrow))
@@ -291,7 +296,8 @@ def virtual_velocities(solution: TorqueSolution) -> FloatArray:
         return velocities
     motion = solution.motion
     if motion is not None:
-        moved = problem.W.T @ motion[:6] - problem.J @ motion[6:]
+        passive = problem.passive_count
+        moved = problem.W.T @ motion[:passive] - problem.J @ motion[passive:]
         velocities[mode.selection] = moved.reshape(-1, 3)[mode.selection]
     return velocities
 

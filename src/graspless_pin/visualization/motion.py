@@ -109,9 +109,12 @@ def draw_virtual_sliding(
         origin: (3,) the problem's reference point in the picture, m.
 
     Returns:
-        The motion; None where no virtual sliding is asked for.
+        The motion; None where no virtual sliding is asked for, or the coordinates are not those
+        of one free object.
     """
     if not picture.of(Role.VIRTUAL_SLIDING) or solution.motion is None:
+        return None
+    if solution.problem.wrench_matrix is not None:
         return None
     times = np.linspace(0.0, _enlarged(solution.problem, solution.motion), _TIMES)
     return _along(picture, solution.motion, times, times, hand, origin)

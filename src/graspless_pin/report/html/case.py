@@ -40,9 +40,10 @@ class Case:
         bodies: M names of what touches the object; None: not known.
         points: (M, 3) contact points in the picture's frame, m.
         picture: What there is to see.
-        motion: What would happen, where the document's verdict states a motion, or a small one
-            that grows.
-        sliding: The picture along the mode's virtual motion; None: there is none.
+        motion: What would happen, where the document's verdict states a motion of one free object,
+            or a small one that grows.
+        sliding: The picture along the mode's virtual motion; None: there is none, or not of one
+            free object.
         missing: Why the picture lacks the scene's bodies; empty: it does not.
         command: The command that solves it again; None: there is none.
         scene: The scene, where it still is the same.
@@ -183,10 +184,10 @@ def _case(
     else:
         hand, origin = scene.hand, scene.object.center_of_mass_world
         bodies, picture = scene.contacts.bodies, draw_scene(scene, solution)
-    moving = None
-    if motion is not None:
+    moving, is_free = None, problem.wrench_matrix is None
+    if is_free and motion is not None:
         moving = draw_motion(problem, motion, scene=scene, origin=origin)
-    elif small := read_small_motion(document):
+    elif is_free and (small := read_small_motion(document)):
         moving = draw_small_motion(picture, problem, *small, hand, origin)
     sliding = draw_virtual_sliding(picture, solution, hand, origin)
     points = problem.positions + origin
