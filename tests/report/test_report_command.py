@@ -161,12 +161,14 @@ def test_a_verdict_and_a_simulation(tmp_path):
     assert "was not asked" in target.read_text(encoding="utf-8")
 
 
-def test_a_simulation_needs_the_scene(tmp_path):
+@pytest.mark.parametrize("option", ["--simulate", "--squeeze", "--tolerances"])
+def test_what_needs_the_scene_says_so_before_the_force_ranges(tmp_path, monkeypatch, option):
+    monkeypatch.delattr("graspless_pin.cli.report.contact_force_bounds")
     file = tmp_path / "solution.json"
     file.write_text(json.dumps(through_json(maximize_margin(pinched_block()))), encoding="utf-8")
-    result = run(file, "-o", tmp_path / "report.html", "--no-ranges", "--simulate")
+    result = run(file, "-o", tmp_path / "report.html", option)
     assert result.exit_code == 2
-    assert "--simulate: needs the scene. The document names no scene file." in result.stderr
+    assert f"{option}: needs the scene. The document names no scene file." in result.stderr
 
 
 @pytest.mark.usefixtures("without_plots")

@@ -138,7 +138,6 @@ def report(
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         else:
             case = _solved_case(source, controller, no_verdict=no_verdict, **asked)
-        bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)
         lapse = window = None
         if simulated and (of := _scene_for(case, "--simulate")):
             with waiting_for("simulating"):
@@ -152,6 +151,7 @@ def report(
         if told and (of := _scene_for(case, "--tolerances")):
             found = tolerances_under(of, case.solution, attainable=tolerances)
             case = case_with_tolerances(case, found)
+        bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)
         with waiting_for("drawing"):
             page = report_html(case, bounds, lapse, rest_bounds, window)
         write_text(page, output, kind="report")
