@@ -10,6 +10,7 @@ import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
 from graspless_pin.geometry import ManipulatedObject
+from graspless_pin.geometry.bodies.decomposition import Convex
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -125,7 +126,7 @@ def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> Non
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("convex", ["hull", "decompose"])
 def test_parts_count_and_hollows_do_not_whichever_way_they_are_turned(
-    tmp_path: Path, convex: str, mirrored: bool
+    tmp_path: Path, convex: Convex, mirrored: bool
 ) -> None:
     """A weight whose two blocks face opposite ways; the larger is hollow in one of the meshes."""
     large = trimesh.creation.box(bounds=[[0, 0, 0], [0.1, 0.1, 0.1]])
