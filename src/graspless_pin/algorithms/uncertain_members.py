@@ -287,13 +287,13 @@ def scaled_member(
 
 
 def _limits(problem: QuasistaticProblem, left: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return torque limits of which shares (L,) are left; those beyond zero stay.
+    """Return torque limits times shares (L,), also above 1; those beyond zero stay.
 
     Raises:
         ArgumentError: If nothing is left between them.
     """
     low, high = problem.lower_torque, problem.upper_torque
-    weaker = np.maximum(low, left * low), np.minimum(high, left * high)
+    weaker = np.where(low < 0.0, left, 1.0) * low, np.where(high > 0.0, left, 1.0) * high
     for joint in np.flatnonzero(weaker[0] > weaker[1]).tolist():
         name, unit = problem.joint_names[joint], problem.joint_units[joint]
         raise ArgumentError(
