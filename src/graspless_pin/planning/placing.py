@@ -176,9 +176,9 @@ class HandPlacement(Brief):
 
     @property
     def advice(self) -> str:
-        """What to try where no place was found: of the fault of nearly all, else the last one."""
-        order, nearly_all = list(PlacingFault), _NEARLY_ALL * self.tried
-        ranks = {one: (n >= nearly_all, order.index(one)) for one, n in self.faults.items()}
+        """What to try where no place was found: of a fault of most by far, else of the last one."""
+        order, most = list(PlacingFault), _MOST_BY_FAR * self.tried
+        ranks = {one: (n >= most, order.index(one)) for one, n in self.faults.items()}
         return _ADVICE[max(ranks, key=lambda one: ranks[one])] if ranks else ""
 
 
@@ -189,7 +189,7 @@ _RANKED_BY = {
 }
 _MOST_ERRORS = 3
 _PLACES_SHOWN = 5
-_NEARLY_ALL = 0.8
+_MOST_BY_FAR = 0.8  # share of the candidates
 _LARGER = (
     "the object may be too large or too small for the hand: compare its size (m), and the scale of "
     "its mesh if it has one, with the fingers"

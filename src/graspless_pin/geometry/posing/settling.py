@@ -190,7 +190,7 @@ def base_beside(
     rise = -nearest_separation(support.placed_bodies, hand.placed_bodies).distance
     to_shoulder = joints[0] - target.center_of_mass_world
     height = float(normal @ to_shoulder) + rise
-    if abs(height) > _HIGHEST_SHOULDER * reach:
+    if abs(height) >= _HIGHEST_SHOULDER * reach:  # also where all joints are in one place
         return None
     away = reach * math.sqrt(max(_BENT_REACH**2 - (height / reach) ** 2, _LEAST_AWAY**2))
     shift = height * normal - away * ahead - to_shoulder
