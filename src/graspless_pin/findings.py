@@ -84,6 +84,8 @@ class FindingCode(StrEnum):
     NOT_OPTIMAL = "not-proven-optimal", Severity.WARNING
     THRESHOLD = "hangs-on-threshold", Severity.WARNING
     IDLE_MOUNT = "mount-touches-nothing", Severity.NOTE
+    NO_SUPPORT_TOUCHES = "no-support-touches", Severity.NOTE
+    QUATERNION_ORDER = "quaternion-order", Severity.NOTE
     AMBIGUOUS_NORMAL = "ambiguous-normal", Severity.NOTE
     NEUTRAL_OUTSIDE = "neutral-outside-limits", Severity.NOTE
     WEIGHTLESS_LINK = "weightless-link", Severity.NOTE

@@ -358,6 +358,25 @@ def test_what_cannot_be_taken_over_is_named() -> None:
     np.testing.assert_allclose(load.moment, np.cross(lever, load.force), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("option", "subjects"),
+    [
+        ('<option><flag contact="disable"/></option>', {"contact"}),
+        ('<option><flag actuation="disable"/></option>', {"actuation"}),
+        ('<option actuatorgroupdisable="0 2"/>', {"actuatorgroupdisable"}),
+        ('<option o_friction="1 1 0 0 0"><flag override="enable"/></option>', {"override"}),
+        ('<option o_friction="1 1 0 0 0"/>', set()),
+    ],
+)
+def test_options_that_switch_off_what_counts_here_are_named(option: str, subjects: set) -> None:
+    text = PINCHED.replace("<worldbody>", option + "<worldbody>")
+    with capture() as found:
+        scene = scene_from_mjcf(model_of(text))
+    assert {one.subject for one in found} == subjects
+    expected = scene_from_mjcf(model_of(PINCHED)).solve()
+    assert scene.solve().margin == pytest.approx(expected.margin)
+
+
 def mujoco_center(model: Any, body: int) -> np.ndarray:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

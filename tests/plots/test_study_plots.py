@@ -66,6 +66,21 @@ def test_labels_say_the_unit(value, label):
     assert axes.get_ylim()[0] == 0.0
 
 
+def test_what_a_study_varies_on_a_log_scale_has_a_logarithmic_axis():
+    table = pd.DataFrame(
+        [(x, y, x < 1.0, x + y) for x in (0.01, 0.1, 1.0, 10.0) for y in (0.1, 0.2)],
+        columns=["object.mass_kg", "friction", "found", "margin_N"],
+    )
+    ends = {"from": 0.01, "to": 10.0, "steps": 4}
+    for scale in ("log", "linear"):
+        vary = {"object.mass": {**ends, "scale": scale}, "friction": {"values": [0.1, 0.2]}}
+        table.attrs["graspless_pin"] = {"entry": {"vary": vary}}
+        assert margin_plot(table, "object.mass_kg").get_xscale() == scale
+        for draw in (margin_heat_map, outcome_boundary):
+            axes = draw(table, "friction", "object.mass_kg")
+            assert (axes.get_xscale(), axes.get_yscale()) == ("linear", scale)
+
+
 def test_two_parameters():
     table = pd.DataFrame(
         [(x, y, x + 10.0 * y) for x in (1.0, 2.0, 3.0) for y in (0.1, 0.2)],

@@ -43,7 +43,7 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
         (
             "corners",
             Status.LIMIT_REACHED,
-            f"{SMALL} # N or smaller (not proven), {RULE}",
+            f"{SMALL} # N (whether smaller is not proven), {RULE}",
         ),
         (
             "walls",

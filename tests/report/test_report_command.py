@@ -86,6 +86,15 @@ def test_how_far_each_may_be_off(tmp_path, monkeypatch):
     assert "with constant torques" in page.section("off").text
 
 
+def test_a_page_is_written_though_nothing_can_be_squeezed(tmp_path):
+    target = tmp_path / "report.html"
+    result = run(SPHERE, "-o", target, "--no-ranges", "--squeeze", "--controller", "position")
+    assert result.exit_code == 0
+    assert "note: --squeeze is left out: subject: has the controller 'position'" in result.stderr
+    links = read_html(target.read_text(encoding="utf-8")).all("a")
+    assert "#squeeze" not in [one.attributes.get("href") for one in links]
+
+
 def test_what_needs_torques_says_that_there_are_none(tmp_path):
     """The slope is too steep and the hand too weak: nothing to squeeze with, nor to simulate."""
     target = tmp_path / "report.html"

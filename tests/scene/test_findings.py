@@ -46,6 +46,11 @@ CASES = {
                       "'tip', is 500 mm away"),
     "table 10 um too far": (FLOOR, "pose: {position: [0, 0, -0.10101]}", "support-missed", "floor",
                             "is 1.01 mm from object 'box', so it is not a contact"),
+    "table 10 mm too far": (FLOOR, "pose: {position: [0, 0, -0.11]}", "no-support-touches", "box",
+                            "no support touches object 'box': the nearest, 'floor', is 10 mm away"),
+    "quaternion of another order": (
+        "pose: {position: [0, 0, 0]}", "pose: {position: [0, 0, 0], quaternion: [-1, 0, 0, 0]}",
+        "quaternion-order", "box", "the quaternion of 'box' is half a turn about x"),
     "finger too far": (HAND, "position: [-0.1, -0.1049, 0.0]", "finger-missed", "finger",
                        "'tip' is 4.9 mm from object"),
     "hand through a support": (

@@ -345,6 +345,9 @@ def test_a_damaged_result_is_no_result(tmp_path):
             read_results(tmp_path / name)
         with pytest.raises(StudyError, match="there is no such file"):
             read_results(tmp_path / f"b{name}")
+        (tmp_path / f"b{name}.journal").touch()
+        with pytest.raises(StudyError, match="its study has not ended: run it again"):
+            read_results(tmp_path / f"b{name}")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

@@ -108,6 +108,12 @@ def plot(
                 raise ArgumentError(option, "goes with a study's table alone")
         if y is not None and kind is PlotKind.LINE:
             raise ArgumentError("--y", "goes with --kind map and boundary alone")
+        if not of_scene and results.suffix.lower() in (".yaml", ".yml"):
+            raise ArgumentError(
+                "TABLE|SCENE",
+                f"{results} is no table: of a scene ask for --kind squeeze or tolerances, of a "
+                "study give the table that it wrote",
+            )
         figure = _figure()
         pictures = figure.canvas.get_supported_filetypes()
         if output.suffix.lower().removeprefix(".") not in pictures:
@@ -163,12 +169,6 @@ def _draw_study(
     figure: Figure,
 ) -> None:
     """Draw a result of a study."""
-    if results.suffix.lower() in (".yaml", ".yml"):
-        raise ArgumentError(
-            "TABLE|SCENE",
-            f"{results} is no table: of a scene ask for --kind squeeze or tolerances, of a study "
-            "give the table that it wrote",
-        )
     x, y, value = columns
     table = read_results(results)
     across = x or _varied(table, "x", ())

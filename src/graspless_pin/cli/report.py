@@ -32,7 +32,7 @@ from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.planning.squeeze_window import squeeze_window
+from graspless_pin.planning.squeeze_window import SqueezeWindow, squeeze_window
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import (
@@ -47,6 +47,7 @@ from graspless_pin.report.simulation import time_lapse
 from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
 from graspless_pin.simulation import simulate
+from graspless_pin.solution import TorqueSolution
 
 
 @asking_by_name
@@ -144,8 +145,7 @@ def report(
                 found = simulate(of, case.solution.torques)
                 lapse = time_lapse(of, found, simulated_words(of, found))
         if squeeze and (of := _scene_for(case, "--squeeze")):
-            with waiting_for("trying how hard the hand may squeeze"):
-                window = squeeze_window(of, case.solution.torques)
+            window = _window(of, case.solution)
         is_unknown = case.scene is not None and case.scene.uncertainty is not None
         told = tolerances or (is_unknown and case.solution.found)
         if told and (of := _scene_for(case, "--tolerances")):
@@ -161,6 +161,16 @@ def report(
         if refused:
             echo_error(f"{source}: is refused; graspless-pin verify {source} says why")
     raise typer.Exit(ExitCode.DOUBTFUL if refused else exit_code(case.solution))
+
+
+def _window(scene: Scene, solution: TorqueSolution) -> SqueezeWindow | None:
+    """Return how hard the hand may squeeze; None where it squeezes nothing: a note says why."""
+    try:
+        with waiting_for("trying how hard the hand may squeeze"):
+            return squeeze_window(scene, solution.torques)
+    except ArgumentError as error:
+        echo_note(f"--squeeze is left out: {error}")
+    return None
 
 
 def _ranges(

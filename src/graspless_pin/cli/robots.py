@@ -33,7 +33,8 @@ def robots_text(robots: Sequence[RobotRecord]) -> str:
         efforts += robot.tendons.values()
         rows.append([robot.name, ", ".join(robot.fingers), joints, _limits(efforts)])
     headers = ["robot", "fingers", "joints", "limits [N m, N]"]
-    return tabulate(rows, headers, maxcolwidths=[None, _FINGERS, None, 21])
+    widths = [None, _FINGERS, None, 21]
+    return tabulate(rows, headers, maxcolwidths=widths, break_long_words=False)
 
 
 def robot_text(robot: RobotRecord) -> str:

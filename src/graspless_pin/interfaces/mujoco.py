@@ -245,6 +245,22 @@ def tell_equalities(at: ModelState) -> None:
                   "it is left out: contacts and loads alone hold it here")  # fmt: skip
 
 
+def tell_options(at: ModelState) -> None:
+    """Tell of options of the whole model that switch off or override what counts here."""
+    option, mujoco = at.model.opt, at.source.mujoco
+    disabled, enabled = mujoco.mjtDisableBit, mujoco.mjtEnableBit
+    told = {
+        "contact": (option.disableflags & disabled.mjDSBL_CONTACT, "contacts are disabled"),
+        "actuation": (option.disableflags & disabled.mjDSBL_ACTUATION, "motors are disabled"),
+        "actuatorgroupdisable": (option.disableactuator, "groups of motors are disabled"),
+        "override": (option.enableflags & enabled.mjENBL_OVERRIDE, "o_friction is for contacts"),
+    }
+    for name, (is_set, message) in told.items():
+        if is_set:
+            at.tell(name, f"{message} ({name})",
+                    "it is left out: contacts and motors count as they are given")  # fmt: skip
+
+
 def _unique(name: str, taken: set[str]) -> str:
     """Return a name that nothing has yet, and take it."""
     number, found = 2, name
@@ -338,6 +354,7 @@ def _scene(
     by_link = friction_of_links(at, friction)
     friction.tell()
     tell_equalities(at)
+    tell_options(at)
     gravity = np.array(at.model.opt.gravity)
     if at.model.opt.disableflags & at.source.mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         gravity = np.zeros(3)

@@ -128,9 +128,9 @@ class PathProfile(Brief):
         if self.found:
             largest = float(np.abs(self.margins).max())
             told = f"smallest margin {brief_figure(self.smallest_margin, largest)} N"
-        lines = [
-            f"a path of {self.times[-1] - self.times[0]:g} s, {len(self.times)} waypoints, {told}"
-        ]
+        count = len(self.times)
+        points = f"{count} waypoint{'s' * (count != 1)}"
+        lines = [f"a path of {self.times[-1] - self.times[0]:g} s, {points}, {told}"]
         for change in self.contact_changes:
             parts = [
                 f"{verb} {_counted(names)}"

@@ -447,7 +447,7 @@ def _direction(
     inner = forces - np.linalg.lstsq(problem.W, problem.W @ forces, rcond=None)[0]
     way = problem.jacobian.T @ inner
     if np.linalg.norm(inner) <= _NO_SQUEEZE * np.linalg.norm(forces) or not way.any():
-        raise ArgumentError("direction", "is needed: the contact forces squeeze nothing")
+        raise ArgumentError("direction", "the contact forces squeeze nothing; give a direction")
     return way
 
 

@@ -100,7 +100,7 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
         axes.legend(fontsize="small")
     axes.set(xlabel=quantity(x), ylabel=quantity(value))
     from_zero(axes, results)
-    plain_axis(axes.xaxis)
+    _scale(axes.xaxis, table, x)
     axes.grid(alpha=0.25)
     return axes
 
@@ -152,11 +152,24 @@ def margin_heat_map(
     bar.set_label(quantity(value))
     plain_axis(bar.ax.yaxis)
     axes.set(xlabel=quantity(x), ylabel=quantity(y))
+    _scale(axes.xaxis, table, x)
+    _scale(axes.yaxis, table, y)
     return axes
 
 
 _FEW_TO_A_SAMPLE = 4
 """Cells of a map for each sample: where there are more, samples are scattered."""
+
+
+def _scale(axis: Any, table: Any, column: str) -> None:
+    """Give an axis a logarithmic scale where a study varied its column so; else plain figures."""
+    study = getattr(table, "attrs", {}).get("graspless_pin", {}).get("entry", {})
+    for key, values in study.get("vary", {}).items():
+        ending = column.removeprefix(key)
+        if values.get("scale") == "log" and (ending == "" or ending in _UNITS):
+            axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+            return
+    plain_axis(axis)
 
 
 def _is_scattered(table: Any, x: str, places: int) -> bool:
@@ -292,8 +305,8 @@ def outcome_boundary(
         axes.scatter(*here.T, s=6.0, color=colors[kind], linewidths=0.0, label=label)
     axes.add_collection(LineCollection([*segments], colors=LIGHT.text, linewidths=1.2))
     axes.set(xlabel=quantity(x), ylabel=quantity(y))
-    plain_axis(axes.xaxis)
-    plain_axis(axes.yaxis)
+    _scale(axes.xaxis, table, x)
+    _scale(axes.yaxis, table, y)
     if named:
         # Above, where it hides no sample.
         axes.legend(

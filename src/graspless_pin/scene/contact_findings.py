@@ -119,6 +119,8 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
     tolerance, pieces = scene.contact_tolerance, scene.object.placed_bodies
     reach = _NEAR_MISS * tolerance
 
+    if touching and not touching & {one.name for one in scene.supports}:
+        yield from _no_support(scene, reach)
     for index, support in enumerate(scene.supports):
         if support.name in touching:
             continue
@@ -163,6 +165,27 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
     if len(hand.mounts) > 1:
         missed = {link for gap, link in nearest.values() if gap <= reach}
         yield from _idle_mounts(scene, hand, touching, missed)
+
+
+def _no_support(scene: SceneFields, reach: float) -> Iterator[Finding]:
+    """Find that the object leans on nothing, where no support is within reach (m) of it."""
+    pieces = scene.object.placed_bodies
+    gaps = {
+        one.name: nearest_separation(pieces, one.placed_bodies).distance
+        for one in scene.supports
+        if len(one.placed_bodies)
+    }
+    nearest = min(gaps, key=gaps.__getitem__, default=None)
+    if nearest is not None and gaps[nearest] > reach:
+        yield Finding(
+            FindingCode.NO_SUPPORT_TOUCHES,
+            scene.object.name,
+            f"no support touches object '{scene.object.name}': the nearest, '{nearest}', is "
+            f"{in_mm(gaps[nearest])} away",
+            "if it should lie there, settle it (graspless-pin settle) or correct its pose; else "
+            "the hand alone carries it",
+            ("object", "pose"),
+        )
 
 
 def _idle_mounts(

@@ -22,10 +22,12 @@ MOST_ANGLE = 2.0 * math.pi + 1e-9
 _SHARES = math.pi / 12.0 * np.array([2.0, 3.0, 4.0, 6.0, 8.0, 9.0, 10.0, 12.0, 18.0, 24.0])
 """Angles in degrees that are one of these are taken for radians."""
 _ROUNDED = 1e-3  # rad
+_IDENTITY_W_FIRST = [1.0, 0.0, 0.0, 0.0]
+"""No rotation where the order is w, x, y, z, and half a turn about x in ours."""
 
 
 def entry_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
-    """Find angles of more than a turn, and names in a table of materials that count for nothing.
+    """Find angles and quaternions that look like other ones, and materials that count for nothing.
 
     Args:
         entry: The file.
@@ -34,6 +36,7 @@ def entry_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
     for location, subject, pose in _poses(entry):
         yield from _of_angles(location, subject, pose)
         yield from _in_radians(location, subject, pose)
+        yield from _of_quaternion(location, subject, pose)
     yield from _of_materials(entry, table)
 
 
@@ -82,6 +85,19 @@ def _in_radians(location: Location, subject: str, pose: PoseEntry) -> Iterator[F
             f"the angles [{given}] degrees of '{subject}' look like radians",
             f"give them under rpy, or [{degrees}] under rpy_deg",
             (*location, "rpy_deg"),
+        )
+
+
+def _of_quaternion(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
+    """Find half a turn about x; hands are mounted so, bodies hardly are."""
+    given = np.abs(pose.quaternion or ())
+    if location[0] != "hand" and given.size and np.allclose(given, _IDENTITY_W_FIRST, atol=1e-6):
+        yield Finding(
+            FindingCode.QUATERNION_ORDER,
+            subject,
+            f"the quaternion of '{subject}' is half a turn about x",
+            "if no rotation is meant, give [0, 0, 0, 1]: the order is x, y, z, w",
+            (*location, "quaternion"),
         )
 
 

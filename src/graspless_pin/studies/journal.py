@@ -236,6 +236,11 @@ class Journal:
         self._file.flush()
 
 
+def journal_of(output: Path) -> Path:
+    """Return the journal of an output."""
+    return output.with_name(f"{output.name}.journal")
+
+
 def discard(path: Path, fingerprint: str) -> None:
     """Remove the journal that a finished run of a study may have left; others stay."""
     try:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError, optional_import
 from graspless_pin.intake.files import FileKind, kind_of_file, read_bytes, refuse_other_kind
-from graspless_pin.studies.journal import Journal
+from graspless_pin.studies.journal import Journal, journal_of
 from graspless_pin.studies.sample_evaluation import (
     FINDINGS,
     LARGEST_TORQUE,
@@ -308,7 +308,15 @@ def _about_and_columns(path: str | Path) -> tuple[dict[str, Any], list[str]]:
         refuse_other_kind(file, _TABLE, kind_of_file(file, read_bytes(file, _TABLE)))
     kind = format_of(file)
     if not file.is_file():
-        raise StudyError(f"{file}: there is no such file; check the path")
+        is_begun = journal_of(file).is_file()
+        raise StudyError(
+            f"{file}: there is no such file; "
+            + (
+                "its study has not ended: run it again, and it goes on"
+                if is_begun
+                else "check the path"
+            )
+        )
     try:
         if kind == "csv":
             about = _csv_about(file)

@@ -40,7 +40,7 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.executors import Dispatch, Workforce, compute_here, local_processes
-from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
+from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard, journal_of
 from graspless_pin.studies.keys import Sample
 from graspless_pin.studies.results import (
     check_columns,
@@ -302,7 +302,7 @@ def compute_study(
     _check_name(file)
     check_columns(study)
     count = whole_number("workers", usable_cores() if workers is None else workers, 1)
-    journal_file = file.with_name(f"{file.name}.journal")
+    journal_file = journal_of(file)
     if not fresh:
         if _is_finished(study, file, overwrite=overwrite, goes_on=journal_file.exists()):
             discard(journal_file, study.fingerprint)

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from graspless_pin.algorithms.options import useless
 from graspless_pin.caching import Bounded, is_alike
-from graspless_pin.errors import SceneError, StudyError
+from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.findings import capture
 from graspless_pin.intake.files import FileKind, files_read, is_file, read_bytes
 from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
@@ -451,7 +451,7 @@ def _fingerprint(entry: StudyEntry, scene: YamlSource, variables: tuple[Variable
             named = {text: folder / text for text in texts_of(one) if is_file(folder / text)}
             if one is tree or named.keys() - found.keys():
                 found |= named
-                with suppress(Exception):  # its samples will tell
+                with suppress(GrasplessPinError):  # its samples will tell
                     build_scene(Scene, replace(scene, data=scene_and_posing(one)[0]))
     # What a glTF names is known only where it was not read before.
     inner = {(path.name, path) for path in read.values() if path.suffix.lower() not in _OF_GLTF}
