@@ -7,6 +7,7 @@ from hand_tools import joint, link, write_urdf
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.inspection import list_robots
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
 
@@ -18,8 +19,9 @@ def links(*names):
 
 
 def two_fingers(palm, prefix):
-    """Two fingers of two joints; the first one ends in a fixed tip with a shape."""
-    body = links(*(f"{prefix}{name}" for name in ("a0", "a1", "b0", "b1", "b_frame")))
+    """Two fingers of two joints; the first one alone ends in a shape, on a fixed tip."""
+    body = links(*(f"{prefix}{name}" for name in ("a0", "a1", "b1", "b_frame")))
+    body += link(f"{prefix}b0", BALL.replace("0.01", "0.05"))
     body += link(f"{prefix}a_tip", BALL) + link(f"{prefix}a_frame")
     for finger in "ab":
         body += joint(f"{prefix}{finger}_0_joint", palm, f"{prefix}{finger}0")
@@ -131,6 +133,19 @@ def test_a_linkage_of_one_motor_is_one_finger_however_it_branches(tmp_path):
         ("motor",),
         ("push", "tilt", "tilt2"),
     ]
+
+
+def test_what_cannot_touch_is_no_finger_beside_others(tmp_path):
+    """As TIAGo's motors, dots on their axes, and bare links of the PR2's gripper."""
+    body = link("palm") + two_fingers("palm", "")
+    body += link("spool", BALL.replace("0.01", "0.001")) + joint("c_motor", "palm", "spool")
+    body += link("bare") + joint("c_slide", "palm", "bare", "prismatic")
+    file = write_urdf(tmp_path, body)
+    hand = Hand.from_urdf(file)
+    assert list(hand.fingers) == ["a", "b"]
+    assert {"c_motor", "c_slide"} < set(hand.actuated_joint_names)
+    (listed,) = list_robots([str(file)])
+    assert list(listed.fingers) == ["a", "b"]
 
 
 def test_fingers_whose_names_say_nothing_are_numbered_under_the_mounts_prefix(tmp_path):

@@ -100,7 +100,7 @@ class RobotRecord:
 
 
 def list_robots(names: Sequence[str] | None = None) -> tuple[RobotRecord, ...]:
-    """List robots; meshes are not read.
+    """List robots; meshes are read of those whose file names no fingers.
 
     Args:
         names: Robot files or example-robot-data models; None lists all robot files that come with
@@ -124,15 +124,16 @@ def _record(name: str) -> RobotRecord:
         robot = find_robot(name)
     except RobotError as error:
         return RobotRecord(name, "unknown", None, problem=str(error))
-    origin = f"the URDF {robot.urdf_path.name}"
+    origin = f"the file {robot.urdf_path.name}"
     if robot.model:
         origin = f"the model {robot.model} of example-robot-data"
     if robot.root_link is not None:
         origin += f", from the link {robot.root_link} on"
     try:
         with capture():  # the audit says it
-            joined = join_mounts([Mount(robot)], with_shapes=False)
-            if not joined.palms:  # shapes tell whether it ends in a jaw
+            # Shapes tell which branches are fingers, and whether it ends in a jaw.
+            joined = join_mounts([Mount(robot)], with_shapes=not robot.fingers)
+            if robot.fingers and not joined.palms:
                 joined = join_mounts([Mount(robot)])
             robot.check_gains([*joined.tree.joint_names, *joined.tendons, *joined.fingers])
     except (RobotError, MeshError) as error:

@@ -171,6 +171,7 @@ def _modes_of_fingers(
     return {joint: modes[finger] for joint, finger in asked.items()}
 
 
+_SHORTEST = 0.05  # share of a palm's longest branch that a finger reaches at least
 _FAR_END = 0.9  # share of a jaw's reach from its joint that is its far end
 _SHUT_GAP = 0.25  # share of its reach that the far end is at most away from what it closes on,
 _OPEN_GAP = 0.5  # and at least where it is open
@@ -205,6 +206,8 @@ def discover_hands(
     branch. Of the body's links it is the lowest one that all branches hang on. So a gripper on an
     arm has one palm and a humanoid with two hands has two.
 
+    A branch without shapes, or with a dot on a motor's axis, is no finger beside others.
+
     Fingers are named by what the names of their joints have in common, as long as that tells them
     apart, else ``finger_1``, ``finger_2``, ... in model order.
 
@@ -226,7 +229,7 @@ def discover_hands(
     walker = _Walker(tree, root)
     check_known("palm", "link", palms, walker.links)
     found = tuple(palms) or tuple(walker.palms_below(root)) or walker.fixed_jaw()
-    branches = [branch for palm in found for branch in walker.branches(palm)]
+    branches = [branch for palm in found for branch in walker.reaching(palm)]
     branches.sort(key=walker.order.__getitem__)
     inside = [walker.subtree(branch) for branch in branches]
     joints = [walker.joints_of(links) for links in inside]
@@ -273,6 +276,23 @@ class _Walker:
         for child in self._children[link]:
             first += [child] if self._moves(child) else self.branches(child)
         return first
+
+    def reaching(self, palm: str) -> list[str]:
+        """Return the branches below a palm whose shapes reach out from their first joints."""
+        T_world_joint = self._tree.kinematics(np.zeros(len(self._tree.joint_names))).T_world_joint
+        reaches = {}
+        for branch in self.branches(palm):
+            links, start = set(self.subtree(branch)), T_world_joint[self._tree.link_joints[branch]]
+            reaches[branch] = 0.0
+            for item in self._tree.geometries:
+                if item.link in links:
+                    item.shape.computeLocalAABB()
+                    T = T_world_joint[item.joint] @ item.T_joint_geometry
+                    middle = T[:3, :3] @ item.shape.aabb_center + T[:3, 3] - start[:3, 3]
+                    reach = float(np.linalg.norm(middle)) + item.shape.aabb_radius
+                    reaches[branch] = max(reaches[branch], reach)
+        longest = max(reaches.values(), default=0.0)
+        return [branch for branch, reach in reaches.items() if reach >= _SHORTEST * longest]
 
     def joints_of(self, links: Sequence[str]) -> list[str]:
         """Return the movable joints directly above ``links``, in model order."""
