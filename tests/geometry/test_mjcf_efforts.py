@@ -58,6 +58,24 @@ def test_a_tendon_bounds_its_own_tension(tmp_path: Path) -> None:
     np.testing.assert_allclose(most_torques(path), upper * 3 * np.array([0.01, 0.02]))
 
 
+def test_a_joint_that_follows_bounds_what_motors_do_at_itself_alone(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    follow = '<equality><joint joint1="curl" joint2="bend" polycoef="0 2 0 0 0"/></equality>'
+    motors = "".join(
+        f'<motor joint="{name}" ctrlrange="-3 3"/>' for name in ("bend", "curl", "curl")
+    )
+    robot = (
+        FINGER.replace("ARMS", BEND)
+        .replace("MOTORS", motors)
+        .replace("<tendon", follow + "<tendon")
+    )
+    robot = robot.replace('name="bend" axis', 'name="bend" actuatorfrcrange="-2 2" axis')
+    path.write_text(robot.replace('name="curl" axis', 'name="curl" actuatorfrcrange="-4 4" axis'))
+    (limit,) = Hand.from_urdf(path).effort_limits[1]
+    np.testing.assert_allclose(most_torques(path), [2.0, 4.0])
+    assert limit == pytest.approx(most_torques(path) @ [1.0, 2.0])
+
+
 @pytest.mark.filterwarnings("ignore:effort limits that look like placeholders")
 @pytest.mark.parametrize(
     ("states", "most"),

@@ -7,6 +7,7 @@ it. Motors, tendons and equations become limits and couplings.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -98,15 +99,24 @@ def motors(
     pulls = {actuator: _pull(source, actuator) for actuator in range(model.nu)}
     led = {actuator: _led(pull, mimics) for actuator, pull in pulls.items()}
     tendons = _driven_tendons(source, pulls, led, inside)
-    limits: dict[int, float] = {}
+    bounds = {
+        int(joint): _both_ways(model.jnt_actfrcrange[joint])
+        for joint in np.flatnonzero(model.jnt_actfrclimited)
+    }
+    in_all: dict[int, float] = defaultdict(float)
+    at_joint: dict[int, float] = defaultdict(float)
     for actuator, leaders in led.items():
+        force = _both_ways(_bounds(source, actuator)) if len(leaders) == 1 else np.inf
         for leader, ratio in leaders.items():
-            limit = np.inf
-            if len(leaders) == 1:
-                limit = abs(ratio) * _both_ways(_bounds(source, actuator))
-            limits[leader] = limits.get(leader, 0.0) + limit
-    for joint in map(int, np.flatnonzero(model.jnt_actfrclimited)):
-        limits[joint] = min(limits.get(joint, np.inf), _both_ways(model.jnt_actfrcrange[joint]))
+            in_all[leader] += abs(ratio) * force
+        for joint, ratio in pulls[actuator].items():
+            at_joint[joint] += abs(ratio) * force if ratio else 0.0
+    # MuJoCo bounds what all motors of a joint make at it, of one that follows as well.
+    bounded: dict[int, float] = defaultdict(float)
+    for joint, torque in at_joint.items():
+        for leader, ratio in _led({joint: 1.0}, mimics).items():
+            bounded[leader] += abs(ratio) * min(torque, bounds.get(joint, np.inf))
+    limits = bounds | {leader: min(limit, bounded[leader]) for leader, limit in in_all.items()}
     return {joint: limit for joint, limit in limits.items() if limit < np.inf}, tendons
 
 
