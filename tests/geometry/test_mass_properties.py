@@ -113,6 +113,30 @@ def test_an_open_mesh_counts_with_its_hull_and_says_so(tmp_path: Path) -> None:
     assert np.allclose(centroid, [0.05, 0.05, 0.1])
 
 
+@pytest.mark.parametrize("fault", ["stated twice", "both sides", "split by a corner's twin"])
+@pytest.mark.parametrize("convex", ["hull", "decompose"])
+def test_triangles_that_close_nothing_do_not_open_a_mesh(
+    tmp_path: Path, convex: Convex, fault: str
+) -> None:
+    path = ell(tmp_path)
+    sound = MeshShape(path, 0.001, convex).filling()
+    mesh = trimesh.load_mesh(path)
+    corners, faces = mesh.vertices, mesh.faces
+    if fault == "split by a corner's twin":  # the two triangles at an edge become four
+        first, last = mesh.edges_unique[0]
+        corners = np.vstack([corners, 0.999999999999 * corners[first] + 1e-12 * corners[last]])
+        at_edge = (faces == first).any(axis=1) & (faces == last).any(axis=1)
+        halves = [np.where(faces[at_edge] == end, len(corners) - 1, faces[at_edge])
+                  for end in (first, last)]  # fmt: skip
+        faces = np.vstack([faces[~at_edge], *halves])
+    else:
+        faces = np.vstack([faces, faces if fault == "stated twice" else faces[:, ::-1]])
+    trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "faulty.ply")
+    found = MeshShape(tmp_path / "faulty.ply", 0.001, convex).filling()
+    for one, other in zip(found, sound, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-12)
+
+
 def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> None:
     twice = trimesh.util.concatenate(
         [trimesh.creation.box([0.1] * 3), trimesh.creation.box([0.099] * 3)]

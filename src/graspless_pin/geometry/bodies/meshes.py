@@ -316,6 +316,10 @@ def _scaled_mesh(
     order = math.floor(math.log10(max(np.abs(mesh.vertices).max(), SMALLEST_LENGTH)))
     digits = min(max(_JOINED, _COARSEST - order), _FINEST - order)
     mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=digits)
+    # Triangles that joined corners leave without area, or that are stated twice, close nothing.
+    kept = (np.diff(np.sort(mesh.faces, axis=1)) > 0).all(axis=1) & mesh.unique_faces()
+    if kept.any():
+        mesh.update_faces(kept)
     return mesh
 
 
