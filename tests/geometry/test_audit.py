@@ -343,7 +343,7 @@ def test_the_list_covers_tendons_models_and_failures(tmp_path):
         ["allegro_left_hand", str(file), str(broken), "nope"]
     )
     assert list(model.fingers) == [f"finger_{number}" for number in (1, 2, 3, 4)]
-    assert effort(model.joints[0]).source == "the URDF's"
+    assert effort(model.joints[0]).source == "the URDF's or MJCF's"
     assert (tendon.tendons["t"].upper, tendon.tendons["t"].source) == (9.0, "me")
     assert tendon.joints[0].effort is None
     shown = robot_text(tendon)

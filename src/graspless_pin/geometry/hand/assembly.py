@@ -289,9 +289,10 @@ def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str,
             continue
         note = joined.effort_unknown.get(name)
         if note is None and is_placeholder(float(upper[index]), on_arm=name in joined.outer_joints):
-            note = "the URDF's, which looks like a placeholder"
+            note = "the URDF's or MJCF's, which looks like a placeholder"
+        source = note or "the URDF's or MJCF's"
         efforts[name] = EffortRecord(
-            float(lower[index]), float(upper[index]), known=False, source=note or "the URDF's"
+            float(lower[index]), float(upper[index]), known=False, source=source
         )
     for name in tendons:
         stated_by = "the MJCF's" if name in joined.tensions else "no file states it"

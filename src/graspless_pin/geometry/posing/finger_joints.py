@@ -36,7 +36,9 @@ def chosen_fingers(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]
         raise ArgumentError("fingers", f"needs a list of names, got the text {fingers!r}")
     if not hand.fingers:
         raise ArgumentError(
-            "hand", "has no fingers; name their joints in the robot file or in the scene"
+            "hand",
+            "has no fingers; name their joints in the robot file or in the scene, or give links "
+            "that lack collision shapes some: graspless-pin inspect names them",
         )
     check_known("fingers", "finger", fingers or (), hand.fingers)
     return tuple(hand.fingers) if fingers is None else tuple(dict.fromkeys(fingers))
