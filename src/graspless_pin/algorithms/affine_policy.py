@@ -113,10 +113,10 @@ def _group(
         problem = problem.with_changes(cone="edges")  # inside the round cones
     coordinates = replace(scale, directions=force_coordinates(problem).directions)
     forces = force_rows(problem, coordinates)
-    cones, bare = forces.cones, np.flatnonzero(forces.held_above_zero)
-    rows = [cones.rows, forces.normal_rows, -forces.normal_rows[bare]]
-    level = [cones.margin, np.ones(len(forces.normal_rows) + len(bare))]
-    sides = [np.zeros(len(cones.rows)), forces.limit, np.zeros(len(bare))]
+    cones, lower_bounded = forces.cones, np.flatnonzero(forces.held_above_zero)
+    rows = [cones.rows, forces.normal_rows, -forces.normal_rows[lower_bounded]]
+    level = [cones.margin, np.ones(len(forces.normal_rows) + len(lower_bounded))]
+    sides = [np.zeros(len(cones.rows)), forces.limit, np.zeros(len(lower_bounded))]
     kept = np.arange(forces.size)
     if mode is not None:
         columns, signs = coordinates.layout.friction_columns, mode.signs[coordinates.layout.cones]
@@ -236,9 +236,9 @@ class _AffineProgram:
     def _free(self, group: Group) -> list[int]:
         """Return unknowns that no forces balance."""
         sides = self._sides(group, (self.unknowns.offsets > 0.0).astype(float))
-        off = np.abs(sides - group.effects @ (group.inverse @ sides)).max(axis=0, initial=0.0)
-        room = CANCELS * max(1.0, np.abs(sides).max(initial=0.0))
-        return np.flatnonzero(off > room).tolist()
+        residual = np.abs(sides - group.effects @ (group.inverse @ sides)).max(axis=0, initial=0.0)
+        tolerance = CANCELS * max(1.0, np.abs(sides).max(initial=0.0))
+        return np.flatnonzero(residual > tolerance).tolist()
 
     def _build(self) -> None:
         built, unknowns, objective = self.built, self.unknowns, self.objective
@@ -420,9 +420,9 @@ class _AffineProgram:
                 return False
         tolerance = PRIMAL_TOLERANCE * self.scale.joint_scale
         for number in found.driven:
-            problem, room = self.corners[number].problem, found.rooms[number] - tolerance
-            beyond = found.commands[number] + room > problem.upper_torque
-            if (beyond | (found.commands[number] - room < problem.lower_torque)).any():
+            problem, reserve = self.corners[number].problem, found.rooms[number] - tolerance
+            beyond = found.commands[number] + reserve > problem.upper_torque
+            if (beyond | (found.commands[number] - reserve < problem.lower_torque)).any():
                 return False
         return True
 

@@ -274,11 +274,11 @@ class _DirectionSearch:
 
     def _friction(self, node: _Node) -> Sectors:
         """Return what a node says of contacts with friction."""
-        sectors = {one: node.sectors.get(one) for one in self._cones}
+        sectors = {contact: node.sectors.get(contact) for contact in self._cones}
         return {
-            one: sector
-            for one, sector in sectors.items()
-            if sector is not None or one in node.released
+            contact: sector
+            for contact, sector in sectors.items()
+            if sector is not None or contact in node.released
         }
 
     def _solve(self, friction: Sectors) -> Answer:
@@ -300,11 +300,11 @@ class _DirectionSearch:
         state = self.state
         state.modes_examined += 1
         sliding_angles = self._sliding_angles(answer.x)
-        held = {contact: node.sectors[contact] for contact in self.always}
+        fixed = {contact: node.sectors[contact] for contact in self.always}
         exact = {
             contact: Sector(angle, _EXACT_HALF_WIDTH) for contact, angle in sliding_angles.items()
         }
-        found = self.motions.find({**held, **exact})
+        found = self.motions.find({**fixed, **exact})
         if isinstance(found, Exclusion):
             motion, sectors, exclusion, width = self._widest(node, sliding_angles, exact, found)
             if motion is None or not self.motions.opposes(motion, sliding_angles):
@@ -331,7 +331,7 @@ class _DirectionSearch:
         friction = x[self._formulation.cone_columns[0]]
         with_friction = np.hypot(friction[:, 0], friction[:, 1]) > NO_FRICTION
         angles = np.arctan2(-friction[:, 1], -friction[:, 0]).tolist()
-        return {one: angles[i] for i, one in enumerate(self._cones) if with_friction[i]}
+        return {contact: angles[i] for i, contact in enumerate(self._cones) if with_friction[i]}
 
     def _widest(
         self, node: _Node, sliding_angles: dict[int, float], exact: Sectors, exclusion: Exclusion

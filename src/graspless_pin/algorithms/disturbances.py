@@ -143,14 +143,14 @@ def disturbance_margin(
     how.rules.need_signs("disturbance_margin")
     limits = Limits.of(how)
     units, length = unit_disturbances(problem, directions, characteristic_length)
-    held = None
+    fixed_torques = None
     if torques is not None:
-        held = finite_array("torques", torques, (problem.joint_count,))
+        fixed_torques = finite_array("torques", torques, (problem.joint_count,))
     scale = passive_levers(problem.passive_units, length)
     magnitudes = np.full(len(units), np.nan)
     status = Status.OPTIMAL
     for index, unit in enumerate(units):
-        formulation = formulate(problem, Disturbance(scale * unit, held))
+        formulation = formulate(problem, Disturbance(scale * unit, fixed_torques))
         if index == 0:
             # Whether some mode balances the object as it is; the direction does not matter.
             status = search_modes(SearchState(formulation.capped("multiple", 0.0), how, limits))

@@ -139,16 +139,16 @@ class OptimalSet:
         slack = np.where(z > 0.0, program.u - values, values - program.l)[:flat]
         strict = (np.abs(z[:flat]) > slack) & (np.abs(z[:flat]) > _HELD_COST)
         rows = np.flatnonzero(strict | (program.u[:flat] - program.l[:flat] <= _HELD_COST))
-        held, given = [np.eye(k)[rows]], [np.eye(k)[rows]]
+        active, given = [np.eye(k)[rows]], [np.eye(k)[rows]]
         for first in range(flat, k, 3):
             at = slice(first, first + 3)
             planes = _active_planes(values[at] - program.l[at], -z[at])
-            for parts, own in zip((held, given), planes, strict=True):
+            for parts, own in zip((active, given), planes, strict=True):
                 spread = np.zeros((len(own), k))
                 spread[:, at] = own
                 parts.append(spread)
         return _Active(
-            np.vstack(held), np.vstack(given), np.flatnonzero(np.abs(reduced) > _HELD_COST)
+            np.vstack(active), np.vstack(given), np.flatnonzero(np.abs(reduced) > _HELD_COST)
         )
 
     @cached_property
@@ -160,9 +160,9 @@ class OptimalSet:
         program, (x, _, z, reduced) = self._formulation.program, self._own
         coulomb = self.solution.rules.static_friction is StaticFriction.COULOMB
         lb, ub = self._formulation.bounds_of(None if coulomb else self.solution.mode)
-        rows = _weakly_held(program.G @ x, program.l, program.u, z)
+        rows = _inward_signs(program.G @ x, program.l, program.u, z)
         rows[program.flat_count :] = 0.0
-        return rows, _weakly_held(x, lb, ub, reduced)
+        return rows, _inward_signs(x, lb, ub, reduced)
 
     @cached_property
     def _weakly_active(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
@@ -181,17 +181,17 @@ class OptimalSet:
     @cached_property
     def _active(self) -> _Active:
         """What is active in all optima."""
-        held, given, bounds = self._strictly_active
+        active, given, bounds = self._strictly_active
         rows, columns = self._weakly_active
         more = np.eye(len(self._formulation.program.G))[rows]
         return _Active(
-            np.vstack([held, more]), np.vstack([given, more]), np.concatenate([bounds, columns])
+            np.vstack([active, more]), np.vstack([given, more]), np.concatenate([bounds, columns])
         )
 
     def _changes(self, active: _Active) -> FloatArray:
         """(d, n) directions of x along which what is active stays so."""
-        program, (held, _, bounds) = self._formulation.program, active
-        fixed = np.vstack([program.A, held @ program.G, np.eye(len(program.c))[bounds]])
+        program, (rows, _, bounds) = self._formulation.program, active
+        fixed = np.vstack([program.A, rows @ program.G, np.eye(len(program.c))[bounds]])
         return null_space(fixed, rcond=_RANK_TOLERANCE).T
 
     @cached_property
@@ -224,8 +224,8 @@ class OptimalSet:
         """
         formulation, program = self._formulation, self._formulation.program
         coordinates, problem = formulation.coordinates, self.solution.problem
-        held, _, bounds = self._active
-        rows = np.vstack([program.A, held @ program.G, np.eye(len(program.c))[bounds]])
+        active, _, bounds = self._active
+        rows = np.vstack([program.A, active @ program.G, np.eye(len(program.c))[bounds]])
         effects = np.zeros((problem.joint_count, len(program.c)))
         first = coordinates.force_scale * problem.J.T @ coordinates.basis
         effects[:, : first.shape[1]] = first
@@ -236,28 +236,28 @@ class OptimalSet:
         random = np.random.default_rng(0)
         sets = []
         for sample in range(1 + _OTHER_POINTS):
-            x, ways = self._own.x, weights
+            x, duals = self._own.x, weights
             if sample:
                 x = x + random.uniform(0.5, 1.0, len(forces)) @ forces
-                ways = ways + random.uniform(0.5, 1.0, (len(ways), len(spare))) @ spare
-                ways = np.where(open_[:, None], np.nan, ways)
+                duals = duals + random.uniform(0.5, 1.0, (len(duals), len(spare))) @ spare
+                duals = np.where(open_[:, None], np.nan, duals)
             sets.append(
                 tuple(
                     [
-                        self._of_torque(j, x, *one)
-                        for j, one in enumerate(zip(ways, effects, strict=True))
+                        self._of_torque(j, x, *pair)
+                        for j, pair in enumerate(zip(duals, effects, strict=True))
                     ]
                 )
             )
         return tuple(sets)
 
     def _of_torque(
-        self, joint: int, x: FloatArray, way: FloatArray, effect: FloatArray
+        self, joint: int, x: FloatArray, multipliers: FloatArray, effect: FloatArray
     ) -> OptimalPoint:
         """Return the point of one torque: see `torque_points`."""
-        program, (held, _, _) = self._formulation.program, self._active
-        y = way[: len(program.A)]
-        z = way[len(program.A) : len(program.A) + len(held)] @ held
+        program, (active, _, _) = self._formulation.program, self._active
+        y = multipliers[: len(program.A)]
+        z = multipliers[len(program.A) : len(program.A) + len(active)] @ active
         point = self._in_units(_Point(x, y, z, effect + y @ program.A + z @ program.G), unit=1.0)
         own = np.zeros(self.solution.problem.joint_count)
         own[joint] = 1.0
@@ -337,7 +337,7 @@ def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray,
     return planes, planes[:1]
 
 
-def _weakly_held(
+def _inward_signs(
     values: FloatArray, low: FloatArray, high: FloatArray, multipliers: FloatArray
 ) -> FloatArray:
     """(k,) 1 for values at their lower bounds, -1 at their upper ones, else or if held there 0."""

@@ -59,13 +59,13 @@ def wider_joint(
     """Return limits of one joint that let it make a torque: both where symmetric, else one."""
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
     name, unit = problem.joint_names[joint], problem.joint_units[joint]
-    room = (SUGGESTION_ROOM - 1.0) * abs(torque)
+    reserve = (SUGGESTION_ROOM - 1.0) * abs(torque)
     symmetric = lower[joint] == -upper[joint]
     if torque - upper[joint] > lower[joint] - torque:
-        side, limit = "upper ", rounded_up(torque + room)
+        side, limit = "upper ", rounded_up(torque + reserve)
         upper[joint] = limit
     else:
-        side, limit = "lower ", -rounded_up(room - torque)
+        side, limit = "lower ", -rounded_up(reserve - torque)
         lower[joint] = limit
     if symmetric:
         side, limit = "", abs(limit)

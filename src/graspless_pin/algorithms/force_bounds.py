@@ -409,8 +409,8 @@ class ContactForceBounds(Brief):
 
     def _rows(self) -> list[list[object]]:
         return [
-            [contact, *(self._range(contact, component, left) for component in range(3))]
-            for contact, left in enumerate(force_rounding(self.problem))
+            [contact, *(self._range(contact, component, rounding) for component in range(3))]
+            for contact, rounding in enumerate(force_rounding(self.problem))
         ]
 
     def _range(self, contact: int, component: int, rounding: float) -> str:

@@ -96,19 +96,19 @@ class Unknowns(Brief):
             force=read_only(at.force + force),
             moment=read_only(at.moment + moment),
         )
-        told = [] if corner.words == "nominal" else [corner.words]
-        words = ", ".join([*told, *self._told(d)]) or "nominal"
+        parts = [] if corner.words == "nominal" else [corner.words]
+        words = ", ".join([*parts, *self._words_of(d)]) or "nominal"
         loaded = under_load(problem, wrench, problem.gravity_torques)
         return Member(loaded, factors, offsets, words, moved)
 
-    def _told(self, d: FloatArray) -> list[str]:
+    def _words_of(self, d: FloatArray) -> list[str]:
         """Return d in words."""
-        told, values = [], np.where(self.joints < 0, self.moved.sum(axis=0), 1.0) * d
+        parts, values = [], np.where(self.joints < 0, self.moved.sum(axis=0), 1.0) * d
         for ball, (name, unit) in enumerate(self.words):
             own = self.balls == ball
             if np.abs(d[own]).max() > 1e-9:
-                told.append(f"{name} [{', '.join(f'{x:+.3g}' for x in values[own])}] {unit}")
-        return told
+                parts.append(f"{name} [{', '.join(f'{x:+.3g}' for x in values[own])}] {unit}")
+        return parts
 
 
 def unknowns_of(
@@ -197,12 +197,12 @@ def far_apart(
         count: How many to choose, these among them, unless there are fewer.
         distances: (K,) that points are no farther from what was chosen than; None: any.
     """
-    far = np.full(len(points), np.inf) if distances is None else distances
+    to_chosen = np.full(len(points), np.inf) if distances is None else distances
     chosen, begin = [], list(chosen)
     while len(chosen) < min(count, len(points)):
-        chosen.append(begin.pop(0) if begin else int(far.argmax()))
-        far = np.minimum(far, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        far[chosen] = -1.0
+        chosen.append(begin.pop(0) if begin else int(to_chosen.argmax()))
+        to_chosen = np.minimum(to_chosen, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        to_chosen[chosen] = -1.0
     return chosen
 
 
@@ -294,8 +294,8 @@ class ForcePolicy(Brief):
             rows = np.vstack([faces, -problem.N.T, problem.N.T])
             sides = np.zeros(len(rows))
             sides[-problem.contact_count :] = problem.max_normal_force
-            room = sides - rows @ force.ravel() - self.unknowns.sizes_of(rows @ slopes)
-            least.append(room.min())
+            slack = sides - rows @ force.ravel() - self.unknowns.sizes_of(rows @ slopes)
+            least.append(slack.min())
         return np.array(least)
 
     @property
@@ -347,7 +347,7 @@ class ForcePolicy(Brief):
         ]  # fmt: skip
         kept = [*range(min(count, len(loads)))]
         chosen = far_apart(np.reshape(loads, (len(loads), -1)), kept, 2 * count)
-        return [self.member(*self.active[one]) for one in chosen]
+        return [self.member(*self.active[number]) for number in chosen]
 
     def member(self, corner: int, d: FloatArray) -> Member:
         """Return the member of a corner at d: errors are shares of what is commanded just there."""

@@ -84,7 +84,7 @@ class Formulation:
             An answer of forces along t1 and t2, as any other.
         """
         tangent = self.coordinates.tangent_columns
-        turned = _turned(self.program, [(tangent[one], way) for one, way in friction.items()])
+        turned = _turned(self.program, [(tangent[k], sector) for k, sector in friction.items()])
         answer = solve(turned, solver, cutoff=min(cutoff, self.cutoff))
         if answer.outcome is not Outcome.SOLVED:
             return answer

@@ -236,8 +236,8 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
     if problem.wrench_matrix is None:
         by_position = np.cross(f, found["balance"][3:])
     if solution.algorithm is Algorithm.TORQUE:
-        bare = at.of_contacts("normal_lower")[~problem.has_cone]
-        margin = float(_by_margin(problem, found).sum() + normal_upper.sum() + bare.sum())
+        without_cone = at.of_contacts("normal_lower")[~problem.has_cone]
+        margin = float(_by_margin(problem, found).sum() + normal_upper.sum() + without_cone.sum())
     values = {
         "positions": by_position,
         "normals": np.cross(np.cross(f, cost), problem.normals),
@@ -279,8 +279,8 @@ def _wider_round_cones(
 ) -> FloatArray:
     """(M,) of |f_t| <= mu f_n - sqrt(1 + mu^2) e; where it is active e is the distance to it."""
     mu = problem.friction
-    room = problem.cone_model.room(local, mu, problem.cone_edges)
-    turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * room
+    distance = problem.cone_model.room(local, mu, problem.cone_edges)
+    turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * distance
     return -found["round_cones"][:, 0] * turned
 
 

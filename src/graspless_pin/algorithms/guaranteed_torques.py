@@ -184,19 +184,19 @@ class _Search:
         """Yield optima with less friction at the supports."""
         shares = (1.0, *_SHARES) if self.motions else _SHARES
         for weaker, aim in weaker_supports(self.best.problem, self.best.objective, shares):
-            held = self._optimal(weaker, aim)
-            if held is not None:
-                yield held
+            solution = self._optimal(weaker, aim)
+            if solution is not None:
+                yield solution
 
     def improved(self, found: TorqueSolution, verdict: StabilityVerdict) -> Tried:
         """Return guaranteed torques on the way to the best case's, by halving what is left."""
-        known, far = found.torques, self.best.torques
+        known, unproven = found.torques, self.best.torques
         for _ in range(_HALVINGS):
-            middle = 0.5 * (known + far)
+            middle = 0.5 * (known + unproven)
             candidate = self._at(middle)
             asked = None if candidate is None else self.ask_verdict(candidate)
             if candidate is None or asked is None or not self.rest.is_kept(asked):
-                far = middle
+                unproven = middle
             else:
                 known, found, verdict = middle, candidate, asked
         return found, verdict
@@ -220,8 +220,8 @@ class _Search:
 
     def _at(self, torques: FloatArray) -> TorqueSolution | None:
         objective = self.best.objective
-        held = self.optimum(self.best.problem, AtTorques(objective, torques))
-        return replace(held, objective=objective) if held.found else None
+        solution = self.optimum(self.best.problem, AtTorques(objective, torques))
+        return replace(solution, objective=objective) if solution.found else None
 
 
 def weaker_supports(
@@ -354,7 +354,7 @@ def bounded_by(best: TorqueSolution, found: TorqueSolution) -> TorqueSolution:
 
 def _none_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
     """Return that no torques were found, and that there are none where there is no choice."""
-    verdict = next(judged for one, judged in reversed(tried) if one is best)
+    verdict = next(judged for solution, judged in reversed(tried) if solution is best)
     moves = verdict.status in (Stability.WEAK, Stability.NONE)
     proven = moves and (verdict.joints_held or not best.problem.joint_count)
     return replace(

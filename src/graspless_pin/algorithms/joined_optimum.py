@@ -192,12 +192,12 @@ def spread(
     sizes = coordinate_units(problem.scales, problem.passive_units)
     still = np.zeros(problem.joint_count)
     points = np.array([
-        np.concatenate([one.problem.external_wrench, one.commanded(still)]) / sizes
-        for one in members
+        np.concatenate([member.problem.external_wrench, member.commanded(still)]) / sizes
+        for member in members
     ])  # fmt: skip
     from_mean = np.linalg.norm(points - points.mean(axis=0), axis=1)
     chosen = far_apart(points, range(held), most, from_mean)
-    rest = [one for number, one in enumerate(members) if number not in set(chosen)]
+    rest = [member for number, member in enumerate(members) if number not in set(chosen)]
     return [members[number] for number in chosen], rest
 
 
@@ -388,16 +388,16 @@ def _by_pivots(
         lows[:, torque.at] = (problem.lower_torque - carried) / torque.unit
         highs[:, torque.at] = (problem.upper_torque - carried) / torque.unit
     # Torques are as exact as a solve left them; where rows depend on each other, none fit exactly.
-    near = np.zeros(len(program.rows))
-    near[balance.at] = _NEAR
+    tolerance = np.zeros(len(program.rows))
+    tolerance[balance.at] = _NEAR
     simplex = Simplex(program.c, lb, ub)
-    simplex.add_rows(program.rows, lows[0] - near, highs[0] + near)
+    simplex.add_rows(program.rows, lows[0] - tolerance, highs[0] + tolerance)
     every = np.arange(len(program.rows), dtype=np.int32)
     found = np.zeros((len(loads), len(program.c)))
     for number in range(len(loads)):
         if limits.passed:
             break
-        simplex.set_sides(every, lows[number] - near, highs[number] + near)
+        simplex.set_sides(every, lows[number] - tolerance, highs[number] + tolerance)
         answer = simplex.solve()
         if answer.is_optimal:
             found[number], margins[number] = answer.x, unit * answer.x[margin]

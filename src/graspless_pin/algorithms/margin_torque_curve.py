@@ -166,9 +166,9 @@ class CurveSearch:
             return Status.UNVERIFIED, []
         limited = status not in _PROVEN
         while not is_coulomb and (
-            left := [one for one in pieces if not one.closed and one.b - one.a > SAME_MARGIN]
+            open_pieces := [one for one in pieces if not one.closed and one.b - one.a > SAME_MARGIN]
         ):
-            piece = left[0]
+            piece = open_pieces[0]
             parts = [piece]
             for begin in (piece.a, piece.a + _STEP_BEHIND_JUMP):
                 curve, proven = self._found_below(piece, begin)
@@ -221,13 +221,13 @@ class CurveSearch:
         if begin is None or finish is None:
             return []
         done: list[Piece] = []
-        left = [Piece(begin[0], finish[0], begin[1], finish[1], mode)]
-        while left:
-            piece = left.pop()
+        remaining = [Piece(begin[0], finish[0], begin[1], finish[1], mode)]
+        while remaining:
+            piece = remaining.pop()
             e, t = self._lowest(piece)
             if piece.a + SAME_MARGIN < e < piece.b - SAME_MARGIN:
-                left.append(piece._replace(a=e, t_a=t))
-                left.append(piece._replace(b=e, t_b=t))
+                remaining.append(piece._replace(a=e, t_a=t))
+                remaining.append(piece._replace(b=e, t_b=t))
             else:
                 done.append(piece)
         return joined(done)
@@ -355,8 +355,8 @@ class MarginTorqueCurve(Brief):
         """
         wanted = finite_array("margin", np.ravel(margin), (None,))
         end = self.largest_margin
-        near = wanted <= end + SAME_MARGIN * self.problem.scales.force
-        wanted = np.where(near, np.minimum(wanted, end), wanted)
+        attainable = wanted <= end + SAME_MARGIN * self.problem.scales.force
+        wanted = np.where(attainable, np.minimum(wanted, end), wanted)
         if (wanted < 0.0).any():
             raise ArgumentError("margin", f"is {wanted.min()}; a required margin is at least 0")
         piece = np.searchsorted(self.margins[:, 1], wanted, side="left")

@@ -160,13 +160,13 @@ class ModeOracle:
             signs -= friction
         return SlidingMode.unchecked(np.logical_or.reduce(signs, axis=1), signs)
 
-    def _mode_without_search(self, x: FloatArray, near: FloatArray | None) -> FoundMode | None:
+    def _mode_without_search(self, x: FloatArray, guess: FloatArray | None) -> FoundMode | None:
         """Return the mode of the friction in x, if a motion behind it is found without a search."""
         if self._always_selected or len(self.formulation.layers) > 1:
             return None
         mode = self.describe(x)
         seen = self._witness_without_search(
-            mode.contacts, mode.own_signs.ravel().astype(np.float64), near
+            mode.contacts, mode.own_signs.ravel().astype(np.float64), guess
         )
         if seen is None:
             return None
@@ -212,10 +212,10 @@ class ModeOracle:
         return FoundMode(mode) if feasible else None
 
     def _witness_without_search(
-        self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None
+        self, contacts: tuple[int, ...], signs: FloatArray, guess: FloatArray | None
     ) -> tuple[FloatArray, FloatArray] | None:
         """Return complete signs and the motion that has them, without a search; None: not found."""
-        found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, near)
+        found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, guess)
         self.kinematic_programs += found is not None
         return found
 

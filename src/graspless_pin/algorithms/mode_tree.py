@@ -51,19 +51,19 @@ class ModePart:
     @classmethod
     def every_mode(cls, problem: QuasistaticProblem, rules: Rules) -> ModePart:
         """Return all modes that obey the rules on signs and selections."""
-        left = np.ones((problem.contact_count, 3, 3), dtype=bool)
+        allowed = np.ones((problem.contact_count, 3, 3), dtype=bool)
         if rules.sign is not SignRule.EXACT:
-            left[:, 1] = left[:, :, 1] = False
-        left[:, 1, 1] = ~required_contacts(problem, rules)
-        left[~candidate_contacts(problem, rules)] = _RELEASED
-        return cls(left)
+            allowed[:, 1] = allowed[:, :, 1] = False
+        allowed[:, 1, 1] = ~required_contacts(problem, rules)
+        allowed[~candidate_contacts(problem, rules)] = _RELEASED
+        return cls(allowed)
 
     @classmethod
     def one_mode(cls, mode: SlidingMode) -> ModePart:
         """Return one mode alone."""
-        left = np.zeros((len(mode.signs), 3, 3), dtype=bool)
-        left[np.arange(len(left)), *(mode.signs.T + 1)] = True
-        return cls(left)
+        allowed = np.zeros((len(mode.signs), 3, 3), dtype=bool)
+        allowed[np.arange(len(allowed)), *(mode.signs.T + 1)] = True
+        return cls(allowed)
 
     @cached_property
     def selected(self) -> NDArray[np.bool_]:
@@ -111,9 +111,9 @@ class ModePart:
             contact: Its index.
             pairs: (3, 3) whether each is among them.
         """
-        left = self.left.copy()
-        left[contact] &= pairs
-        return ModePart(left) if left[contact].any() else None
+        allowed = self.left.copy()
+        allowed[contact] &= pairs
+        return ModePart(allowed) if allowed[contact].any() else None
 
 
 def _pairs_with(component: int, sign: int) -> NDArray[np.bool_]:

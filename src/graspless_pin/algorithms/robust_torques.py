@@ -120,7 +120,7 @@ def torques_by_policy(
         )  # fmt: skip
     extremes = extreme_members(corners[:1], unknowns, free[:1])
     if not free:
-        extremes = _far_members(corners, unknowns, _EXTREMES)
+        extremes = _spread_members(corners, unknowns, _EXTREMES)
     how = limits.within(options)
     solution, coverage = best_of(extremes, objective, how, directions, mode)
     bound = bound_of(solution, extremes, objective, how, mode)
@@ -142,7 +142,7 @@ def _common_modes(
 ) -> list[SlidingMode | None]:
     """Return modes in which affine forces are looked for: of members far off, and of corners."""
     found: dict[bytes, SlidingMode | None] = {}
-    for some in (_far_members(corners, unknowns, _SHARING), spread(corners, _SHARING)[0]):
+    for some in (_spread_members(corners, unknowns, _SHARING), spread(corners, _SHARING)[0]):
         how = limited(limits.within(options), COMMON_NODES)
         mode = common_mode(joined(some, directions), some, objective, how)
         if mode is not None:
@@ -150,7 +150,7 @@ def _common_modes(
     return list(found.values())
 
 
-def _far_members(corners: Sequence[Member], unknowns: Unknowns, count: int) -> list[Member]:
+def _spread_members(corners: Sequence[Member], unknowns: Unknowns, count: int) -> list[Member]:
     """Return members far from each other: corners, and ends of what is unknown."""
     some = spread(corners, count)[0]
     return spread([*corners, *extreme_members(some, unknowns)], count)[0]
@@ -276,7 +276,7 @@ def torques_for_members(
     chosen, others = spread(members, at_once)
     if begin and others:
         chosen = [members[number] for number in begin]
-        others = [one for number, one in enumerate(members) if number not in set(begin)]
+        others = [member for number, member in enumerate(members) if number not in set(begin)]
     others += further
     while True:
         solution, coverage = best_of(chosen, objective, limits.within(options), directions, mode)
@@ -291,10 +291,10 @@ def torques_for_members(
             break
         worst = np.sort(lacks[lacking])[-_MORE:].min()
         joining = {number for number in lacking if lacks[number] >= worst}  # of equal ones all
-        served = [one for number, one in enumerate(others) if number not in joining]
+        served = [member for number, member in enumerate(others) if number not in joining]
         candidates = [*chosen, *(others[number] for number in sorted(joining))]
-        held = len(chosen)
-        chosen, others = spread(candidates, held + _MORE, held=held)
+        kept_count = len(chosen)
+        chosen, others = spread(candidates, kept_count + _MORE, held=kept_count)
         others += served
     bound = bound_of(solution, chosen, objective, limits.within(options), mode)
     conflict = conflict_of(solution, chosen, objective, options, limits, directions)
@@ -475,8 +475,8 @@ def moved_members(
         if slopes is not None:
             jacobian = jacobian + np.einsum("kal,ak->al", slopes, np.repeat(moved, 3, axis=0))
         elsewhere = problem.with_changes(positions=problem.positions + moved, jacobian=jacobian)
-        told = f"contacts moved by up to {1000.0 * off.max():.3g} mm"
-        words = told if member.words == "nominal" else f"{member.words}, {told}"
+        change = f"contacts moved by up to {1000.0 * off.max():.3g} mm"
+        words = change if member.words == "nominal" else f"{member.words}, {change}"
         own = feedback_torques(elsewhere, stiffness)
         drawn.append(replace(member, problem=elsewhere, words=words, moved=moved, directions=own))
     return drawn

@@ -259,10 +259,10 @@ class Robustness(Brief):
                 f"{most}, {share} of the largest torque, already fails"
             )
         if self.all_less is not None and self.all_more is not None and self.less:
-            borne = _error(self.all_less, self.all_more, 100.0, "%")
+            range_text = _error(self.all_less, self.all_more, 100.0, "%")
             if self.all_less.failing <= _NO_ERROR and self.all_more.failing <= _NO_ERROR:
-                borne = f"rely on joint feedback: an error of {share} already fails"
-            lines.append(f"all torques together: {borne}")
+                range_text = f"rely on joint feedback: an error of {share} already fails"
+            lines.append(f"all torques together: {range_text}")
         if self.without:
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"
             lines.append(f"contacts without which rest is not proven: {listed}")

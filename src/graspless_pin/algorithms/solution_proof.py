@@ -118,10 +118,10 @@ class ModeProver:
             cutoff: A proven bound above it is enough; None: where the part is closed.
         """
         if cutoff is None:
-            room = (
+            tolerance = (
                 _BOUND_TOLERANCE * max(1.0, abs(self.target)) if np.isfinite(self.target) else 0.0
             )
-            cutoff = self.target - 0.5 * room
+            cutoff = self.target - 0.5 * tolerance
         return self.formulation.solve(*self.tree.bounds(part), self.solver, cutoff=cutoff)
 
     def _leaf(

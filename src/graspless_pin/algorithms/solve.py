@@ -213,8 +213,8 @@ def threshold_optima(
         return None
     values = []
     for factor in THRESHOLD_FACTORS:
-        other = VirtualKinematics(formulation.problem, factor * kinematics.threshold)
-        again = SearchState(replace(formulation, kinematics=other), state.options, state.limits)
+        rescaled = VirtualKinematics(formulation.problem, factor * kinematics.threshold)
+        again = SearchState(replace(formulation, kinematics=rescaled), state.options, state.limits)
         if search(again) in (Status.LIMIT_REACHED, *UNDECIDED):
             return None
         values.append(again.best_value)

@@ -71,18 +71,18 @@ class Tolerance(Brief):
 
         if self.boundary is None:
             raise NoSolutionError(f"The {self.quantity} has no boundary.")
-        corners, ways = self.boundary, finite_array("directions", directions, (None, 3))
+        corners, rays = self.boundary, finite_array("directions", directions, (None, 3))
         size = float(np.abs(corners).max())
         if size == 0.0:
-            return np.zeros(len(ways))
+            return np.zeros(len(rays))
         # The largest r with r times the direction a mean of the corners and zero.
         most = np.append(np.zeros(len(corners)), -1.0)
         mean = np.append(np.ones(len(corners)), 0.0)[None]
         found = [
-            linprog(most, mean, [1.0], np.column_stack([corners.T / size, -way]), np.zeros(3))
-            for way in ways
+            linprog(most, mean, [1.0], np.column_stack([corners.T / size, -ray]), np.zeros(3))
+            for ray in rays
         ]
-        return size * np.array([max(one.x[-1], 0.0) for one in found])
+        return size * np.array([max(answer.x[-1], 0.0) for answer in found])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,8 +128,8 @@ class Tolerances(Brief):
         headers, rows = self.table()
         left_out = ("direction", _WHERE) if self.attainable else ()
         kept = [place for place, name in enumerate(headers) if name not in left_out]
-        told = [[row[place] for place in kept] for row in rows]
-        table = tabulate(told, headers=[headers[place] for place in kept])
+        kept_rows = [[row[place] for place in kept] for row in rows]
+        table = tabulate(kept_rows, headers=[headers[place] for place in kept])
         law = "Coulomb friction" if self.coulomb else "friction that opposes virtual sliding"
         forces = f"contact forces are the best that {law} allows; robustness looks at all"
         return f"{table}\n{forces}\n{self.remark}".rstrip()
@@ -147,9 +147,9 @@ class Tolerances(Brief):
         for one in self.each:
             names = [self.problem.joint_names[joint] for joint in one.joints]
             where = ", ".join([*map(str, one.contacts), *names])
-            far = f"{one.deflection:.2g} {unit}" if one.deflection > _LEAST_DEFLECTION else ""
+            deflected = f"{one.deflection:.2g} {unit}" if one.deflection > _LEAST_DEFLECTION else ""
             figures = self._figures(one)
-            rows.append((one.quantity, *figures, self._way(one), where, far))
+            rows.append((one.quantity, *figures, self._direction_text(one), where, deflected))
         headers = ("off", "borne", "fails at", "direction", _WHERE, "joints give way")
         given = len(headers) - (not any(row[-1] for row in rows))
         headers, rows = headers[:given], [row[:given] for row in rows]
@@ -159,7 +159,7 @@ class Tolerances(Brief):
         rows = [(*row, *more) for row, more in zip(rows, chosen, strict=True)]
         return (*headers, "attainable", "none from", "why"), rows
 
-    def _way(self, one: Tolerance) -> str:
+    def _direction_text(self, one: Tolerance) -> str:
         if one.direction is None:
             return ""
         if one.quantity is Quantity.JOINT:

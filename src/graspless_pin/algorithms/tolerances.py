@@ -150,38 +150,38 @@ class _Search:
         heavier = self._load(weight.wrench(1.0, still, down) - nominal)
         pushes = np.array([self._load(one) for one in np.eye(6)])
         joints = np.flatnonzero(problem.jacobian.any(axis=0))
-        ways: dict[Quantity, Callable[[], Tolerance]] = {}
+        tasks: dict[Quantity, Callable[[], Tolerance]] = {}
         if nominal[:3].any():
             level = np.linalg.svd(nominal[None, :3])[2][1:]
             off = [weight.wrench(0.0, weight.axes.T @ one, down) - nominal for one in level]
-            ways |= {
+            tasks |= {
                 Quantity.MASS_MORE: lambda: self._ray(Quantity.MASS_MORE, heavier),
                 Quantity.MASS_LESS: lambda: self._ray(Quantity.MASS_LESS, -heavier, most=1.0),
                 Quantity.CENTER: lambda: self._ball(
                     Quantity.CENTER, level, np.array([self._load(one) for one in off])
                 ),
             }
-        ways |= {
+        tasks |= {
             Quantity.PUSH: lambda: self._ball(Quantity.PUSH, np.eye(3), pushes[:3]),
             Quantity.MOMENT: lambda: self._ball(Quantity.MOMENT, np.eye(3), pushes[3:]),
         }
         if (problem.friction > 0.0).any():
-            ways[Quantity.FRICTION] = lambda: self._bisected(
+            tasks[Quantity.FRICTION] = lambda: self._bisected(
                 Quantity.FRICTION, "friction", weight, 1.0
             )
         if nominal[:3].any() and weight.links is not None:
-            ways[Quantity.TILT] = lambda: self._bisected(Quantity.TILT, "tilt", weight, MOST_TILT)
+            tasks[Quantity.TILT] = lambda: self._bisected(Quantity.TILT, "tilt", weight, MOST_TILT)
         if self.torques.any():
             more = self.torques[None]
-            ways |= {
+            tasks |= {
                 Quantity.TORQUE_MORE: lambda: self._errors(Quantity.TORQUE_MORE, more),
                 Quantity.TORQUE_LESS: lambda: self._errors(Quantity.TORQUE_LESS, -more, most=1.0),
             }
         if len(joints):
             each = np.concatenate([np.eye(problem.joint_count)[joints]] * 2)
             each[len(joints) :] *= -1.0
-            ways[Quantity.JOINT] = lambda: self._errors(Quantity.JOINT, each)
-        return [way() for quantity, way in ways.items() if quantity in wanted]
+            tasks[Quantity.JOINT] = lambda: self._errors(Quantity.JOINT, each)
+        return [task() for quantity, task in tasks.items() if quantity in wanted]
 
     def fails(self, load: FloatArray) -> bool:
         """Whether no contact forces balance a load beside that which there is."""
@@ -196,12 +196,12 @@ class _Search:
     def _rays(self, loads: FloatArray) -> FloatArray:
         """Return how many times each load is borne."""
         length = self.rest.scales.length
-        ways = loads / passive_levers(self.rest.passive_units, length)
-        times, sizes = np.full(len(loads), np.inf), np.linalg.norm(ways, axis=1)
+        directions = loads / passive_levers(self.rest.passive_units, length)
+        times, sizes = np.full(len(loads), np.inf), np.linalg.norm(directions, axis=1)
         some = sizes > 0.0
         if some.any():
             found = disturbance_margin(
-                self.rest, directions=ways[some], characteristic_length=length, **self.options
+                self.rest, directions=directions[some], characteristic_length=length, **self.options
             ).magnitudes
             is_some = found > _CERTAIN * self.problem.scales.force
             times[some] = np.where(is_some, found / sizes[some], 0.0)
@@ -209,9 +209,9 @@ class _Search:
 
     def _at_the_end(self, load: FloatArray) -> dict[str, Any]:
         """Return `contacts`, `joints` and `deflection` of a load that is just borne."""
-        return self._told(self._under((1.0 - _CERTAIN) * load))
+        return self._fields_of(self._under((1.0 - _CERTAIN) * load))
 
-    def _told(self, problem: QuasistaticProblem) -> dict[str, Any]:
+    def _fields_of(self, problem: QuasistaticProblem) -> dict[str, Any]:
         """Return `contacts`, `joints` and `deflection` of a problem that is just feasible."""
         found = solve_problem(problem, Margin(), self.how)
         if not found.found:
@@ -221,8 +221,8 @@ class _Search:
         if self.stiffness is None:
             return {"contacts": contacts}
         rest, made = found.problem, found.torques
-        room = np.minimum(rest.upper_torque - made, made - rest.lower_torque)
-        full = room <= _AT_LIMIT * np.maximum(np.abs(made), self.problem.scales.joints)
+        slack = np.minimum(rest.upper_torque - made, made - rest.lower_torque)
+        full = slack <= _AT_LIMIT * np.maximum(np.abs(made), self.problem.scales.joints)
         added, soft = np.abs(made - self.torques), self.stiffness > 0.0
         return {
             "contacts": contacts,
@@ -233,7 +233,7 @@ class _Search:
     def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
         times = float(self._rays(load[None])[0])
         if times >= most:
-            return self._all_borne(quantity, most)
+            return self._full_range(quantity, most)
         return Tolerance(quantity, times, times, **self._at_the_end(times * load))
 
     def _errors(self, quantity: Quantity, errors: FloatArray, most: float = np.inf) -> Tolerance:
@@ -257,12 +257,12 @@ class _Search:
                 end *= 2.0
         low, high, worst = self._bracket(members, 0.0, end, _FINE)
         if np.isinf(high):
-            return self._all_borne(quantity, most)
+            return self._full_range(quantity, most)
         found: dict[str, Any] = {}
         # What is just borne may be infeasible by as little as counts as none.
         for inside in (_CERTAIN, 0.1 * _CLOSE, _CLOSE):
             one = members((1.0 - inside) * low)[worst]
-            found = self._told(under_commands(one, self.torques, self.directions))
+            found = self._fields_of(under_commands(one, self.torques, self.directions))
             if "contacts" in found:
                 break
         if quantity is Quantity.JOINT:
@@ -277,11 +277,11 @@ class _Search:
         worst = int(times.argmin())
         least = float(times[worst])
         if least >= most:
-            return self._all_borne(quantity, most)
-        told = self._at_the_end(least * loads[worst])
+            return self._full_range(quantity, most)
+        fields = self._at_the_end(least * loads[worst])
         if quantity is Quantity.JOINT:
-            told["direction"] = read_only(errors[worst])
-        return Tolerance(quantity, least, least, **told)
+            fields["direction"] = read_only(errors[worst])
+        return Tolerance(quantity, least, least, **fields)
 
     def _ball(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
         """Return how large a change may be in any direction.
@@ -291,38 +291,38 @@ class _Search:
             axes: (k, 3) orthonormal directions of the change.
             loads: (k, Q) what one unit along each makes.
         """
-        ways = polygon(_AROUND) if len(axes) == 2 else _sphere()
-        times, borne = self._rays(ways @ loads), 0.0
+        rays = polygon(_AROUND) if len(axes) == 2 else _sphere()
+        times, balanced = self._rays(rays @ loads), 0.0
 
         def look(along: FloatArray) -> None:
             """Add the rays along further directions."""
-            nonlocal ways, times
+            nonlocal rays, times
             more = along / np.linalg.norm(along, axis=1)[:, None]
-            ways, times = np.vstack([ways, more]), np.append(times, self._rays(more @ loads))
+            rays, times = np.vstack([rays, more]), np.append(times, self._rays(more @ loads))
 
         for _ in range(_ROUNDS):
             least = float(times.min())
             if not least > _CERTAIN * float(times.max()):
                 break  # one way nothing at all is borne
-            sides = ConvexHull(times[:, None] * ways).equations
-            borne = float(-sides[:, -1].max())
-            if borne >= (1.0 - _CLOSE) * least:
+            sides = ConvexHull(times[:, None] * rays).equations
+            balanced = float(-sides[:, -1].max())
+            if balanced >= (1.0 - _CLOSE) * least:
                 break
             # The nearest sides of the hull: what is beyond them was not looked at.
             nearest = np.argsort(-sides[:, -1])[:8]
             nearest = nearest[-sides[nearest, -1] < (1.0 - _CLOSE) * least]
             look(np.unique(sides[nearest, :-1].round(9), axis=0))
         for _ in range(_CORNER_ROUNDS if len(axes) == 2 else 0):
-            look(_corners(times[:, None] * ways))
+            look(_corners(times[:, None] * rays))
         worst = int(times.argmin())
         least = float(times[worst])
         return Tolerance(
             quantity,
-            min(borne, least) if self.convex else least,
+            min(balanced, least) if self.convex else least,
             least,
-            read_only(ways[worst] @ axes),
-            boundary=read_only(times[:, None] * (ways @ axes)),
-            **self._at_the_end(least * (ways[worst] @ loads)),
+            read_only(rays[worst] @ axes),
+            boundary=read_only(times[:, None] * (rays @ axes)),
+            **self._at_the_end(least * (rays[worst] @ loads)),
         )
 
     def _bisected(self, quantity: Quantity, of: str, weight: Weight, most: float) -> Tolerance:
@@ -333,34 +333,34 @@ class _Search:
 
         low, high, _ = self._bracket(members, 0.0, most)
         if np.isinf(high):
-            return self._all_borne(quantity, most)
-        told: dict[str, Any] = {}
+            return self._full_range(quantity, most)
+        fields: dict[str, Any] = {}
         if quantity is Quantity.TILT:
             # The set has a polygon for the circle of tilts: what fails in it may be outside.
-            ways = polygon(_AROUND) @ np.linalg.svd(weight.down[None])[2][1:]
-            _, high, worst = self._bracket(lambda tilt: self._tilted(weight, tilt, ways), low, most)
-            told = {"direction": read_only(ways[worst])} if np.isfinite(high) else {}
+            rays = polygon(_AROUND) @ np.linalg.svd(weight.down[None])[2][1:]
+            _, high, worst = self._bracket(lambda tilt: self._tilted(weight, tilt, rays), low, most)
+            fields = {"direction": read_only(rays[worst])} if np.isfinite(high) else {}
         if self.stiffness is not None:
-            told["deflection"] = np.nan
-        return Tolerance(quantity, low, high, **told)
+            fields["deflection"] = np.nan
+        return Tolerance(quantity, low, high, **fields)
 
-    def _all_borne(self, quantity: Quantity, most: float) -> Tolerance:
+    def _full_range(self, quantity: Quantity, most: float) -> Tolerance:
         """Return the tolerance of what is borne up to its largest: no forces were looked at."""
-        far = np.inf if np.isinf(most) else np.nan
-        return Tolerance(quantity, most, np.inf, deflection=0.0 if self.stiffness is None else far)
+        bend = np.inf if np.isinf(most) else np.nan
+        return Tolerance(quantity, most, np.inf, deflection=0.0 if self.stiffness is None else bend)
 
-    def _tilted(self, weight: Weight, tilt: float, ways: FloatArray) -> list[Member]:
+    def _tilted(self, weight: Weight, tilt: float, rays: FloatArray) -> list[Member]:
         """Return members whose gravity is tilted towards each of (K, 3) directions across it."""
         still, count = np.zeros(3), self.problem.contact_count
         right = np.zeros(self.problem.joint_count)
         return [
             member_at(
                 self.problem, weight,
-                Corner(0.0, still, np.sin(tilt) * way + np.cos(tilt) * weight.down, still, still,
+                Corner(0.0, still, np.sin(tilt) * ray + np.cos(tilt) * weight.down, still, still,
                        np.zeros(count)),
                 right, right,
             )
-            for way in ways
+            for ray in rays
         ]  # fmt: skip
 
     def _bracket(

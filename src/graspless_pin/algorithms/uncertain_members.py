@@ -273,11 +273,11 @@ def scaled_member(
         scaled("force", before.force), scaled("moment", before.moment),
         np.where(problem.is_sliding, more, 0.0),
     )  # fmt: skip
-    left = (1.0 - scaled("effort", effort)) / (1.0 - effort)
+    shares = (1.0 - scaled("effort", effort)) / (1.0 - effort)
     load, known = (_load_at(problem, weight, one) for one in (corner, before))
     changed_problem = problem.with_changes(
         friction=problem.friction / (1.0 + off) * (1.0 + more),
-        torque_limits=_limits(problem, left),
+        torque_limits=_limits(problem, shares),
         external_wrench=problem.external_wrench + (load[0] - known[0]),
         gravity_torques=problem.gravity_torques + (load[1] - known[1]),
     )
@@ -286,19 +286,19 @@ def scaled_member(
     return Member(changed_problem, 1.0 + factor, offset, words, corner)
 
 
-def _limits(problem: QuasistaticProblem, left: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _limits(problem: QuasistaticProblem, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return torque limits times shares (L,), also above 1; those beyond zero stay.
 
     Raises:
         ArgumentError: If nothing is left between them.
     """
     low, high = problem.lower_torque, problem.upper_torque
-    weaker = np.where(low < 0.0, left, 1.0) * low, np.where(high > 0.0, left, 1.0) * high
+    weaker = np.where(low < 0.0, shares, 1.0) * low, np.where(high > 0.0, shares, 1.0) * high
     for joint in np.flatnonzero(weaker[0] > weaker[1]).tolist():
         name, unit = problem.joint_names[joint], problem.joint_units[joint]
         raise ArgumentError(
             "effort",
-            f"is {1.0 - left[joint]:g} and leaves no torque to joint {name!r}, whose limits are "
+            f"is {1.0 - shares[joint]:g} and leaves no torque to joint {name!r}, whose limits are "
             f"{low[joint]:g} to {high[joint]:g} {unit}; give less, or limits nearer to zero",
         )
     return weaker
@@ -447,10 +447,10 @@ def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
     counts = _corner_counts(problem, uncertainty)
     corners = prod(counts.values())
     if corners > MOST_MEMBERS:
-        told = ", ".join(f"{name} {count}" for name, count in counts.items() if count > 1)
+        listed = ", ".join(f"{name} {count}" for name, count in counts.items() if count > 1)
         raise ArgumentError(
             "uncertainty",
-            f"has {corners} corners ({told}); at most {MOST_MEMBERS} are looked at: let fewer "
+            f"has {corners} corners ({listed}); at most {MOST_MEMBERS} are looked at: let fewer "
             "contacts or axes be uncertain, each of which doubles them",
         )
 
@@ -467,7 +467,7 @@ def _words(
     heavier = f"{100.0 * corner.mass:+.3g} %"
     if not math.isnan(kilograms):
         heavier = f"{corner.mass * kilograms:+.3g} kg ({heavier})"
-    told = [f"mass {heavier}"] if corner.mass else []
+    parts = [f"mass {heavier}"] if corner.mass else []
     for name, value, unit in (
         ("centre of mass", corner.center_of_mass, "m"),
         ("gravity", corner.down - weight.down, "of its size"), ("push", corner.force, "N"),
@@ -475,7 +475,7 @@ def _words(
         ("kinetic friction", corner.kinetic[problem.is_sliding], "of each"),
     ):  # fmt: skip
         if value.any():
-            told.append(f"{name} [{', '.join(f'{x:+.3g}' for x in value.tolist())}] {unit}")
+            parts.append(f"{name} [{', '.join(f'{x:+.3g}' for x in value.tolist())}] {unit}")
     for value, scale, unit in ((factor, 100.0, " %"), (offset, 1.0, "")):
         named = [
             f"{joint} {scale * x:+.3g}{unit or f' {kind}'}"
@@ -484,7 +484,7 @@ def _words(
             )
             if x
         ]
-        told += [f"torques of {', '.join(named)}"] if named else []
+        parts += [f"torques of {', '.join(named)}"] if named else []
     if effort is not None and effort.any():
-        told.append(f"effort limits {-100.0 * effort.max():.3g} %")
-    return ", ".join(told) or "nominal"
+        parts.append(f"effort limits {-100.0 * effort.max():.3g} %")
+    return ", ".join(parts) or "nominal"

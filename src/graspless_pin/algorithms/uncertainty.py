@@ -139,7 +139,7 @@ class Uncertainty(Brief):
 
     def __str__(self) -> str:
         """Return what may be off, in words: ``mass ±20 %, centre of mass ±1 cm``."""
-        told = []
+        parts = []
         for name, (of, scale, unit) in _WORDS.items():
             value, sign = getattr(self, name), _SIGNS.get(name, "±")
             if isinstance(value, Mapping):
@@ -149,8 +149,8 @@ class Uncertainty(Brief):
                 same = np.unique(value)
                 numbers = same if len(same) == 1 else np.ravel(value)
                 each = [f"{sign}{scale * one:.3g}" for one in numbers if numbers.any()]
-            told += [f"{of} {', '.join(each)} {unit}"] if each else []
-        return "; ".join(told) if any(", " in one for one in told) else ", ".join(told) or "nothing"
+            parts += [f"{of} {', '.join(each)} {unit}"] if each else []
+        return "; ".join(parts) if any(", " in p for p in parts) else ", ".join(parts) or "nothing"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the figures: arrays stay read-only."""

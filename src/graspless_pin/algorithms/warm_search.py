@@ -137,10 +137,10 @@ def _reaches(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | 
             if state.best_value <= optimality_tolerance(goal) - goal:
                 return True, state.left_behind()
     capped = replace(full.capped("margin", goal), cutoff=-goal)
-    other = SearchState(capped, state.options, state.limits)
-    status = search_modes(other)
-    if other.best is not None:
-        return True, replace(state.left_behind(), mode=other.mode, in_mode=None)
+    search = SearchState(capped, state.options, state.limits)
+    status = search_modes(search)
+    if search.best is not None:
+        return True, replace(state.left_behind(), mode=search.mode, in_mode=None)
     return None if status in UNDECIDED else False, state.left_behind()
 
 
@@ -216,15 +216,15 @@ def _search(state: _WarmState) -> Status:
 
 def _keep_relaxation_if_admitted(state: _WarmState) -> None:
     """Keep the relaxation's own optimum, if a feasible mode admits its friction."""
-    relaxation, before, near = state.relaxation, state.start.mode, state.start.motion
+    relaxation, before, motion = state.relaxation, state.start.mode, state.start.motion
     if relaxation is None:
         return
-    if before is not None and near is not None and _fits(state, before):
-        again = state.oracle.mode_still_admitting(relaxation.x, before, near)
+    if before is not None and motion is not None and _fits(state, before):
+        again = state.oracle.mode_still_admitting(relaxation.x, before, motion)
         if again is not None:
             state.offer(relaxation, *again)
             return
-    found = state.oracle.mode_for(relaxation.x, near)
+    found = state.oracle.mode_for(relaxation.x, motion)
     if isinstance(found, FoundMode):
         state.offer(relaxation, found)
 

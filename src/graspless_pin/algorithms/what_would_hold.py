@@ -156,13 +156,13 @@ def _other_torques(problem: QuasistaticProblem, limits: Limits) -> HoldingChange
     if limits.passed:
         return None
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
-    other = maximize_margin(
+    solution = maximize_margin(
         problem, stability="strong", verdict_nodes=nodes, time_limit=limits.seconds_left
     )
-    if not other.found:
+    if not solution.found:
         return None
     words = "torques of maximize_margin with stability='strong'"
-    return _tried((problem, other.torques), words, limits)
+    return _tried((problem, solution.torques), words, limits)
 
 
 def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> HoldingChange | None:
@@ -188,17 +188,17 @@ def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Ho
 def _more_torque(
     problem: QuasistaticProblem,
     tau: FloatArray,
-    way: FloatArray,
+    direction: FloatArray,
     words: Callable[[float], str],
     limits: Limits,
 ) -> HoldingChange | None:
     """Try shares of torques (L,) on top, as far as the joints' limits let them grow."""
-    moved = way != 0.0
-    ends = np.where(way > 0.0, problem.upper_torque, problem.lower_torque)
-    most = _WITHIN * float(((ends - tau)[moved] / way[moved]).min(initial=np.inf))
+    moved = direction != 0.0
+    ends = np.where(direction > 0.0, problem.upper_torque, problem.lower_torque)
+    most = _WITHIN * float(((ends - tau)[moved] / direction[moved]).min(initial=np.inf))
     sizes = np.unique(np.minimum(_TORQUE_SHARES, most))
     sizes = (*sizes[sizes > 0.0].tolist(),)
-    return _smallest(lambda share: (problem, tau + share * way), sizes, words, limits)
+    return _smallest(lambda share: (problem, tau + share * direction), sizes, words, limits)
 
 
 def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | None:
@@ -209,8 +209,8 @@ def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | Non
         return None
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
     verdict = stability(problem, torques, node_limit=nodes, time_limit=limits.seconds_left)
-    held = verdict.status is Stability.STRONG
-    return HoldingChange(words, problem, torques, verdict) if held else None
+    is_strong = verdict.status is Stability.STRONG
+    return HoldingChange(words, problem, torques, verdict) if is_strong else None
 
 
 def _smallest(
