@@ -63,9 +63,9 @@ class Sector(NamedTuple):
 
 def other_directions(part: Sector) -> list[Sector]:
     """Return sectors of equal width that are all directions but those of one sector."""
-    left = np.pi - part.half
-    count = int(np.ceil(left / WIDEST))
-    half = left / count
+    remaining = np.pi - part.half
+    count = int(np.ceil(remaining / WIDEST))
+    half = remaining / count
     first = part.middle + part.half
     return [Sector(first + (2 * index + 1) * half, half) for index in range(count)]
 

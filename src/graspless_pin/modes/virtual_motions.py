@@ -92,7 +92,7 @@ class NearestMotions:
         if not contacts:
             return signs, np.zeros(self._rows.shape[2])
         if near is not None and len(near) == self._rows.shape[2]:
-            seen = self._held(contacts, near)
+            seen = self._projected(contacts, near)
             full = seen.completed(signs)
             if self._slides(seen, full):
                 return full, seen.motion
@@ -123,7 +123,7 @@ class NearestMotions:
             return near
         if len(near) != self._rows.shape[2] or np.count_nonzero(signs) < signs.size:
             return None
-        seen = self._held(contacts, near)
+        seen = self._projected(contacts, near)
         return seen.motion if self._slides(seen, signs.ravel()) else None
 
     def _slides(self, seen: _Seen, signs: FloatArray | NDArray[np.int8]) -> bool:
@@ -140,7 +140,7 @@ class NearestMotions:
         velocities = self._rows.reshape(-1, len(motion)).dot(motion)
         return float(velocities.dot(velocities))
 
-    def _held(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
+    def _projected(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
         """Return the motion nearest to another that keeps the contacts touching."""
         rows = self._rows
         if len(contacts) < len(rows):
@@ -163,8 +163,8 @@ class NearestMotions:
             rows = self._rows[list(contacts)]
             normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, self._rows.shape[2])
             back = _damped_pseudo_inverse(normal)
-            held = tangential - (tangential @ back) @ normal
-            motion = _damped_pseudo_inverse(held)
+            projected = tangential - (tangential @ back) @ normal
+            motion = _damped_pseudo_inverse(projected)
             # Again, to take away what damping and rounding left.
             for _ in range(_DAMPING_CORRECTIONS):
                 motion -= back @ (normal @ motion)
@@ -303,8 +303,8 @@ def _evened(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
     """Return the motion that slides equally in all rows that take part, where that is faster."""
     part = found.weights > TAKES_PART * found.weights.max()
     solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
-    other = _speed(moving, strict, solved.astype(np.float64), found.weights)
-    return other if other.slowest > found.slowest else found
+    evened = _speed(moving, strict, solved.astype(np.float64), found.weights)
+    return evened if evened.slowest > found.slowest else found
 
 
 def _speed(

@@ -315,8 +315,8 @@ def one_of(known: Collection[str], name: str, value: str) -> str:
     if isinstance(value, str) and value in known:
         return value
     listed = ", ".join(repr(str(option)) for option in known)
-    near = nearest_name(value, known)
-    meant = "" if near is None else f"; did you mean {near!r}?"
+    closest = nearest_name(value, known)
+    meant = "" if closest is None else f"; did you mean {closest!r}?"
     raise ArgumentError(name, f"is {value!r:.100}; it must be one of {listed}{meant}")
 
 

@@ -395,8 +395,8 @@ class QuasistaticProblem:
             (M,), negative outside; inf where there is no cone.
         """
         local = (forces[:, None, :] @ self.frames)[:, 0]
-        room = self.cone_model.room(local, self.friction, self.cone_edges)
-        return np.where(self.has_cone, room, np.inf)
+        distances = self.cone_model.room(local, self.friction, self.cone_edges)
+        return np.where(self.has_cone, distances, np.inf)
 
     def margin_of(self, forces: ArrayLike) -> float:
         """Return the margin e of given contact forces, eqs. (36) and (42), in newton.

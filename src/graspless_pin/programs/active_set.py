@@ -70,8 +70,8 @@ def active_set_of(program: Program, answer: Answer) -> ActiveSet | None:
     active[: len(program.b)] = True
     rows = np.flatnonzero(active)
     slope = -program.c - program.row_slope(weights)
-    room = np.where(slope > 0.0, program.ub - x, x - program.lb)
-    at_bounds = np.flatnonzero(np.abs(slope) >= room)
+    slack = np.where(slope > 0.0, program.ub - x, x - program.lb)
+    at_bounds = np.flatnonzero(np.abs(slope) >= slack)
     unit = np.zeros((len(at_bounds), len(x)))
     unit[np.arange(len(at_bounds)), at_bounds] = 1.0
     weights = np.concatenate((weights[rows], slope[at_bounds]))
@@ -118,12 +118,12 @@ def solved_on(program: Program, near: ActiveSet, cutoff: float) -> tuple[Answer,
     )
 
 
-def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+def _refined(program: Program, kept: ActiveSet) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Solve the two linear systems: x, multipliers of what is active, and of all rows.
 
     None if they cannot be solved.
     """
-    E, sides = _active(program, near)
+    E, sides = _active(program, kept)
     wide = len(E) <= len(program.c)
     gram = E @ E.T if wide else E.T @ E
     diagonal = gram.reshape(-1)[:: len(gram) + 1]
@@ -131,7 +131,7 @@ def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray,
     factor, failed = _potrf(gram, lower=1)
     if failed or not all_finite((sides,)):
         return None
-    x, weights = near.x, near.weights
+    x, weights = kept.x, kept.weights
     for _ in range(CORRECTIONS):
         beyond, slope = sides - E.dot(x), program.c + weights.dot(E)
         if wide:
@@ -140,20 +140,20 @@ def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray,
         else:
             x = x + _potrs(factor, beyond.dot(E), lower=1)[0]
             weights = weights - E.dot(_potrs(factor, slope, lower=1)[0])
-    count = len(near.rows)
-    x[near.at_bounds] = sides[count:]
-    multipliers = np.zeros(sum(near.sizes))
-    multipliers[near.rows] = weights[:count]
+    count = len(kept.rows)
+    x[kept.at_bounds] = sides[count:]
+    multipliers = np.zeros(sum(kept.sizes))
+    multipliers[kept.rows] = weights[:count]
     return x, weights, multipliers
 
 
-def _active(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray]:
+def _active(program: Program, kept: ActiveSet) -> tuple[FloatArray, FloatArray]:
     """Return the (r + h, n) rows that were active and the sides that they were at."""
-    rows, at_bounds = near.rows, near.at_bounds
+    rows, at_bounds = kept.rows, kept.at_bounds
     low, high = program.sides
-    upper = near.upper
+    upper = kept.upper
     sides = np.where(upper[: len(rows)], high[rows], low[rows])
     if not len(at_bounds):
         return program.rows[rows], sides
     bounds = np.where(upper[len(rows) :], program.ub[at_bounds], program.lb[at_bounds])
-    return np.concatenate((program.rows[rows], near.unit)), np.concatenate((sides, bounds))
+    return np.concatenate((program.rows[rows], kept.unit)), np.concatenate((sides, bounds))

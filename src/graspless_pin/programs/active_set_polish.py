@@ -44,10 +44,10 @@ def polished(program: Program, found: Found) -> Found | None:
     active[:count] = True
     slope = program.P * x + program.c + weights @ program.rows
     bound = np.where(slope > 0.0, program.lb, program.ub)
-    held = np.abs(slope) > np.abs(bound - x)
-    weights[:count] = without_cancelling(program.A, weights[:count], slope, held)
+    at_bound = np.abs(slope) > np.abs(bound - x)
+    weights[:count] = without_cancelling(program.A, weights[:count], slope, at_bound)
     for _ in range(_MOST_SIGN_ROUNDS):
-        solved = _solved(program, x, weights, active, held, side, bound)
+        solved = _solved(program, x, weights, active, at_bound, side, bound)
         if solved is None:
             return None
         nearer, turned = solved
@@ -74,8 +74,8 @@ def without_cancelling(
     step = independent @ (independent.T @ y) - y
     change = (step @ A)[held]
     turning = change * slope[held] < 0.0
-    room = -slope[held][turning] / change[turning]
-    return y + min(1.0, room.min(initial=1.0)) * step
+    step_lengths = -slope[held][turning] / change[turning]
+    return y + min(1.0, step_lengths.min(initial=1.0)) * step
 
 
 def _solved(
@@ -83,15 +83,15 @@ def _solved(
     x: FloatArray,
     weights: FloatArray,
     active: NDArray[np.bool_],
-    held: NDArray[np.bool_],
+    at_bound: NDArray[np.bool_],
     side: FloatArray,
     bound: FloatArray,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Solution and (m + k,) multipliers for given active rows and held variables."""
-    rows, free = program.rows[active], ~held
-    if not (np.isfinite(side[active]).all() and np.isfinite(bound[held]).all()):
+    rows, free = program.rows[active], ~at_bound
+    if not (np.isfinite(side[active]).all() and np.isfinite(bound[at_bound]).all()):
         return None
-    x, w = np.where(held, bound, x), weights[active]
+    x, w = np.where(at_bound, bound, x), weights[active]
     E, n = rows[:, free], int(free.sum())
     system = np.zeros((n + len(E), n + len(E)))
     system[:n, :n] = np.diag(program.P[free])
@@ -146,22 +146,22 @@ def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArra
     """
     count, weights = len(y), np.concatenate((y, z))
     first, last = program.reach
-    far, total = np.maximum(np.abs(first), np.abs(last)), float(np.abs(weights).sum())
-    lost = _EPSILON * float((np.abs(weights) @ np.abs(program.rows)) @ far)
+    largest, total = np.maximum(np.abs(first), np.abs(last)), float(np.abs(weights).sum())
+    lost = _EPSILON * float((np.abs(weights) @ np.abs(program.rows)) @ largest)
     if not program.is_polyhedral or not np.isfinite(lost) or lost < _LEAST_LOSS:
         return y, z
     low, high = program.sides
     weights = np.where(np.isfinite(np.where(weights > 0.0, high, low)), weights, 0.0)
     weights[np.abs(weights) <= _LEAST_MULTIPLIER * total] = 0.0
     slope = program.c + weights @ program.rows
-    held = np.abs(slope) > _SLOPE_NOISE * (np.abs(weights) @ np.abs(program.rows))
+    at_bound = np.abs(slope) > _SLOPE_NOISE * (np.abs(weights) @ np.abs(program.rows))
     smaller = weights.copy()
     # Rows of one side only are equalities, too: fixed torques cancel against the balance.
     fixed = low == high
-    smaller[fixed] = without_cancelling(program.rows[fixed], weights[fixed], slope, held)
+    smaller[fixed] = without_cancelling(program.rows[fixed], weights[fixed], slope, at_bound)
     tried = [np.concatenate((y, z))]
-    for one in (weights, smaller):
-        tried += _with_signed_reduced_costs(program, one)
+    for multipliers in (weights, smaller):
+        tried += _with_signed_reduced_costs(program, multipliers)
     best = max(tried, key=lambda one: _bound(program, one))
     # An optimum at the end of its box, such as torques of zero, needs no multiplier at all. What
     # zeros gain beyond rounding is no gain: then the multipliers are of forces in another box.
@@ -217,6 +217,6 @@ def _bound(program: Program, weights: FloatArray) -> float:
     slope = program.c + kept.astype(_LONG) @ program.rows.astype(_LONG)
     first, last = program.reach
     smallest = slope @ np.where(slope >= 0.0, first, last) - kept.astype(_LONG) @ side
-    far = np.maximum(np.abs(first), np.abs(last))
-    size = _slope(program, kept)[1] @ far + np.abs(kept) @ np.abs(side)
+    largest = np.maximum(np.abs(first), np.abs(last))
+    size = _slope(program, kept)[1] @ largest + np.abs(kept) @ np.abs(side)
     return float(smallest - 4.0 * np.finfo(_LONG).eps * size)

@@ -190,9 +190,9 @@ class Disturbance(Objective):
         largest = int(np.argmax(np.abs(push)))
         most = []
         for box in forces.boxes:
-            far = np.abs(forces.balance_rows[largest]) @ np.abs(box).max(axis=0)
-            far += abs(forces.wrench[largest])
-            most.append(float(far / abs(push[largest])) + 1.0)
+            reach = np.abs(forces.balance_rows[largest]) @ np.abs(box).max(axis=0)
+            reach += abs(forces.wrench[largest])
+            most.append(float(reach / abs(push[largest])) + 1.0)
         s = program.columns(
             "multiple",
             low=0.0,
@@ -287,8 +287,8 @@ def largest_force_sought(forces: ForceRows, torques: FloatArray) -> float:
 
     A thousand times the largest of load, normal-force limits, and torques over their joint's scale.
     """
-    limit, held = float(forces.limit.max()), contact_torques(forces, torques)
-    return min(_FORCES_SOUGHT * max(1.0, limit, float(np.abs(held).max(initial=0.0))), FARTHEST)
+    limit, tau = float(forces.limit.max()), contact_torques(forces, torques)
+    return min(_FORCES_SOUGHT * max(1.0, limit, float(np.abs(tau).max(initial=0.0))), FARTHEST)
 
 
 def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
@@ -372,10 +372,10 @@ class InsideHalfSpaces(Objective):
         rows = (self.normals * scale / size[:, None]) @ forces.torque_rows
         sides = (self.sides - self.normals @ forces.problem.gravity_torques) / size
         most = [np.abs(rows) @ np.abs(box).max(axis=0) + np.abs(sides) for box in forces.boxes]
-        far = [float(one.max(initial=0.0)) + self.depth for one in most]
+        depths = [float(reach.max(initial=0.0)) + self.depth for reach in most]
         d = program.columns(
             "depth", high=self.depth, cost=-1.0,
-            box=(-far[0], self.depth), whole_box=(-far[-1], self.depth),
+            box=(-depths[0], self.depth), whole_box=(-depths[-1], self.depth),
         )  # fmt: skip
         low = self.required_margin / unit
         highest = max(low, 0.5 * float(forces.limit.min()))

@@ -95,11 +95,11 @@ def clipped(program: Program) -> Program | None:
     if not program.is_far:
         return program
     if program.has_sides_beyond(LARGEST_FIGURE):
-        program = _with_near_sides(program)
+        program = _without_huge_sides(program)
     return None if program.has_sides_beyond(LARGEST_FIGURE) else program
 
 
-def _with_near_sides(program: Program) -> Program:
+def _without_huge_sides(program: Program) -> Program:
     """Return a program whose limits that are farther away than `LARGEST_FIGURE` are none."""
     flat, size = program.flat_count, LARGEST_FIGURE
     low, high = program.l.copy(), program.u.copy()
@@ -116,8 +116,8 @@ def near_multipliers(program: Program, z: FloatArray) -> FloatArray:
 
     They are a solver's noise, which a far side would make as large as the objective.
     """
-    far = ((z > 0.0) & (program.u > FARTHEST)) | ((z < 0.0) & (program.l < -FARTHEST))
-    return np.where(far, 0.0, z)
+    beyond = ((z > 0.0) & (program.u > FARTHEST)) | ((z < 0.0) & (program.l < -FARTHEST))
+    return np.where(beyond, 0.0, z)
 
 
 def rescaled(program: Program, factor: float) -> Program:
@@ -284,15 +284,15 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
     Returns:
         A solved or infeasible answer, or a failed one with the bound that is proven all the same.
     """
-    near = without_far_limits(program)
-    factors = [1.0, *(factor for factor in _SHRINKING_FACTORS if near.has_sides_beyond(factor))]
-    if near.has_sides_beyond(FARTHEST):
+    reduced = without_far_limits(program)
+    factors = [1.0, *(factor for factor in _SHRINKING_FACTORS if reduced.has_sides_beyond(factor))]
+    if reduced.has_sides_beyond(FARTHEST):
         # Interior points are led there, and end after all their steps: rescaled, the program has
         # nothing so far away.
         factors.sort(key=lambda factor: factor != _SHRINKING_FACTORS[0])
     best = -np.inf
     for factor in factors:
-        answer = _tried(program, near, factor, backend, name, cutoff)
+        answer = _tried(program, reduced, factor, backend, name, cutoff)
         if answer.outcome is not Outcome.FAILED:
             return answer
         best = max(best, answer.bound)
@@ -300,14 +300,14 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
 
 
 def _tried(
-    program: Program, near: Program, factor: float, backend: Backend, name: str, cutoff: float
+    program: Program, reduced: Program, factor: float, backend: Backend, name: str, cutoff: float
 ) -> Answer:
     """Ask a solver for a program rescaled by a factor, and hold its answer against the program."""
-    raw = call_solver(backend, near if factor == 1.0 else rescaled(near, factor))
+    raw = call_solver(backend, reduced if factor == 1.0 else rescaled(reduced, factor))
     if raw is None:
         return failed(-np.inf)
     x, y, z = raw
-    found = factor * x, y, z if near is program else near_multipliers(program, z)
+    found = factor * x, y, z if reduced is program else near_multipliers(program, z)
     answer = proven(program, found, name, cutoff)
     if answer.outcome is not Outcome.FAILED:
         return answer
@@ -385,9 +385,9 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
     gap = abs(value - bound) / max(1.0, abs(value))
     # What rounding may leave of large figures counts as none, too.
-    is_near = gap <= max(GAP_TOLERANCE, min(_BOUND_ROUNDING * program.farthest, _LARGEST_GAP))
+    is_tight = gap <= max(GAP_TOLERANCE, min(_BOUND_ROUNDING * program.farthest, _LARGEST_GAP))
     is_met = residual <= PRIMAL_TOLERANCE and program.is_resolved
-    if is_met and is_near and _is_within_reach(program, x):
+    if is_met and is_tight and _is_within_reach(program, x):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
 
@@ -410,14 +410,14 @@ def _check_boxes(program: Program, x: FloatArray, y: FloatArray, z: FloatArray) 
     hidden = value > program.highest + gap or program.dual_bound(y, z, whole=True) > bound + gap
     if not hidden or value > bound + gap:
         return
-    told = [
+    messages = [
         f"the column {block.name!r} has {x[at]:.6g} there, its box {low[at]:.6g} to {high[at]:.6g}"
         for block in program.bounded_blocks
         for at in np.arange(len(x))[block.at][outside[block.at]]
     ]
-    if told:
+    if messages:
         raise ArgumentError(
-            "box", f"an optimum is outside: {told[0]}; state boxes that hold of every solution"
+            "box", f"an optimum is outside: {messages[0]}; state boxes that hold of every solution"
         )
 
 

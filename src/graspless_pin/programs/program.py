@@ -235,8 +235,8 @@ class Program:
     def is_far(self) -> bool:
         """Whether a limit is too far away for double precision, or a row has none."""
         sides = np.concatenate([self.l, self.u, self.lb, self.ub])
-        far = (np.abs(sides) > FARTHEST) & np.isfinite(sides)
-        return bool(far.any() or (np.isinf(self.l) & np.isinf(self.u)).any())
+        beyond = (np.abs(sides) > FARTHEST) & np.isfinite(sides)
+        return bool(beyond.any() or (np.isinf(self.l) & np.isinf(self.u)).any())
 
     @cached_property
     def has_rows_in_range(self) -> bool:

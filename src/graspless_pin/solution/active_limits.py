@@ -62,18 +62,18 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     """
     problem = solution.problem
     rooms = contact_rooms(problem, solution.contact_forces)
-    near = rooms <= solution.margin + _TIE_TOLERANCE * force_sizes(problem)[:, None]
+    limiting = rooms <= solution.margin + _TIE_TOLERANCE * force_sizes(problem)[:, None]
     if solution.algorithm is Algorithm.MARGIN and solution.status is not Status.STRONG:
         found = solution.multipliers
         # The first of a round cone's multipliers is its force in the direction of the margin.
         second_order = problem.cone_model.second_order
         sides = found["round_cones"][:, 0] if second_order else found["faces"].sum(axis=1)
-        weights = near * np.column_stack([found["normal_lower"], found["normal_upper"], sides])
+        weights = limiting * np.column_stack([found["normal_lower"], found["normal_upper"], sides])
         if weights.any():
-            near = weights >= _LIMITING_SHARE * weights.max()
+            limiting = weights >= _LIMITING_SHARE * weights.max()
     return {
         limit: np.flatnonzero(column).tolist()
-        for limit, column in zip(ContactLimit, near.T, strict=True)
+        for limit, column in zip(ContactLimit, limiting.T, strict=True)
         if column.any()
     }
 
@@ -99,10 +99,10 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
     parts = [f"{words} at {_listed(contacts, bodies)}" for words, contacts in by_limit.items()]
     sentence = f"The margin is limited by {' and by '.join(parts)}."
     problem = solution.problem
-    bare = np.flatnonzero(~problem.has_cone & ~problem.is_sliding).tolist()
-    if not bare:
+    frictionless = np.flatnonzero(~problem.has_cone & ~problem.is_sliding).tolist()
+    if not frictionless:
         return sentence
-    where = _listed(bare, bodies)
+    where = _listed(frictionless, bodies)
     return f"{sentence} Without friction, at {where}, it counts the normal force alone."
 
 
@@ -129,9 +129,9 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     # Where joints tie, as at the least largest torque, rounding must not choose among them.
     joint = int(np.argmax(shares >= (1.0 - _TIE_TOLERANCE) * np.nanmax(shares)))
     torque, size = float(torques[joint]), torque_size(problem, torques)
-    left = torque_rounding(problem, solution.contact_torques)[joint]
+    rounding = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
-    figure = shown(torque, size, "+", left)
+    figure = shown(torque, size, "+", rounding)
     if figure == "0":
         return ""
     spent = "; nothing is left for feedback to add" if shares[joint] >= 1.0 - _TIE_TOLERANCE else ""

@@ -167,8 +167,8 @@ def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table
         problem.joint_names,
         *(
             [
-                shown(value, size, "+", left)
-                for value, left in zip(column.tolist(), rounding, strict=True)
+                shown(value, size, "+", resolution)
+                for value, resolution in zip(column.tolist(), rounding, strict=True)
             ]
             for column in (from_contacts, problem.gravity_torques, torques)
         ),

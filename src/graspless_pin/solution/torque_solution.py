@@ -372,8 +372,8 @@ class TorqueSolution:
     def _why_not(self) -> str:
         """Return why nothing was found; what an explanation tells is not said twice."""
         why = self.explanation
-        is_told = why and self.status in EXPLAINED
-        first = f"not found: {'infeasible' if is_told else self.status.message}"
+        is_explained = why and self.status in EXPLAINED
+        first = f"not found: {'infeasible' if is_explained else self.status.message}"
         return f"{first}\n\n{why}" if why else first
 
     def _headline(self) -> str:

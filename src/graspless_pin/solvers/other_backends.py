@@ -38,9 +38,9 @@ def by_proxqp(program: Program) -> Multipliers:
     n, m = reduced.A.shape[1], len(reduced.A)
     bounded = np.flatnonzero(np.isfinite(reduced.lb) | np.isfinite(reduced.ub))
     rows = np.vstack([reduced.G, np.eye(n)[bounded]])
-    far = 1e20
-    low = np.clip(np.concatenate([reduced.l, reduced.lb[bounded]]), -far, far)
-    high = np.clip(np.concatenate([reduced.u, reduced.ub[bounded]]), -far, far)
+    infinity = 1e20
+    low = np.clip(np.concatenate([reduced.l, reduced.lb[bounded]]), -infinity, infinity)
+    high = np.clip(np.concatenate([reduced.u, reduced.ub[bounded]]), -infinity, infinity)
     engine = proxqp.dense.QP(n, m, len(rows))
     engine.settings.eps_abs = SOLVER_TOLERANCE
     engine.settings.eps_rel = 0.0

@@ -137,10 +137,10 @@ def by_piqp(program: Program) -> Multipliers:
     engine = None
     with _LOCK:
         kept = _kept.get(structure, [])
-        held = [index for index, one in enumerate(kept) if one.holds(program)]
+        matching = [index for index, one in enumerate(kept) if one.holds(program)]
         # Two, so that one stays with a problem that is asked again while others pass.
-        if held or len(kept) >= _ENGINES_PER_STRUCTURE:
-            engine = kept.pop(held[0] if held else 0)
+        if matching or len(kept) >= _ENGINES_PER_STRUCTURE:
+            engine = kept.pop(matching[0] if matching else 0)
     if engine is None:
         engine = _Engine(program)
     else:

@@ -50,8 +50,8 @@ def check_solver(name: str) -> str:
         SolverUnavailableError: Naming the solvers that are.
     """
     if name != ANY_SOLVER and name not in available_solvers():
-        near = nearest_name(name, (ANY_SOLVER, *available_solvers()))
-        meant = "" if near is None else f"did you mean {near!r}? "
+        closest = nearest_name(name, (ANY_SOLVER, *available_solvers()))
+        meant = "" if closest is None else f"did you mean {closest!r}? "
         raise SolverUnavailableError(
             f"solver: {name!r} is unknown or not installed; {meant}available: "
             f"{', '.join(available_solvers())}"
