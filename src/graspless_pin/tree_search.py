@@ -117,8 +117,8 @@ class Limits:
 
     def within(self, options: _Options) -> _Options:
         """Return `SolveOptions` with the time that is left."""
-        left = self.seconds_left
-        return options if left is None else replace(options, time_limit=left)
+        remaining = self.seconds_left
+        return options if remaining is None else replace(options, time_limit=remaining)
 
 
 NO_LIMITS = Limits()

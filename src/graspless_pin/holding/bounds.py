@@ -200,10 +200,10 @@ def repaired(
         touching = unbounded & ~vanishing & (gain > -_ROUNDING)
         gains = dynamics.rows[:, 0] - np.einsum("li,lin->ln", sides, dynamics.rows[:, 1:])
         rows = np.vstack([dynamics.rows[vanishing].reshape(-1, len(motion)), gains[touching]])
-        left = np.concatenate([c[vanishing].ravel(), gain[touching]])
+        residual = np.concatenate([c[vanishing].ravel(), gain[touching]])
         if (gain[unbounded] <= _EXACT).all():
             break
-        change = least_squares(rows, -left, 1e-13)
+        change = least_squares(rows, -residual, 1e-13)
         if change is None:
             break
         motion = motion + change
@@ -397,10 +397,10 @@ class OutcomeBounds:
 
     def changed(self, dynamics: Dynamics, loads: FloatArray) -> OutcomeBounds:
         """Return the same of other dynamics and loads: what is remembered is tried there, too."""
-        other = OutcomeBounds(dynamics, loads, self._force_limit)
+        bounds = OutcomeBounds(dynamics, loads, self._force_limit)
         for dual in self._proven:
-            other.remember(dual)
-        return other
+            bounds.remember(dual)
+        return bounds
 
     def proving(self, states: States, goal: FloatArray, enough: float) -> DualBound | None:
         """Return remembered multipliers with which p.y is at most ``enough``; None: there are none.
@@ -412,8 +412,8 @@ class OutcomeBounds:
         """
         if self._compiled is None:
             whole = goal, np.zeros((len(self._loads), 3))
-            proving = (one for one in reversed(self._proven)
-                       if self.bound(states, one, whole) <= enough)  # fmt: skip
+            proving = (dual for dual in reversed(self._proven)
+                       if self.bound(states, dual, whole) <= enough)  # fmt: skip
             return next(proving, None)
         found = self._compiled.first(
             states.numbers, states.center, states.half_width, states.parts, states.slips,

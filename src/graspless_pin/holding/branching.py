@@ -60,24 +60,24 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
     left to its closed or sticking sibling.
     """
     tolerance, rows = closing_tolerance(dynamics), dynamics.rows
-    held, left_to_others = dynamics.is_commanded, (ContactState.OPEN, ContactState.SLIPPING)
-    enough = np.where(states.are(*left_to_others), tolerance, _LOOSEST)
+    commanded, moving = dynamics.is_commanded, (ContactState.OPEN, ContactState.SLIPPING)
+    enough = np.where(states.are(*moving), tolerance, _LOOSEST)
     fixed = fixed_rows(dynamics, states)
     try:
         still = null_space(fixed, rcond=RANK) if len(fixed) else np.eye(rows.shape[2])
     except np.linalg.LinAlgError:
         return None
-    parting = np.flatnonzero(~held & states.are(ContactState.FREE, ContactState.OPEN))
+    parting = np.flatnonzero(~commanded & states.are(ContactState.FREE, ContactState.OPEN))
     normals = rows[parting, 0] @ still
     for index, contact in enumerate(parting):
         others = np.delete(np.arange(len(parting)), index)
-        shares, left = np.zeros(len(others)), float(np.linalg.norm(normals[index]))
-        if left > tolerance and len(others):
+        shares, error = np.zeros(len(others)), float(np.linalg.norm(normals[index]))
+        if error > tolerance and len(others):
             found = nonnegative_squares(normals[others].T, -normals[index])
             if found is None:
                 continue
-            shares, left = found, float(np.linalg.norm(found @ normals[others] + normals[index]))
-        if left <= tolerance:
+            shares, error = found, float(np.linalg.norm(found @ normals[others] + normals[index]))
+        if error <= tolerance:
             weights = np.zeros(len(rows))
             weights[parting[others]] = shares
             goal = rows[contact, 0] + weights @ rows[:, 0]
@@ -101,8 +101,8 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
 def _proven(dynamics: Dynamics, states: States, dual: DualBound, row: FloatArray) -> float:
     """Return what multipliers prove of a row; inf where they leave more of it than rounding."""
     rows, tolerance = dynamics.rows, closing_tolerance(dynamics)
-    left = row + dual.normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
-    size = float(np.linalg.norm(left))
+    residual = row + dual.normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
+    size = float(np.linalg.norm(residual))
     # Either way: a sticking contact may slip to both sides.
     both = max(slack(states, sign * dual.normal, dual.tangential) for sign in (1.0, -1.0))
     return size + both if size <= tolerance else np.inf
@@ -240,8 +240,8 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     search, nodes, given_up = TreeSearch([root]), 0, 0
     for _, node in search:
         if is_over(nodes):
-            left = 1 + len(search) + given_up
-            return Searched(None, None, nodes, left, relaxation.programs)
+            open_count = 1 + len(search) + given_up
+            return Searched(None, None, nodes, open_count, relaxation.programs)
         if not node.is_closed:
             node, is_covered, again = _closed(dynamics, node)
             search.add(again)
@@ -266,7 +266,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
                 relaxation.bounds.remember(relaxed.dual)
                 continue
             y, forces = relaxed.y + aside, relaxed.forces
-            motion = _near(dynamics, relaxed, y)
+            motion = _nearby_outcome(dynamics, relaxed, y)
             if motion is None and nodes % _SWEPT == 0:
                 motion = settled_motion(dynamics, forces)
             if motion is not None:
@@ -334,7 +334,7 @@ def _children(
     return nodes
 
 
-def _near(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> FloatArray | None:
+def _nearby_outcome(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> FloatArray | None:
     """Return a moving outcome near the best point of a relaxation, whose motion is y."""
     if relaxed.load_left < 0.5 or dynamics.point_acceleration(y) <= dynamics.limit:
         return None

@@ -141,16 +141,16 @@ def is_certificate(
         loads: (M,) N.
         dynamics: The scaled dynamics; None: it has to hold for every inertia.
     """
-    unborne = np.hypot(forces[:, 1], forces[:, 2]) - problem.friction * loads
-    unborne, pulling = np.maximum(unborne, 0.0), np.maximum(-forces[:, 0], 0.0)
+    excess = np.hypot(forces[:, 1], forces[:, 2]) - problem.friction * loads
+    excess, pulling = np.maximum(excess, 0.0), np.maximum(-forces[:, 0], 0.0)
     if dynamics is None:
         scale = problem.scales.force
         jacobian, load = in_loads(problem, torques)
-        left = np.einsum("lik,li->k", jacobian, forces / scale) + load
-        return max(np.abs(left).max(), unborne.max() / scale, pulling.max() / scale) <= _EXACT
+        residual = np.einsum("lik,li->k", jacobian, forces / scale) + load
+        return max(np.abs(residual).max(), excess.max() / scale, pulling.max() / scale) <= _EXACT
     unit, rows = dynamics.force_unit, dynamics.rows
     y = np.linalg.norm(dynamics.motion(forces / unit))
-    y += unborne / unit @ np.linalg.norm(rows[:, 1:], ord=2, axis=(1, 2))
+    y += excess / unit @ np.linalg.norm(rows[:, 1:], ord=2, axis=(1, 2))
     y += pulling / unit @ np.linalg.norm(rows[:, 0], axis=1)
     return bool(y <= dynamics.resolution)
 
@@ -213,8 +213,8 @@ def proven_loads(
 def at_least(forces: FloatArray, loads: Iterable[LoadProof]) -> FloatArray:
     """Return normal forces (M,), N, or what is proven where that is larger."""
     forces = forces.copy()
-    for one in loads:
-        forces[one.contact] = max(forces[one.contact], one.force)
+    for proof in loads:
+        forces[proof.contact] = max(forces[proof.contact], proof.force)
     return forces
 
 
@@ -238,9 +238,9 @@ def bearing_forces(
         if np.mean(found, axis=0)[contact, 0] <= LEAST_LOAD:
             cost = np.zeros_like(forces)
             cost[contact, 0] = -1.0
-            other = farthest_forces(jacobian, load, free_friction(problem), cost, most)
-            if other is not None and other[contact, 0] > LEAST_LOAD:
-                found.append(other)
+            loaded = farthest_forces(jacobian, load, free_friction(problem), cost, most)
+            if loaded is not None and loaded[contact, 0] > LEAST_LOAD:
+                found.append(loaded)
     return np.mean(found, axis=0)
 
 

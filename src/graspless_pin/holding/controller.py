@@ -207,8 +207,8 @@ def _named(names: Sequence[str], joints: Sequence[str], fingers: Mapping[str, st
     """Return names of some of the joints, of whole fingers first."""
     others = {fingers.get(name, "") for name in joints if name not in names} | {""}
     whole = {fingers[name]: None for name in names if fingers.get(name, "") not in others}
-    told = [*whole, *(name for name in names if fingers.get(name) not in whole)]
-    return first_few([*map(repr, told)])
+    parts = [*whole, *(name for name in names if fingers.get(name) not in whole)]
+    return first_few([*map(repr, parts)])
 
 
 def first_few(names: Sequence[str]) -> str:

@@ -67,11 +67,11 @@ class KeptPrograms:
         self._simplex = Simplex(np.zeros(self._size), -free, free)
         across = self._slips[:, 1:].reshape(2 * count, -1)
         self._simplex.add_rows(np.vstack([self._slips[:, 0], across]), -free[:-1], free[:-1])
-        held = np.flatnonzero(dynamics.is_commanded)
-        given = np.zeros((len(held), self._size))
-        given[np.arange(len(held)), 3 * held] = 1.0
-        given[:, -1] = -dynamics.commanded[held]
-        self._simplex.add_rows(given, np.zeros(len(held)), np.zeros(len(held)))
+        commanded = np.flatnonzero(dynamics.is_commanded)
+        given = np.zeros((len(commanded), self._size))
+        given[np.arange(len(commanded)), 3 * commanded] = 1.0
+        given[:, -1] = -dynamics.commanded[commanded]
+        self._simplex.add_rows(given, np.zeros(len(commanded)), np.zeros(len(commanded)))
         planes = [cone_planes(friction, around(_DIRECTIONS)) for friction in dynamics.friction]
         self._add_planes(np.repeat(np.arange(count), _DIRECTIONS), np.vstack(planes))
         self._shared = self._simplex.row_count
@@ -86,20 +86,20 @@ class KeptPrograms:
         """Go to the outcomes in these states, with any share of the load."""
         self._simplex.drop_rows(self._shared, self._simplex.row_count)
         self._edges = []
-        count, held = self._dynamics.contact_count, self._dynamics.is_commanded
+        count, commanded = self._dynamics.contact_count, self._dynamics.is_commanded
         lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
         low, high = lb[:-1].reshape(count, 3), ub[:-1].reshape(count, 3)
-        low[:, 0], high[:, 0] = 0.0, np.where(held, np.inf, _BOX)
+        low[:, 0], high[:, 0] = 0.0, np.where(commanded, np.inf, _BOX)
         opened = states.are(ContactState.OPEN)
         low[opened], high[opened] = 0.0, 0.0
         lb[-1], ub[-1] = 0.0, 1.0
         self._simplex.set_bounds(lb, ub)
         self._bounds = lb, ub
-        may_part = states.are(ContactState.FREE, ContactState.OPEN) | held
+        may_part = states.are(ContactState.FREE, ContactState.OPEN) | commanded
         sticking = np.repeat(states.are(ContactState.STICKING), 2)
         self._simplex.set_sides(
             np.arange(3 * count, dtype=np.int32),
-            np.concatenate([np.where(held, -np.inf, 0.0), np.where(sticking, 0.0, -np.inf)]),
+            np.concatenate([np.where(commanded, -np.inf, 0.0), np.where(sticking, 0.0, -np.inf)]),
             np.concatenate([np.where(may_part, np.inf, 0.0), np.where(sticking, 0.0, np.inf)]),
         )
         for contact in np.flatnonzero(states.are(ContactState.SLIPPING)):
@@ -187,9 +187,9 @@ def point_goals(dynamics: Dynamics) -> FloatArray:
     the longest lever, each in units of limit / (2 sqrt(3)), or of other passive coordinates as
     `Dynamics.shares` tells. Where no outcome has even the goal zero, there is none at all.
     """
-    one_way = dynamics.levers[:, None] * dynamics.acceleration[: len(dynamics.levers)]
-    one_way *= dynamics.shares / dynamics.limit
-    return np.vstack([np.zeros(one_way.shape[1]), one_way, -one_way])
+    positive = dynamics.levers[:, None] * dynamics.acceleration[: len(dynamics.levers)]
+    positive *= dynamics.shares / dynamics.limit
+    return np.vstack([np.zeros(positive.shape[1]), positive, -positive])
 
 
 def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit: float) -> float:
@@ -201,10 +201,10 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
         dual: The multipliers of `completed`, whose lambda holds p.
         force_limit: It holds for outcomes with normal forces up to this, scaled.
     """
-    rows, pushes, held = dynamics.rows, dynamics.pushes, dynamics.is_commanded
-    high = np.where(held, dynamics.commanded, force_limit)
+    rows, pushes, commanded = dynamics.rows, dynamics.pushes, dynamics.is_commanded
+    high = np.where(commanded, dynamics.commanded, force_limit)
     high = np.where(states.are(ContactState.OPEN), 0.0, high)
-    low = np.where(held, high, 0.0)
+    low = np.where(commanded, high, 0.0)
     gain = newton_gains(dynamics, states, pushes @ dual.motion)
     bound = float(dual.motion @ dynamics.load + (np.maximum(gain * low, gain * high)).sum())
     wrong = np.maximum(-least_along(dual.tangential, *states.arcs), 0.0)
@@ -241,10 +241,10 @@ def other_motion(
     programs, goals = KeptPrograms(dynamics), point_goals(dynamics)
     count = dynamics.contact_count
     root = UnprovenSet(-1, States.unknown(count), left=list(range(1, len(goals))))
-    search, left, nodes = TreeSearch([root]), list[UnprovenSet](), 0
+    search, unproven, nodes = TreeSearch([root]), list[UnprovenSet](), 0
     for _, node in search:
         if is_over(nodes):
-            left += [node, *search.open_nodes()]
+            unproven += [node, *search.open_nodes()]
             break
         nodes += 1
         point = _bounded(dynamics, programs, goals, node, force_limit)
@@ -259,11 +259,11 @@ def other_motion(
                 return Searched(None, motion, nodes, len(search), programs.programs)
         node.children = [UnprovenSet(contact, states, left=list(node.left)) for states in parts]
         if not parts:
-            left.append(node)
+            unproven.append(node)
         search.add(reversed(node.children))
-    tree = None if left else root.finished()
-    resisting = left[0].states.state if left else ()
-    return Searched(tree, None, nodes, len(left), programs.programs, resisting)
+    tree = None if unproven else root.finished()
+    resisting = unproven[0].states.state if unproven else ()
+    return Searched(tree, None, nodes, len(unproven), programs.programs, resisting)
 
 
 def _bounded(

@@ -133,14 +133,14 @@ def _balance(
     if not answer.is_optimal:
         return None
     forces, size = answer.x[:-1], len(load)
-    left = forces @ jacobian.reshape(-1, size) + load
+    residual = forces @ jacobian.reshape(-1, size) + load
     forces = forces.reshape(-1, 3)
     outside = np.maximum(
         np.hypot(forces[:, 1], forces[:, 2]) - friction * forces[:, 0], -forces[:, 0]
     )
     proof = -(answer.rows[:size] + answer.rows[size : 2 * size])
     proof /= max(1.0, float(np.abs(proof).sum()))
-    return Balance(float(np.abs(left).max()), float(outside.max()), forces, proof, programs)
+    return Balance(float(np.abs(residual).max()), float(outside.max()), forces, proof, programs)
 
 
 def farthest_forces(
@@ -189,10 +189,10 @@ def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:
     sizes = nonnegative_squares(normals.T, -load)
     if sizes is None:
         return None
-    left = sizes @ normals + load
+    residual = sizes @ normals + load
     forces = np.column_stack([sizes, np.zeros((len(sizes), 2))])
-    proof = left / max(float(np.abs(left).sum()), np.finfo(float).tiny)
-    return Balance(float(np.abs(left).max()), 0.0, forces, proof, 1)
+    proof = residual / max(float(np.abs(residual).sum()), np.finfo(float).tiny)
+    return Balance(float(np.abs(residual).max()), 0.0, forces, proof, 1)
 
 
 def _add_planes(

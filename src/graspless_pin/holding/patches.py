@@ -171,14 +171,14 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
         friction: (M,) coefficients.
         tolerance: Scaled accelerations up to which a contact counts as sticking.
     """
-    patches, left = list[Patch](), np.flatnonzero(friction > 0.0).tolist()
-    while left:
-        members = left[:1]
-        for contact in left[1:]:
+    patches, remaining = list[Patch](), np.flatnonzero(friction > 0.0).tolist()
+    while remaining:
+        members = remaining[:1]
+        for contact in remaining[1:]:
             sizes = np.linalg.svd(_slips(rows, [*members, contact]), compute_uv=False)
             if len(sizes) > 3 and sizes[3] < _DEPENDENT * sizes[0]:
                 members.append(contact)
-        left = [contact for contact in left if contact not in members]
+        remaining = [contact for contact in remaining if contact not in members]
         if len(members) < _FEWEST_CONTACTS:
             continue
         slips = _slips(rows, members)

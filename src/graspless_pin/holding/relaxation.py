@@ -308,8 +308,8 @@ class Relaxation:
     def with_loads(self, proofs: Iterable[LoadProof]) -> Relaxation:
         """Return the relaxation with larger smallest normal forces."""
         loads = self.loads.copy()
-        for one in proofs:
-            loads[one.contact] = one.force / self.dynamics.force_unit
+        for proof in proofs:
+            loads[proof.contact] = proof.force / self.dynamics.force_unit
         return self._changed(self.dynamics, loads)
 
     def without_free_joints(self, opened: NDArray[np.bool_]) -> Relaxation:
@@ -328,10 +328,10 @@ class Relaxation:
         return self.dynamics.resolution**2 - self.force_limit * float(still.sum())
 
     def _changed(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
-        other = Relaxation(dynamics, loads, self.force_limit)
-        other._tally = self._tally
-        other.bounds = self.bounds.changed(dynamics, loads)
-        return other
+        relaxation = Relaxation(dynamics, loads, self.force_limit)
+        relaxation._tally = self._tally
+        relaxation.bounds = self.bounds.changed(dynamics, loads)
+        return relaxation
 
     def _drop(self) -> None:
         """Take away the rows of the last states; the tangents found there hold for all."""

@@ -193,10 +193,10 @@ class LinearizedMotion:
         ends = [0.0]
         for index in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
             low, high = factors[index : index + 2].tolist()
-            near = _root(lambda k: float(growth(np.array([k]))[0]), low, high)
+            root = _root(lambda k: float(growth(np.array([k]))[0]), low, high)
             # On the side where nothing grows.
             side = 1.0 if grows[index] else -1.0
-            ends.append(min(max(near * (1.0 + 2.0 * side * _GAIN_ACCURACY), low), high))
+            ends.append(min(max(root * (1.0 + 2.0 * side * _GAIN_ACCURACY), low), high))
         ends.append(np.inf)
         inner = ends[1:] if grows[0] else ends
         return tuple(zip(inner[::2], inner[1::2], strict=False))
@@ -258,8 +258,8 @@ def lyapunov_matrix(
         return None
     found = np.asarray(solve_continuous_lyapunov(shifted.T, -np.eye(len(shifted))))
     found = 0.5 * (found + found.T)
-    left = -(shifted.T @ found + found @ shifted)
-    good = min(np.linalg.eigvalsh(found)[0], np.linalg.eigvalsh(left)[0] - _PROVEN) > 0.0
+    decay = -(shifted.T @ found + found @ shifted)
+    good = min(np.linalg.eigvalsh(found)[0], np.linalg.eigvalsh(decay)[0] - _PROVEN) > 0.0
     return found if good else None
 
 
@@ -306,9 +306,9 @@ def extreme_forces(
         found = farthest_forces(jacobian, load, free_friction(problem), cost, most)
         if found is None:
             return -np.inf, forces, gradient
-        other = world_forces(problem, found * unit)
-        rate, next_gradient = growth(other)
-        return rate, other, next_gradient
+        new_forces = world_forces(problem, found * unit)
+        rate, next_gradient = growth(new_forces)
+        return rate, new_forces, next_gradient
 
     rate, gradient = growth(forces)
     best = max(
@@ -318,10 +318,10 @@ def extreme_forces(
     if best[0] > rate:
         rate, forces, gradient = best
     for _ in range(_MOST_ROUNDS):
-        new_rate, other, next_gradient = along(gradient)
+        new_rate, new_forces, next_gradient = along(gradient)
         if new_rate <= rate + _FASTER * max(abs(rate), GROWTH_LIMIT):
             return forces
-        rate, forces, gradient = new_rate, other, next_gradient
+        rate, forces, gradient = new_rate, new_forces, next_gradient
     return forces
 
 

@@ -116,24 +116,24 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
     return f"{' and '.join(parts)}{fast}"
 
 
-def _moving(way: FloatArray, load: FloatArray, states: tuple[ContactState, ...]) -> str:
+def _moving(direction: FloatArray, load: FloatArray, states: tuple[ContactState, ...]) -> str:
     """Return a verb and where to."""
-    down = float(way @ load)
+    down = float(direction @ load)
     if down > _SAME_WAY and set(states) == {ContactState.OPEN}:
         return "fall"
     verb = "slip" if ContactState.SLIPPING in states else "move"
     if abs(down) > _SAME_WAY:
         return f"{verb} {'down' if down > 0.0 else 'up'}"
     where = "sideways " if abs(down) < _SIDEWAYS else "down " if down > 0.0 else "up "
-    return f"{verb} {where if load.any() else ''}along {_axis(way)}"
+    return f"{verb} {where if load.any() else ''}along {_axis(direction)}"
 
 
-def _axis(way: FloatArray) -> str:
+def _axis(direction: FloatArray) -> str:
     """Return a direction: a world axis, or its components."""
-    largest = int(np.argmax(np.abs(way)))
-    if abs(way[largest]) > _SAME_WAY:
-        return f"{'+' if way[largest] > 0.0 else '-'}{'xyz'[largest]}"
-    return f"({', '.join(f'{part + 0.0:.2f}' for part in np.round(way, 2))})"
+    largest = int(np.argmax(np.abs(direction)))
+    if abs(direction[largest]) > _SAME_WAY:
+        return f"{'+' if direction[largest] > 0.0 else '-'}{'xyz'[largest]}"
+    return f"({', '.join(f'{part + 0.0:.2f}' for part in np.round(direction, 2))})"
 
 
 def state_words(states: Sequence[ContactState], words: Mapping[ContactState, str] = _STATES) -> str:
@@ -299,14 +299,14 @@ def _possible(problem: QuasistaticProblem) -> str:
 def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
     problem, torques, forces = known.problem, known.torques, known.rest_forces
 
-    def bearing() -> FloatArray:
+    def supporting_forces() -> FloatArray:
         if forces is None:
             return np.zeros((problem.contact_count, 3))
         local = np.einsum("lij,li->lj", problem.frames, forces) / problem.scales.force
         found = bearing_forces(problem, torques, local)
         return world_forces(problem, found * problem.scales.force)
 
-    small = rolling_without_scene(problem, bearing)
+    small = rolling_without_scene(problem, supporting_forces)
     known = replace(known, status=Stability.STRONG, proof=proof, small_motions=small)
     return replace(known, message=strong_words(known))
 
@@ -351,8 +351,8 @@ def _searched(
     Under a declared motion that rubs: look for what else happens, then prove that nothing does.
     """
     most, unit = force_limit(known.problem, dynamics), dynamics.force_unit
-    rubs, loads = bool(slides_with_friction(known.problem).any()), ()
-    if not rubs:
+    sliding_friction, loads = bool(slides_with_friction(known.problem).any()), ()
+    if not sliding_friction:
         loads, programs = proven_loads(dynamics, commanded / unit, most)
         known = replace(known, programs=known.programs + programs)
     if loads:
@@ -362,7 +362,7 @@ def _searched(
     forces = find_motion(dynamics)
     if forces is None:
         begun = time.thread_time()
-        if rubs:
+        if sliding_friction:
             found = other_motion(dynamics, most, limits.end)
         else:
             least = at_least(commanded, loads) / unit
@@ -371,12 +371,12 @@ def _searched(
         known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
         forces = found.motion
         if found.tree is not None:
-            leaving = () if rubs else _leaving(known, dynamics, most)
+            leaving = () if sliding_friction else _leaving(known, dynamics, most)
             proof = RestProof(loads, None, found.tree, most * unit)
             return _strong(replace(known, leaving=leaving), proof)
         if forces is None:
             resists = state_words(found.resisting) or "no contact's state is known"
-            what = f"; what resists: {resists}" if rubs else ""
+            what = f"; what resists: {resists}" if sliding_friction else ""
             return _unproven(known, limits, f"{found.left} left{what}")
     return _weak(known, outcome_record(known.problem, dynamics, forces))
 
@@ -430,10 +430,10 @@ def _balanced(
     return None if found is None or not found.is_rest else found.forces
 
 
-def _unproven(known: StabilityVerdict, limits: Limits, left: str) -> StabilityVerdict:
-    other = "other motion" if known.problem.is_sliding.any() else "motion"
-    why = f"undecided: {_possible(known.problem)}, but {other} was not ruled out "
-    why += f"({known.nodes} sets of outcomes looked at, {left})"
+def _unproven(known: StabilityVerdict, limits: Limits, open_sets: str) -> StabilityVerdict:
+    motion = "other motion" if known.problem.is_sliding.any() else "motion"
+    why = f"undecided: {_possible(known.problem)}, but {motion} was not ruled out "
+    why += f"({known.nodes} sets of outcomes looked at, {open_sets})"
     most = limits.node_limit or 0
     more = max(_MORE * most, BRIEF_NODE_LIMIT) if known.nodes >= most else 0
     return replace(known, next_nodes=more, message=why)

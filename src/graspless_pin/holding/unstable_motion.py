@@ -56,8 +56,8 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
     if (normal < 0.0).any() or (side > mu * normal * (1.0 + 1e-9) + _STILL).any():
         return False
     # What parts bears nothing; friction of what slips is against that.
-    ways = u[:, 1:] / np.maximum(slips, _STILL)[:, None]
-    against = np.linalg.norm(forces[:, 1:] + (mu * normal)[:, None] * ways, axis=1)
+    directions = u[:, 1:] / np.maximum(slips, _STILL)[:, None]
+    against = np.linalg.norm(forces[:, 1:] + (mu * normal)[:, None] * directions, axis=1)
     gaps = np.maximum(np.minimum(normal, parting), np.minimum(against, slips))
     return bool(parting.min() >= -_TOLERANCE and gaps.max() <= _TOLERANCE)
 
@@ -113,10 +113,10 @@ def _relaxed(
     blocks = np.einsum("lin,ljn->lij", rows, pushes)
     steps = 1.0 / np.maximum(np.linalg.norm(blocks, ord=2, axis=(1, 2)), 1e-12)
     rows, pushes = steps[:, None, None] * rows, pushes.transpose(0, 2, 1).copy()
-    held, commanded = dynamics.is_commanded, dynamics.commanded
+    is_commanded, commanded = dynamics.is_commanded, dynamics.commanded
     # Starts last: (M, 3, K), and what they move (n, K).
     forces = starts.transpose(1, 2, 0).copy()
-    forces[held, 0] = commanded[held, None]
+    forces[is_commanded, 0] = commanded[is_commanded, None]
     changes = np.zeros_like(forces)
     y = np.einsum("lni,lik->nk", pushes, forces) + dynamics.load[:, None]
     still = _SLOW * dynamics.limit
@@ -135,7 +135,7 @@ def _relaxed(
             u, old = rows[contact] @ y, forces[contact]
             trial = old - u
             side = np.hypot(trial[1], trial[2])
-            if held[contact]:
+            if is_commanded[contact]:
                 trial[0] = commanded[contact]
             else:
                 trial[0] -= coefficient * np.hypot(u[1], u[2])
@@ -191,15 +191,15 @@ def _newton(
     opened: NDArray[np.bool_],
     slipping: NDArray[np.bool_],
 ) -> FloatArray | None:
-    mu, held = dynamics.friction, dynamics.is_commanded
+    mu, is_commanded = dynamics.friction, dynamics.is_commanded
     f = np.where(opened[:, None], 0.0, forces)
-    f[held, 0] = dynamics.commanded[held]
+    f[is_commanded, 0] = dynamics.commanded[is_commanded]
     free = np.flatnonzero(~opened)
     count, n = len(free), len(dynamics.load)
     own, pushes = dynamics.rows[free], dynamics.pushes[free].reshape(3 * count, n)
     delassus = (own @ pushes.T).reshape(count, 3, 3 * count)
     identity = np.eye(3 * count).reshape(count, 3, 3 * count)
-    coefficient, slides, fixed = mu[free], slipping[free], held[free]
+    coefficient, slides, fixed = mu[free], slipping[free], is_commanded[free]
     least = np.inf
     for _ in range(_POLISH_STEPS):
         u, g = own @ dynamics.motion(f), f[free]
@@ -223,7 +223,7 @@ def _newton(
         if change is None:
             return None
         f[free] += change.reshape(-1, 3)
-    f[:, 0] = np.where(held, dynamics.commanded, np.maximum(f[:, 0], 0.0))
+    f[:, 0] = np.where(is_commanded, dynamics.commanded, np.maximum(f[:, 0], 0.0))
     return f if is_outcome(dynamics, f) else None
 
 

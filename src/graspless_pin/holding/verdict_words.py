@@ -129,15 +129,15 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
         fingers: The finger of a joint by the joint's name, where it is known.
     """
     problem, motion = verdict.problem, verdict.motion
-    left = np.zeros(problem.joint_count)
+    unbalanced = np.zeros(problem.joint_count)
     if motion is not None and problem.joint_inertia is not None:
-        left = np.abs(problem.joint_inertia @ motion.joint_accelerations)
-    moving = np.flatnonzero(left >= _NAMED_TORQUE * left.max(initial=0.0))
-    most = int(np.argmax(left))
+        unbalanced = np.abs(problem.joint_inertia @ motion.joint_accelerations)
+    moving = np.flatnonzero(unbalanced >= _NAMED_TORQUE * unbalanced.max(initial=0.0))
+    most = int(np.argmax(unbalanced))
     who, several = _named([problem.joint_names[joint] for joint in moving], fingers)
     moves = f"{who} {'move by themselves' if several else 'moves by itself'}"
     loads = "weight and contact forces" if problem.jacobian[:, moving].any() else "weight"
-    rest = f"{_rounded(float(left[most])):g} {problem.joint_units[most]}"
+    rest = f"{_rounded(float(unbalanced[most])):g} {problem.joint_units[most]}"
     return (
         f"fails: {moves}: torques do not balance {loads}, {rest} are left over at joint "
         f"{problem.joint_names[most]!r}; the object stays in this outcome, which is not proven to "

@@ -212,8 +212,8 @@ class AttachedConfigurations(Configurations):
     def coupling(self) -> tuple[FloatArray, FloatArray]:
         """Return (n, a) and (n,) matrix and offset from a configuration to all positions."""
         S, offset = self.hand.tree.coupling.S, self.hand.tree.coupling.offset
-        held = np.setdiff1d(np.arange(len(self._start)), self._free)
-        return S[:, self._free], offset + S[:, held] @ self._start[held]
+        fixed = np.setdiff1d(np.arange(len(self._start)), self._free)
+        return S[:, self._free], offset + S[:, fixed] @ self._start[fixed]
 
     @property
     def fastest(self) -> FloatArray:
@@ -304,8 +304,8 @@ class AttachedConfigurations(Configurations):
         carried = hand.contact_jacobian(links, problem.positions + center)
         J[:, : carried.shape[1]] -= carried
         kinematics, nothing = hand.tree.kinematics(hand.positions), np.zeros(len(self.motors))
-        borne = self.carrying(kinematics, problem.external_wrench, nothing)
-        weights = problem.gravity_torques + borne @ self.motors
+        load_torques = self.carrying(kinematics, problem.external_wrench, nothing)
+        weights = problem.gravity_torques + load_torques @ self.motors
         return turned_problem(problem, R.T, jacobian=J, gravity_torques=weights)
 
     def overlap(self, scene: Scene) -> str:

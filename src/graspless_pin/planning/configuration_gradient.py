@@ -125,9 +125,9 @@ def problem_rates(
                 jacobian[row, :, hybrid] = turned[row]
                 hybrid += 1
         if scene.count_own_weight:
-            told, pulling = scene.acceleration, scene.gravity
-            if told is not None and told.of is Accelerated.BASE:
-                pulling = pulling - told.linear
+            acceleration, pulling = scene.acceleration, scene.gravity
+            if acceleration is not None and acceleration.of is Accelerated.BASE:
+                pulling = pulling - acceleration.linear
             rates = hand.tree.gravity_rates(hand.positions, pulling)
             weights[:actuators, : len(rates)] = to_actuators.T @ rates
     return ProblemRates(
@@ -172,7 +172,7 @@ def moving_contacts(
     gaps = np.zeros((scene.contacts.arrays.hand_count, count))
     moves, turns = np.zeros((2, len(points), 3, count))
     still = np.zeros((3, count))
-    held = Velocities(still, still)
+    fixed = Velocities(still, still)
     for index, contact in enumerate(points[: len(gaps)]):
         link = hand.tree.link_joints[contact.body]
         n, p, gap = contact.normal, contact.position, contact.distance
@@ -180,12 +180,12 @@ def moving_contacts(
             moves[index], turns[index] = columns.velocity(link, p), columns.rotation(link)
             continue
         own = Velocities(columns.velocity(link, p - 0.5 * gap * n), columns.rotation(link))
-        pieces = [one for one in hand.placed_bodies if one.name == contact.body]
+        pieces = [body for body in hand.placed_bodies if body.name == contact.body]
         if pieces:
             patch = Patch(n, p[None], [gap])
-            found = nearest_rates(pieces, scene.object.placed_bodies, patch, (own, held))
+            found = nearest_rates(pieces, scene.object.placed_bodies, patch, (own, fixed))
         else:  # a given contact
-            found = rates_over_face(n, gap, own, held)
+            found = rates_over_face(n, gap, own, fixed)
         gaps[index], moves[index] = found.gap, found.middle
         turns[index] = frame_turns(n, found.normal, scene.tangent_axes)
     return ContactRates(moves, turns, still, still), gaps
@@ -279,7 +279,7 @@ def configuration_gradient(
         >>> gradient.joint_names[0], gradient.values.shape
         ('finger_1_spread', (9,))
     """
-    way = choice(Follows, "follows", follows)
+    rule = choice(Follows, "follows", follows)
     scene = evaluation.scene
     if not evaluation.found:
         raise NoSolutionError(f"This state has no torques ({evaluation.reason}); nothing changes.")
@@ -300,7 +300,7 @@ def configuration_gradient(
         )
     data = optimum_gradients(evaluation.solution)
     columns = JointColumns(scene.hand)
-    contacts, gaps = moving_contacts(scene, scene.hand, columns, way)
+    contacts, gaps = moving_contacts(scene, scene.hand, columns, rule)
     coupling = scene.hand.tree.coupling
     rates = problem_rates(scene, columns, problem.joint_count, contacts)
     values, *others = [

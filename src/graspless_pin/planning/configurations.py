@@ -91,7 +91,7 @@ def pins_of(scene: Scene, entries: Sequence[PinEntry]) -> tuple[Pin, ...]:
     pins: list[Pin] = []
     for index, entry in enumerate(entries):
         pins += _resolved(scene, f"pins[{index}]", entry)
-    return tuple(sorted(pins, key=lambda pin: _other(scene, pin) not in _links(scene)))
+    return tuple(sorted(pins, key=lambda pin: _other_body(scene, pin) not in _links(scene)))
 
 
 def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
@@ -140,7 +140,7 @@ def pinned_point(scene: Scene, pin: Pin) -> PinnedPoint:
         gap = float(-n @ (place - T[:3, 3])) - pin.plane[1]
         middle = place + 0.5 * gap * n
     into = n if pin.second == scene.object.name else -n
-    return PinnedPoint(pin, GivenContact(_other(scene, pin), middle, into), gap)
+    return PinnedPoint(pin, GivenContact(_other_body(scene, pin), middle, into), gap)
 
 
 def pin_rates(scene: Scene, columns: JointColumns | None, at: PinnedPoint) -> Rates:
@@ -158,15 +158,15 @@ def pin_rates(scene: Scene, columns: JointColumns | None, at: PinnedPoint) -> Ra
     pin, middle, gap = at.pin, at.contact.position, at.gap
     n = at.contact.normal if pin.second == scene.object.name else -at.contact.normal
     ends = middle - 0.5 * gap * n, middle + 0.5 * gap * n
-    one, other = (
+    first, second = (
         _velocities(scene, columns, body, end)
         for body, end in zip((pin.first, pin.second), ends, strict=True)
     )
     if pin.point is None:
         bodies = _bodies(scene, pin)
-        found = nearest_rates(*bodies, nearest_patch(*bodies), (one, other))
+        found = nearest_rates(*bodies, nearest_patch(*bodies), (first, second))
     else:
-        found = rates_over_face(n, gap, one, other)
+        found = rates_over_face(n, gap, first, second)
     return found if pin.second == scene.object.name else found._replace(normal=-found.normal)
 
 
@@ -187,7 +187,7 @@ def _velocities(
     return Velocities(linear, angular)
 
 
-def _other(scene: Scene, pin: Pin) -> str:
+def _other_body(scene: Scene, pin: Pin) -> str:
     """Return the name of the body that is not the object."""
     return pin.first if pin.second == scene.object.name else pin.second
 
@@ -293,10 +293,10 @@ class Configurations:
 
     def with_scene(self, scene: Scene) -> Configurations:
         """Return the same states of a scene that differs in mass and friction alone."""
-        other = copy(self)
-        vars(other).pop("without_limits", None)
-        other.scene = scene
-        return other
+        changed = copy(self)
+        vars(changed).pop("without_limits", None)
+        changed.scene = scene
+        return changed
 
     @cached_property
     def without_limits(self) -> Configurations:

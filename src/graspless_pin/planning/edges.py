@@ -312,7 +312,7 @@ class Edge:
         self._solver, self._required = solver, required
         at, moved = solver.configurations, solver.configurations.scene.object
         self._start, end = (at.array({} if q is None else q) for q in configurations)
-        self._way = end - self._start
+        self._move = end - self._start
         first, last = poses
         self._carried = isinstance(at, AttachedConfigurations)
         for given in poses:
@@ -325,7 +325,7 @@ class Edge:
         if (steps <= 0.0).any():
             raise ArgumentError("resolution", f"needs two positive numbers, m and rad: {steps}")
         units = np.where(np.array(at.joint_units) == "m", *steps) if at.joint_units else 1.0
-        shares = np.concatenate([np.array(self._screw.lengths) / steps, np.abs(self._way) / units])
+        shares = np.concatenate([np.array(self._screw.lengths) / steps, np.abs(self._move) / units])
         self._count = math.ceil(shares.max() / _COARSE_STEP)
         self.narrow = 1.0 / shares.max() if self._count else np.inf
         self._seen: dict[float, EdgeState] = {}
@@ -387,7 +387,7 @@ class Edge:
         return self._solver.margin_of(scene, problem, self._required)[0]
 
     def _look(self, fraction: float) -> EdgeState:
-        q, solver, solve = self._start + fraction * self._way, self._solver, self._required >= 0.0
+        q, solver, solve = self._start + fraction * self._move, self._solver, self._required >= 0.0
         if self._carried:
             reached = solver.reaches(q, None, None, self._required)
             return EdgeState(fraction, reached, (), (q, None, None))
@@ -407,8 +407,8 @@ class Edge:
         if not found.faults or found.faults[0][0] is not StateStatus.BLOCKED:
             return False
         velocity, turn = self._screw.lengths
-        left = (1.0 - fraction) * (velocity + self._reach * turn)
-        return left <= self._solver.configurations.scene.contact_tolerance
+        remaining = (1.0 - fraction) * (velocity + self._reach * turn)
+        return remaining <= self._solver.configurations.scene.contact_tolerance
 
     @cached_property
     def _reach(self) -> float:

@@ -197,13 +197,13 @@ class Evaluator:
         Raises:
             ArgumentError: If it is negative or not finite, or the objective has none.
         """
-        other = copy(self)
+        changed = copy(self)
         epsilon = real_number("regularization", regularization, 0.0)
         objective = self._solver.objective.with_figure("regularization", epsilon)
         if objective.regularization != epsilon:
             raise ArgumentError("regularization", f"is none of the figures of {objective.name!r}")
-        other._solver = self._solver.with_objective(objective)
-        return other
+        changed._solver = self._solver.with_objective(objective)
+        return changed
 
     def evaluate(
         self,

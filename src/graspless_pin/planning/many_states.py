@@ -226,10 +226,10 @@ def _found(
             pace = (thread_time() - begin) / size
             yield chunk, found
             learned, done = done > 0, chunk.stop
-            left = states.total - done
-            if not left:
+            remaining = states.total - done
+            if not remaining:
                 return
-            worth = int(min(usable_cores(), left * pace / _WORTH_A_PROCESS))
+            worth = int(min(usable_cores(), remaining * pace / _WORTH_A_PROCESS))
             if workers is None and learned and worth > 1:
                 workers = worth
                 break

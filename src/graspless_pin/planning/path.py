@@ -124,13 +124,13 @@ class PathProfile(Brief):
 
     def __str__(self) -> str:
         """Return a short account, a line for each thing that happens."""
-        told = "not feasible"
+        summary = "not feasible"
         if self.found:
             largest = float(np.abs(self.margins).max())
-            told = f"smallest margin {brief_figure(self.smallest_margin, largest)} N"
+            summary = f"smallest margin {brief_figure(self.smallest_margin, largest)} N"
         count = len(self.times)
         points = f"{count} waypoint{'s' * (count != 1)}"
-        lines = [f"a path of {self.times[-1] - self.times[0]:g} s, {points}, {told}"]
+        lines = [f"a path of {self.times[-1] - self.times[0]:g} s, {points}, {summary}"]
         for change in self.contact_changes:
             parts = [
                 f"{verb} {_counted(names)}"

@@ -114,20 +114,20 @@ def _check_names(path: str | Path, names: Sequence[str]) -> None:
             raise ArgumentError("path", f"'{path}' has two columns {name!r}; keep one")
         stated = _STATED_UNIT.search(name)
         plain = "_".join(name[: stated.start()].split()) if stated else name
-        near = nearest_name(f"{plain}_{stated[1]}" if stated else plain, missing, _LIKE_COLUMN)
+        similar = nearest_name(f"{plain}_{stated[1]}" if stated else plain, missing, _LIKE_COLUMN)
         if stated is not None:
             of_joint = f"{_JOINT}{plain.removeprefix(_JOINT)}"
             ending = "_m" if stated[1] in ("m", "cm", "mm") else "_rad"
             raise ArgumentError(
                 "path",
                 f"'{path}': column {name!r} has its unit in brackets; name it "
-                f"{near or of_joint + ending!r} and give SI (s, m, rad), or leave it out",
+                f"{similar or of_joint + ending!r} and give SI (s, m, rad), or leave it out",
             )
         start, _, rest = name.partition("_")
         if f"{start}_" != _JOINT and name.endswith(_UNITS):
-            near = near or (nearest_name(start, [_JOINT], _LIKE_COLUMN) and f"{_JOINT}{rest}")
-        if near is not None and name not in (_TIME, *_POSE):
-            raise ArgumentError("path", f"'{path}': column {name!r}: did you mean {near!r}?")
+            similar = similar or (nearest_name(start, [_JOINT], _LIKE_COLUMN) and f"{_JOINT}{rest}")
+        if similar is not None and name not in (_TIME, *_POSE):
+            raise ArgumentError("path", f"'{path}': column {name!r}: did you mean {similar!r}?")
 
 
 def _joints(path: str | Path, names: Sequence[str]) -> dict[str, str]:

@@ -95,8 +95,8 @@ class PathTiming(Record):
         if not self.found:
             return f"no timing: {self.reason}"
         shares = {limit: self.limits.count(limit) / len(self.limits) for limit in TimingLimit}
-        told = [f"{limit} {100.0 * share:.0f} %" for limit, share in shares.items() if share]
-        return f"{self.duration:.3f} s, limited by {', '.join(told)} of {len(self.times)} points"
+        parts = [f"{limit} {100.0 * share:.0f} %" for limit, share in shares.items() if share]
+        return f"{self.duration:.3f} s, limited by {', '.join(parts)} of {len(self.times)} points"
 
 
 def fastest_timing(
@@ -174,10 +174,10 @@ def fastest_timing(
         TimingLimit.TORQUE: _by_joint("torque_limits", torque_limits, names),
     }
     knots = _waypoints(at, path)
-    ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
-    where = np.linspace(0.0, ways[-1], whole_number("points", points, 3))
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
+    where = np.linspace(0.0, lengths[-1], whole_number("points", points, 3))
     toppra = _toppra()
-    spline = toppra.SplineInterpolator(ways, knots, bc_type="natural")
+    spline = toppra.SplineInterpolator(lengths, knots, bc_type="natural")
     positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
     along = _points(at, program, (positions, slopes, bends), limits)
     nothing = np.full(len(where), np.nan)
@@ -304,9 +304,9 @@ def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingL
     reached = set[TimingLimit]()
     for point, x in zip(ends, squared, strict=True):
         sizes = np.abs(point.rows) @ np.abs([u, x]) + np.abs(point.sides)
-        left = point.sides - point.rows @ [u, x]
-        reached |= {point.kinds[k] for k in np.flatnonzero(left <= _NEAR_LIMIT * sizes)}
-    return next((one for one in TimingLimit if one in reached), TimingLimit.NOTHING)
+        slack = point.sides - point.rows @ [u, x]
+        reached |= {point.kinds[k] for k in np.flatnonzero(slack <= _NEAR_LIMIT * sizes)}
+    return next((limit for limit in TimingLimit if limit in reached), TimingLimit.NOTHING)
 
 
 def _points(
@@ -374,10 +374,10 @@ def _point(
     kinds = [TimingLimit.CONTACTS] * len(polygon[0]) + [TimingLimit.VELOCITY]
     for kind, parts in ((TimingLimit.TORQUE, joints), (TimingLimit.ACCELERATION, of_path)):
         limited = np.isfinite(limits[kind])
-        both_ways = np.vstack([parts[limited], -parts[limited]])
-        rows.append(both_ways[:, 1:])
-        sides.append(np.tile(limits[kind][limited], 2) - both_ways[:, 0])
-        kinds += [kind] * len(both_ways)
+        both_signs = np.vstack([parts[limited], -parts[limited]])
+        rows.append(both_signs[:, 1:])
+        sides.append(np.tile(limits[kind][limited], 2) - both_signs[:, 0])
+        kinds += [kind] * len(both_signs)
     return _PathPoint(wrench, motors, joints, np.vstack(rows), np.concatenate(sides), tuple(kinds))
 
 
@@ -429,27 +429,27 @@ def _fastest_speeds(
 
 def _waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
     """Return (K, a) positions of different configurations that follow each other."""
-    ways = np.array([at.array(q) for q in path], dtype=float)
-    for k, q in enumerate(ways):
+    points = np.array([at.array(q) for q in path], dtype=float)
+    for k, q in enumerate(points):
         try:
             at.hand_at(q)
         except ArgumentError as error:
             raise ArgumentError(f"path[{k}]", str(error)) from error
-    steps = np.linalg.norm(np.diff(ways, axis=0), axis=1) if len(ways) > 1 else np.zeros(0)
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1) if len(points) > 1 else np.zeros(0)
     if not len(steps) or not steps.all():
-        found = "two that follow each other and are the same" if len(steps) else str(len(ways))
+        found = "two that follow each other and are the same" if len(steps) else str(len(points))
         raise ArgumentError("path", f"needs two configurations or more, found {found}")
-    return ways
+    return points
 
 
 def _by_joint(
-    argument: str, told: Any, names: tuple[str, ...], others: ArrayLike = np.inf
+    argument: str, given: Any, names: tuple[str, ...], others: ArrayLike = np.inf
 ) -> FloatArray:
     """Return (a,) positive limits; those that are not told as others are."""
-    if told is not None and not isinstance(told, Mapping):
-        return np.full(len(names), _positive(argument, told))
+    if given is not None and not isinstance(given, Mapping):
+        return np.full(len(names), _positive(argument, given))
     limits = np.broadcast_to(others, len(names)).copy()
-    for name, value in (told or {}).items():
+    for name, value in (given or {}).items():
         if name not in names:
             raise ArgumentError(argument, f"has no joint {name!r}; {names_in_words(name, names)}")
         limits[names.index(name)] = _positive(f"{argument}[{name!r}]", value)

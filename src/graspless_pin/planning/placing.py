@@ -492,8 +492,8 @@ def _verdict(
     """Return the verdict that `solve` has of the scene: on the torques that its options ask for."""
     asked = scene.solve_options.get("algorithm", Algorithm.MARGIN)
     if asked != Algorithm.MARGIN or solution.status is not Status.OPTIMAL:
-        left = None if np.isinf(deadline) else deadline - time.monotonic()
-        solution = scene.solve(time_limit=left)
+        remaining = None if np.isinf(deadline) else deadline - time.monotonic()
+        solution = scene.solve(time_limit=remaining)
     if not solution.found:
         return None
     return scene.stability(solution.torques, node_limit=nodes)

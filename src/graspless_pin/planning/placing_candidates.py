@@ -198,9 +198,9 @@ def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
         problem: Contacts with their friction; its load and joints do not count.
         bodies: M names of what touches.
     """
-    ways = problem.cone_model.section(_CONE_EDGES).corners
+    corners = problem.cone_model.section(_CONE_EDGES).corners
     along = contact_map(problem)[:, :, :6]
-    edges = along[:, None, 0] + problem.friction[:, None, None] * (ways @ along[:, 1:])
+    edges = along[:, None, 0] + problem.friction[:, None, None] * (corners @ along[:, 1:])
     wrenches = edges.reshape(-1, 6).T
     size = float(np.abs(problem.positions).max())
     wrenches[3:] /= size
@@ -254,11 +254,11 @@ def _brought(
         if rate != 0.0
     }
     together = _jaws(plan.hand, part.fingers)
-    for left in reversed(range(_CENTERINGS)):
+    for remaining in reversed(range(_CENTERINGS)):
         if stance is None:
             return PlacingFault.OUT_OF_REACH
         hand, T = stance
-        if left < _CENTERINGS - 1:
+        if remaining < _CENTERINGS - 1:
             open_hand = moved_bodies(_of_links(hand, part.links), T)
             if shortfall(open_hand, pieces, 0.0) > 0.0:
                 break
@@ -267,7 +267,7 @@ def _brought(
         if not closing.touching:
             return PlacingFault.TOUCHES_NOTHING
         shift = _shift_of(closing, together, target.placed_bodies)
-        if not left or np.linalg.norm(shift) < _CENTERED:
+        if not remaining or np.linalg.norm(shift) < _CENTERED:
             return closing, T
         stance = _stance(part, hand, shifted(T, T[:3, :3] @ shift), rng)
     return PlacingFault.OBJECT_IN_THE_WAY
@@ -296,7 +296,7 @@ def _of_links(hand: Hand, links: frozenset[str]) -> PlacedBodies:
     bodies = hand.placed_bodies
     if links.issuperset(bodies.shapes.names):
         return bodies
-    return PlacedBodies.of([one for one in bodies if one.name in links])
+    return PlacedBodies.of([body for body in bodies if body.name in links])
 
 
 def _jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]]]:

@@ -273,8 +273,8 @@ def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generato
 def _varied(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator) -> Draw:
     """Return a draw near another one."""
     posture = plan.parts[index].postures[draw.posture]
-    way = rng.normal(size=3) * _VARIED_TURN * (rng.random() < _TURNED_SHARE)
-    turn = Rotation.from_rotvec(way).as_matrix()
+    rotation_vector = rng.normal(size=3) * _VARIED_TURN * (rng.random() < _TURNED_SHARE)
+    turn = Rotation.from_rotvec(rotation_vector).as_matrix()
     center = plan.scene.object.center_of_mass_world
     change = turned_about(center, turn, rng.normal(size=3) * _VARIED_SHIFT)
     bend = _VARIED_BEND * rng.normal(size=len(draw.opened)) * (posture.opened - posture.closed)

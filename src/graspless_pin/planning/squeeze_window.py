@@ -180,12 +180,12 @@ class SqueezeWindow(Brief):
         if self.lower is None or self.upper is None:
             lines = [f"the given torques do not hold{with_what}: {self.message}"]
         else:
-            way = "the given direction"
+            unit = "the given direction"
             if self.of_internal_forces:
-                way = "those of the internal forces\n(-1 takes the squeeze away, +1 doubles it)"
+                unit = "those of the internal forces\n(-1 takes the squeeze away, +1 doubles it)"
             amounts = from_to(self.lower.amount, self.upper.amount, _ROUNDING, "+")
             lines = [
-                f"holds{with_what} while torques change by {amounts} times {way}",
+                f"holds{with_what} while torques change by {amounts} times {unit}",
                 self.ends_words,
                 f"with less: {self.lower.message}",
                 f"with more: {self.upper.message}",
@@ -256,11 +256,11 @@ def squeeze_window(
             "'torque' or a stiffness (N m/rad)"
         )  # fmt: skip
     first = verdict_on(given)
-    way = _direction(problem, direction, first)
-    held = np.zeros(len(way), dtype=bool) if direction is None else way != 0.0
+    change = _direction(problem, direction, first)
+    kept = np.zeros(len(change), dtype=bool) if direction is None else change != 0.0
     if how is OtherJoints.FIXED:
-        held = np.ones(len(way), dtype=bool)
-    line = _Line(problem, given, way, held, verdict_on)
+        kept = np.ones(len(change), dtype=bool)
+    line = _Line(problem, given, change, kept, verdict_on)
     low, high = line.reach(lowest=-1.0 if direction is None else -np.inf)
     amounts = _amounts(samples, low, high)
     found = [line.at(amount) for amount in amounts.tolist()]
@@ -270,16 +270,16 @@ def squeeze_window(
         brackets = [_bracket(found[middle::-1]), _bracket(found[middle:])]
         lower, upper = _ends(line, brackets, share, _FINEST_END * (high - low))
     return SqueezeWindow(
-        read_only(way),
+        read_only(change),
         lower,
         upper,
         tuple(_others(found, middle)),
         read_only(amounts),
-        read_only(np.array([one.torques for one in found])),
-        read_only(np.array([one.normal_force for one in found])),
-        tuple(one.verdict.holding for one in found),
-        read_only(np.array([one.margin for one in found])),
-        read_only(np.array([one.verdict.growth_rate for one in found])),
+        read_only(np.array([point.torques for point in found])),
+        read_only(np.array([point.normal_force for point in found])),
+        tuple(point.verdict.holding for point in found),
+        read_only(np.array([point.margin for point in found])),
+        read_only(np.array([point.verdict.growth_rate for point in found])),
         first.controller,
         found[middle].failure[1] if not found[middle].holds else first.message,
         problem.joint_names,
@@ -348,11 +348,11 @@ class _Line:
     def reach(self, lowest: float) -> tuple[float, float]:
         """Return the least and the largest amount within the limits of the direction's joints."""
         moves = self.direction != 0.0
-        way, torque = self.direction[moves], self.torques[moves]
+        change, torque = self.direction[moves], self.torques[moves]
         lower, upper = self.problem.lower_torque[moves], self.problem.upper_torque[moves]
-        room = np.concatenate([(upper - torque) / way, (lower - torque) / way])
-        high = float(room[room >= 0.0].min(initial=_FARTHEST_AMOUNT))
-        low = float(room[room <= 0.0].max(initial=-_FARTHEST_AMOUNT))
+        amounts = np.concatenate([(upper - torque) / change, (lower - torque) / change])
+        high = float(amounts[amounts >= 0.0].min(initial=_FARTHEST_AMOUNT))
+        low = float(amounts[amounts <= 0.0].max(initial=-_FARTHEST_AMOUNT))
         return max(low, lowest), high
 
     def at(self, amount: float) -> _Point:
@@ -375,18 +375,18 @@ class _Line:
     def limiting(self, amount: float) -> str:
         """Return the joint that is at its limit at an amount; empty: none is."""
         torques = self.torques + amount * self.direction
-        for name, torque, low, high, way in zip(
+        for name, torque, low, high, change in zip(
             self.problem.joint_names, torques, self.problem.lower_torque,
             self.problem.upper_torque, self.direction, strict=True,
         ):  # fmt: skip
-            limit = high if amount * way > 0.0 else low
-            if way and isfinite(limit) and abs(torque - limit) <= _LIMIT_SLACK * abs(limit):
+            limit = high if amount * change > 0.0 else low
+            if change and isfinite(limit) and abs(torque - limit) <= _LIMIT_SLACK * abs(limit):
                 return name
         return ""
 
 
 def _torques_that_follow(
-    problem: QuasistaticProblem, torques: FloatArray, held: NDArray[np.bool_], direction: FloatArray
+    problem: QuasistaticProblem, torques: FloatArray, kept: NDArray[np.bool_], direction: FloatArray
 ) -> FloatArray:
     """Return torques of balance with those of some joints held; as they are where none balance.
 
@@ -395,18 +395,18 @@ def _torques_that_follow(
     Args:
         problem: The problem; its torque limits are kept.
         torques: (L,) that balance may change, N m (N).
-        held: (L,) joints whose torques stay.
+        kept: (L,) joints whose torques stay.
         direction: (L,) along which nothing changes, in the norm scaled by the limits.
     """
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
-    lower[held] = upper[held] = torques[held]
+    lower[kept] = upper[kept] = torques[kept]
     least = LeastChange((*torques.tolist(),), (*direction.tolist(),))
 
     def within(share: float) -> FloatArray | None:
         friction = share * problem.friction
         changed = problem.with_changes(torque_limits=(lower, upper), friction=friction)
         solution = solve_problem(changed, least, _REST)
-        return np.where(held, torques, solution.torques) if solution.found else None
+        return np.where(kept, torques, solution.torques) if solution.found else None
 
     found = within(_FRICTION_USED)
     if found is not None:
@@ -434,10 +434,10 @@ def _direction(
             raise unknown_name("direction", "joint", unknown[0], problem.joint_names)
         given = [given.get(name, 0.0) for name in problem.joint_names]
     if given is not None:
-        way = finite_array("direction", given, (problem.joint_count,))
-        if not way.any():
+        change = finite_array("direction", given, (problem.joint_count,))
+        if not change.any():
             raise ArgumentError("direction", "is zero; give a change of torques")
-        return way
+        return change
     if verdict.rest_forces is None:
         raise ArgumentError(
             "torques",
@@ -445,10 +445,10 @@ def _direction(
         )
     forces = verdict.rest_forces.ravel()
     inner = forces - np.linalg.lstsq(problem.W, problem.W @ forces, rcond=None)[0]
-    way = problem.jacobian.T @ inner
-    if np.linalg.norm(inner) <= _NO_SQUEEZE * np.linalg.norm(forces) or not way.any():
+    change = problem.jacobian.T @ inner
+    if np.linalg.norm(inner) <= _NO_SQUEEZE * np.linalg.norm(forces) or not change.any():
         raise ArgumentError("direction", "the contact forces squeeze nothing; give a direction")
-    return way
+    return change
 
 
 def _bracket(points: Sequence[_Point]) -> _Bracket:

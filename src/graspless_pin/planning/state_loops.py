@@ -113,8 +113,8 @@ def refusals(
         scene: The scene in this one.
         checks: What is looked for.
     """
-    for one in state_findings(scene, checks):
-        yield StateStatus[one.code.name], one.message
+    for finding in state_findings(scene, checks):
+        yield StateStatus[finding.code.name], finding.message
     deep = at.overlap(scene) if checks.collisions else ""
     if deep:
         yield StateStatus.OVERLAP, deep
@@ -174,10 +174,10 @@ class StateLoops:
         """
         states = None if q is None else self.posed(q, objective)
         clear = [False] * len(found.codes)
-        left = [*range(len(clear))]
+        remaining = [*range(len(clear))]
         if q is not None and states is not None:
             clear = (~states.doubtful).tolist()
-            left = np.flatnonzero(states.counts < 0).tolist()
+            remaining = np.flatnonzero(states.counts < 0).tolist()
             for order, advance in self._groups(q, states, objective, enough, found):
                 begin = 0
                 while begin < len(order):
@@ -186,7 +186,7 @@ class StateLoops:
                         number = int(order[begin])
                         alone(number, clear[number])
                         begin += 1
-        for number in left:
+        for number in remaining:
             alone(number, clear[number])
 
     def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:  # noqa: ARG002

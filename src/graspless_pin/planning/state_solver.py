@@ -100,9 +100,9 @@ class StateSolver:
 
     def with_scene(self, scene: Scene) -> StateSolver:
         """Return one for a pinned scene of another mass and friction; they learn together."""
-        other = copy(self)
-        other.configurations = self.configurations.with_scene(scene)
-        return other
+        changed = copy(self)
+        changed.configurations = self.configurations.with_scene(scene)
+        return changed
 
     def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:
         """Solve for one state, with as few records as can be: see `Evaluator.evaluate`.

@@ -105,17 +105,17 @@ def _commands(members: Sequence[Member], earlier: EarlierForces) -> FloatArray |
     if mode is not None:
         kept[layout.friction_columns] = mode.signs[layout.cones] != 0
     basis = coordinates.basis[:, kept]
-    load = np.mean([one.problem.external_wrench for one in members], axis=0)
+    load = np.mean([member.problem.external_wrench for member in members], axis=0)
     balance = np.linalg.pinv(first.W @ basis, rcond=_CANCELS)
     least = basis @ (balance @ -load)
     inner = coordinates.basis @ earlier.mean.ravel()[layout.axes]
     inner -= basis @ (balance @ (first.W @ inner))
     start, added = members[0].commanded(first.J.T @ least), first.J.T @ inner / members[0].factors
     # The largest margin is mostly at limits of torques: then a part of the inner forces will do.
-    room = np.where(added > 0.0, first.upper_torque - start, start - first.lower_torque)
+    slack = np.where(added > 0.0, first.upper_torque - start, start - first.lower_torque)
     needed = np.abs(added)
     counts = needed > _CANCELS * needed.max(initial=0.0)
-    share = (1.0 - _CANCELS) * float((room[counts] / needed[counts]).min(initial=1.0))
+    share = (1.0 - _CANCELS) * float((slack[counts] / needed[counts]).min(initial=1.0))
     commands, loaded = start + share * added, first.J.any(axis=0)
     within = (commands >= first.lower_torque) & (commands <= first.upper_torque)
     return commands if within[loaded].all() else None
