@@ -420,9 +420,9 @@ class _AffineProgram:
                 return False
         tolerance = PRIMAL_TOLERANCE * self.scale.joint_scale
         for number in found.driven:
-            problem, reserve = self.corners[number].problem, found.rooms[number] - tolerance
-            beyond = found.commands[number] + reserve > problem.upper_torque
-            if (beyond | (found.commands[number] - reserve < problem.lower_torque)).any():
+            problem, deviation = self.corners[number].problem, found.rooms[number] - tolerance
+            beyond = found.commands[number] + deviation > problem.upper_torque
+            if (beyond | (found.commands[number] - deviation < problem.lower_torque)).any():
                 return False
         return True
 

@@ -327,12 +327,12 @@ def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray,
     Returns:
         (p, 3) and (d, 3) combinations of the cone's three rows.
     """
-    rubbing, pull = math.hypot(*inside[1:]), math.hypot(*weights[1:])
-    if weights[0] <= inside[0] - rubbing:
+    tangential, pull = math.hypot(*inside[1:]), math.hypot(*weights[1:])
+    if weights[0] <= inside[0] - tangential:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    if rubbing <= weights[0] - pull:
+    if tangential <= weights[0] - pull:
         return np.eye(3), np.eye(3)
-    x, y = inside[1:] / rubbing
+    x, y = inside[1:] / tangential
     planes = np.array([[1.0, -x, -y], [0.0, -y, x]])
     return planes, planes[:1]
 

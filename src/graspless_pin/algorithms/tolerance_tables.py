@@ -126,8 +126,8 @@ class Tolerances(Brief):
         With attainable tolerances these stand beside, in the place of way and contacts.
         """
         headers, rows = self.table()
-        left_out = ("direction", _WHERE) if self.attainable else ()
-        kept = [place for place, name in enumerate(headers) if name not in left_out]
+        omitted = ("direction", _WHERE) if self.attainable else ()
+        kept = [place for place, name in enumerate(headers) if name not in omitted]
         kept_rows = [[row[place] for place in kept] for row in rows]
         table = tabulate(kept_rows, headers=[headers[place] for place in kept])
         law = "Coulomb friction" if self.coulomb else "friction that opposes virtual sliding"

@@ -395,8 +395,8 @@ def rolling_without_scene(
     if basis.shape[1]:
         return SmallMotions.not_known(rolls)
     forces = bearing()
-    bears = np.einsum("li,li->l", forces, problem.normals) > LEAST_LOAD * problem.scales.force
-    basis, moving, _ = without_slip(problem, bears=bears)
+    loaded = np.einsum("li,li->l", forces, problem.normals) > LEAST_LOAD * problem.scales.force
+    basis, moving, _ = without_slip(problem, bears=loaded)
     if not basis.shape[1]:
         joints = np.flatnonzero(moving[problem.passive_count :])
         still, nothing, none = np.zeros((len(moving), 0)), np.zeros((0, 0)), np.zeros(len(joints))

@@ -111,9 +111,9 @@ class ContactProgram:
         unbalanced = np.abs(problem.W @ forces + load) / units
         if unbalanced.max() > MARGIN_SLACK * max(scale, float(np.abs(load / units).max())):
             return -np.inf, ()
-        rooms = contact_rooms(problem, forces.reshape(-1, 3)).min(axis=1)
-        margin = float(rooms.min())
-        return margin, tuple(np.flatnonzero(rooms <= margin + MARGIN_SLACK * scale).tolist())
+        slacks = contact_rooms(problem, forces.reshape(-1, 3)).min(axis=1)
+        margin = float(slacks.min())
+        return margin, tuple(np.flatnonzero(slacks <= margin + MARGIN_SLACK * scale).tolist())
 
     def _between(
         self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _MOST_HALVINGS

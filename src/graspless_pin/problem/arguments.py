@@ -87,8 +87,8 @@ def checked_arguments(
     first_bad("max_normal_force", force, impossible, "it must be finite and > 0")
     pull = wrench[[unit is JointUnit.FORCE for unit in kinds]]
     least = max(SMALLEST, float(np.abs(pull).max(initial=0.0)) / LARGEST_LOAD_OVER_LIMIT)
-    far_off = f"it must be at least {least:g}: the external force is {pull.tolist()} N"
-    first_bad("max_normal_force", force, force < least, far_off)
+    too_small = f"it must be at least {least:g}: the external force is {pull.tolist()} N"
+    first_bad("max_normal_force", force, force < least, too_small)
     weight = np.zeros(count) if gravity_torques is None else gravity_torques
     gravity = finite_array("gravity_torques", weight, (count,))
     return {

@@ -61,8 +61,8 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
         solution: A solution that was found.
     """
     problem = solution.problem
-    rooms = contact_rooms(problem, solution.contact_forces)
-    limiting = rooms <= solution.margin + _TIE_TOLERANCE * force_sizes(problem)[:, None]
+    slacks = contact_rooms(problem, solution.contact_forces)
+    limiting = slacks <= solution.margin + _TIE_TOLERANCE * force_sizes(problem)[:, None]
     if solution.algorithm is Algorithm.MARGIN and solution.status is not Status.STRONG:
         found = solution.multipliers
         # The first of a round cone's multipliers is its force in the direction of the margin.
