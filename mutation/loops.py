@@ -123,7 +123,7 @@ MISTAKES = tuple(
          "slack += wrong * self.tolerance"),
         (OUTCOMES, "fmax(-nu, 0.0) * fmax(parts[k], self.tolerance)",
          "fmax(-nu, 0.0) * self.tolerance"),
-        (OUTCOMES, "slack += fmax(-nu, 0.0)", "pass"),
+        (OUTCOMES, "slack += fmax(-nu, 0.0) * fmax(parts[k], self.tolerance)", "pass"),
         (OUTCOMES, "for k in range(known - 1, -1, -1):", "for k in range(known - 1, 0, -1):"),
         (OUTCOMES, "rise += gain * self.own_spread[k]", "pass"),
         (OUTCOMES, "share = fmin(1.0, size * first / fmax(side, tiny))", "share = 1.0"),
