@@ -57,56 +57,56 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     if not answer.found:
         return _why_none(answer)
     covered = "all of it" if robust.samples is None else "all of it but where contacts are"
-    told = [
+    lines = [
         f"Not known exactly: {answer.uncertainty}.",
         f"Torques for {covered}: {_figures(robust, answer)}, proven for {robust.proven_for}; "
         f"for the nominal scene alone {_figures(answer.nominal, answer)}.",
     ]
     samples = robust.samples
     if Coverage.CORNERS in (robust.coverage, samples and samples.where_meant):
-        told.append("Corners need different virtual slidings: between them nothing is proven.")
+        lines.append("Corners need different virtual slidings: between them nothing is proven.")
     if samples is not None:
-        told.append(f"Sampled, not proven: {samples}.")
+        lines.append(f"Sampled, not proven: {samples}.")
     value, bound = robust.value, robust.bound
     of_which = "corners" if robust.policy is None and samples is None else "of it"
     if robust.policy is not None:
-        told.append("Contact forces affine in what has no corners, or too many, prove it.")
+        lines.append("Contact forces affine in what has no corners, or too many, prove it.")
     if math.isfinite(bound) and abs(value - bound) > _SAME_AS_BOUND * abs(value):
-        told.append(
+        lines.append(
             f"No torques for all {of_which} are better than {bound:.4g} {_unit(answer)} (proven)."
         )
-    told.append(f"Least room: {robust.members[robust.worst].words}.")
+    lines.append(f"Least room: {robust.members[robust.worst].words}.")
     if robust.rest is not None:
-        told.append(
+        lines.append(
             f"Rest is the only outcome at each of {len(robust.rest.corners)} corners "
             f"({counted(robust.rest.tried, 'set')} of torques tried)."
         )
     if answer.at_corners is not None:
-        told += _corner_words(answer.at_corners)
+        lines += _corner_words(answer.at_corners)
     if robust.feedback is not None and robust.largest_deflection > _STILL:
-        told.append(
+        lines.append(
             "With the stiffness of the controller joints give way by up to "
             f"{robust.largest_deflection:.2g} rad (m): the largest torque counts what that adds."
         )
-    return told
+    return lines
 
 
 def _corner_words(judged: MemberVerdicts) -> list[str]:
     """Return which verdicts there are at the corners, what is said of the worst, and what not."""
-    told, said = [], [str(one.holding) for one in judged.verdicts]
-    if said and set(said) == {str(Holding.HOLDS)}:
-        told.append(f"At the corners of the set the object stays: holds at {len(said)}.")
-    elif said:
-        counts = ", ".join(f"{word} at {said.count(word)}" for word in dict.fromkeys(said))
+    lines, holdings = [], [str(one.holding) for one in judged.verdicts]
+    if holdings and set(holdings) == {str(Holding.HOLDS)}:
+        lines.append(f"At the corners of the set the object stays: holds at {len(holdings)}.")
+    elif holdings:
+        tally = ", ".join(f"{word} at {holdings.count(word)}" for word in dict.fromkeys(holdings))
         worst = judged.members[judged.worst].words
         why = judged.verdicts[judged.worst].message
-        told.append(f"Does it stay at the corners of the set? {counts}; the worst, {worst}: {why}.")
+        lines.append(f"Does it stay at the corners of the set? {tally}; the worst, {worst}: {why}.")
     if judged.left_out:
-        told.append(
+        lines.append(
             f"{counted(judged.left_out, 'corner')} more could not be asked about in "
             f"{CORNER_TIME:g} s; in Python `scene.stability_of_members` takes its time."
         )
-    return [*told, "Between the corners nothing is proven about rest."]
+    return [*lines, "Between the corners nothing is proven about rest."]
 
 
 def _why_none(answer: RobustAnswer) -> list[str]:
@@ -114,27 +114,27 @@ def _why_none(answer: RobustAnswer) -> list[str]:
     together = "No torques serve these members together, only without one of them:"
     if len(robust.conflict) < 2:
         together = "No torques serve this member:" if robust.conflict else ""
-    told = [
+    lines = [
         f"Not known exactly: {answer.uncertainty}.",
         together or _unserved(robust),
     ]
     share = answer.served_share
     part = answer.uncertainty.scaled(share) if share > 0.0 else None
     if answer.unserved_share - share > _OPEN:
-        told.append(
+        lines.append(
             f"At least {100.0 * share:.3g} % of it is served{'' if part is None else f': {part}'}. "
             f"Whether more is, up to {100.0 * answer.unserved_share:.3g} %, was left open after "
             f"{SHARE_TIME:g} s."
         )
     elif part is not None:
-        told.append(f"Up to {100.0 * share:.3g} % of it is served: {part}.")
+        lines.append(f"Up to {100.0 * share:.3g} % of it is served: {part}.")
     elif share == 0.0:
-        told.append("No part of it is served, however small.")
+        lines.append("No part of it is served, however small.")
     if answer.with_feedback is not None:
-        told.append(_feedback_words(answer.with_feedback))
+        lines.append(_feedback_words(answer.with_feedback))
     if not nominal.found:
-        return [*told, f"Not even for the nominal scene: {nominal.status.message}."]
-    return [*told, f"For the nominal scene alone: {_figures(nominal, answer)}."]
+        return [*lines, f"Not even for the nominal scene: {nominal.status.message}."]
+    return [*lines, f"For the nominal scene alone: {_figures(nominal, answer)}."]
 
 
 def _unserved(robust: RobustSolution) -> str:
@@ -144,12 +144,12 @@ def _unserved(robust: RobustSolution) -> str:
             "first. Raise it, or state less as uncertain."
         )
     if robust.rest is not None and robust.status is Status.STRONG_NOT_FOUND:
-        told = "Torques serve all of it, but none were found of which rest is the only outcome at "
-        told += f"each corner ({robust.rest.tried} tried). That there are none is not proven."
+        text = "Torques serve all of it, but none were found of which rest is the only outcome at "
+        text += f"each corner ({robust.rest.tried} tried). That there are none is not proven."
         if robust.rest.verdicts:
             last = robust.members[robust.rest.corners[-1]].words
-            told += f" Rest is lost where {last}: {robust.rest.verdicts[-1].message}."
-        return told
+            text += f" Rest is lost where {last}: {robust.rest.verdicts[-1].message}."
+        return text
     if robust.status is Status.UNVERIFIED:
         return "Whether torques serve all of it is open: none were proven to. Make it smaller."
     return f"No torques for all of it: {robust.status.message}."
@@ -265,7 +265,7 @@ def _corner_data(judged: MemberVerdicts) -> dict[str, Any]:
 
 def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
     """Return how far each quantity may be off, as plain data in SI units; None: there is no end."""
-    told: list[dict[str, Any]] = [
+    entries: list[dict[str, Any]] = [
         {
             "quantity": str(one.quantity),
             "borne": one.borne,
@@ -278,7 +278,7 @@ def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
         for one in off.each
     ]
     names = off.problem.joint_names
-    for entry, one in zip(told, off.attainable, strict=False):
+    for entry, one in zip(entries, off.attainable, strict=False):
         entry["attainable"] = {
             "borne": one.borne,
             "failing": one.failing if math.isfinite(one.failing) else None,
@@ -287,7 +287,7 @@ def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
             "free_motion": None if one.free_motion is None else one.free_motion.tolist(),
             "in_time": one.in_time,
         }
-    return told
+    return entries
 
 
 def _summary(found: TorqueSolution | RobustSolution) -> dict[str, Any]:
@@ -329,13 +329,13 @@ def _proving(robust: RobustSolution) -> dict[str, Any]:
 
 def _served(robust: RobustSolution) -> list[dict[str, Any]]:
     """Return all corners, those of the joined problem first; where nothing was found, these."""
-    held = robust.joined_members
+    joined = robust.joined_members
     if not robust.found:
-        return _members(held)
-    told, forces = _members(robust.members), further_forces(robust)
-    for number, one in enumerate(told[len(held) :]):
+        return _members(joined)
+    entries, forces = _members(robust.members), further_forces(robust)
+    for number, one in enumerate(entries[len(joined) :]):
         one["forces"] = None if forces is None else forces[number]
-    return told
+    return entries
 
 
 def _members(members: Sequence[Member]) -> list[dict[str, Any]]:

@@ -104,13 +104,13 @@ def simulation_text(
 def _lost_words(simulation: Simulation, forces: Sequence[BodyForce]) -> str:
     """Return which bodies bear nothing in the end though some force of theirs is proven."""
     least = _SAME_FORCE * simulation.problem.scales.force
-    told = []
+    clauses = []
     for k, run in enumerate(simulation.runs):
         lost = [one.body for one in forces if one.lower > least and one.simulated[k] == 0.0]
         if lost:
-            bear = "bears" if len(lost) == 1 else "bear"
-            told.append(f"{', '.join(lost)} {bear} nothing ({run.contact_model.name} bodies)")
-    return f"; but in the end {'; '.join(told)}" if told else ""
+            verb = "bears" if len(lost) == 1 else "bear"
+            clauses.append(f"{', '.join(lost)} {verb} nothing ({run.contact_model.name} bodies)")
+    return f"; but in the end {'; '.join(clauses)}" if clauses else ""
 
 
 def _force_table(
@@ -221,6 +221,6 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any
 def _spread(start: ManipulatedObject, run: SimulatedRun) -> NDArray[np.intp]:
     """Return looks at the object that are spread evenly along its way, the first and last, too."""
     changes = np.array([change_of_pose(start, T) for T in run.T_world_object])
-    way = np.maximum.accumulate(changes @ [1.0, _TURN_LENGTH])
-    wanted = np.linspace(way[0], way[-1], _MOST_TIMES)
-    return np.unique([0, *np.searchsorted(way, wanted[1:-1]).tolist(), len(way) - 1])
+    travel = np.maximum.accumulate(changes @ [1.0, _TURN_LENGTH])
+    wanted = np.linspace(travel[0], travel[-1], _MOST_TIMES)
+    return np.unique([0, *np.searchsorted(travel, wanted[1:-1]).tolist(), len(travel) - 1])

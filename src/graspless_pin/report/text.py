@@ -21,7 +21,7 @@ from graspless_pin.solution.tables import COLUMNS, counted, figure, headed
 if TYPE_CHECKING:
     from graspless_pin.scene.robust_answer import RobustAnswer
 
-_NEAR_MARGIN = 1e-6
+_SAME_MARGIN = 1e-6
 """Of the load: margins closer than this count as one."""
 
 
@@ -111,7 +111,7 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held:
             f"{who} do not enforce any margin: contact forces are unbounded (jamming is possible)."
         )
     load, is_proven = solution.problem.scales.force, bounds.status is Status.OPTIMAL
-    if is_proven and bounds.smallest_margin >= solution.margin - _NEAR_MARGIN * load:
+    if is_proven and bounds.smallest_margin >= solution.margin - _SAME_MARGIN * load:
         return f"{who} enforce that margin, {bounds.covers}."
     least = figure(bounds.smallest_margin, load)
     unproven = "" if is_proven else " (whether smaller is not proven)"

@@ -53,7 +53,7 @@ FILES = Path(__file__).with_name("files")
 """Templates, styles and scripts of pages."""
 _MODEL_STEPS = 65535
 _MODEL_DIGITS = 7
-_BEARINGS = (Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
+_REFERENCE_ROLES = (Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
 _SUGGESTION = "- "
 _PLAYED = 2.6  # s that the page takes for a motion
 _MARKS = {
@@ -303,11 +303,11 @@ def _legend(picture: Picture) -> list[dict[str, Any]]:
     found = [
         {"roles": role, "label": role.label, "swatch": role, "shown": role not in HIDDEN_AT_FIRST}
         for role in Role
-        if picture.of(role) and role not in _BEARINGS
+        if picture.of(role) and role not in _REFERENCE_ROLES
     ]
-    bearings = [role for role in _BEARINGS if picture.of(role)]
-    labels = ", ".join(role.label for role in bearings)
-    words = {"roles": " ".join(bearings), "label": labels, "swatch": Role.AXES, "shown": True}
+    references = [role for role in _REFERENCE_ROLES if picture.of(role)]
+    labels = ", ".join(role.label for role in references)
+    words = {"roles": " ".join(references), "label": labels, "swatch": Role.AXES, "shown": True}
     return [*found, words]
 
 
@@ -359,7 +359,7 @@ def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[st
         "up": _rounded(picture.up),
         "views": {
             "fit": _rounded(picture.view_from),
-            **{name: _rounded(way) for name, way in picture.views.items()},
+            **{name: _rounded(direction) for name, direction in picture.views.items()},
         },
         "floors": [_rounded(plane) for plane in picture.floors],
         "marks": [

@@ -75,14 +75,14 @@ _POLAR_SIZE = (3.4, 3.7)
 def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
     """Return a row a joint; torques are None where nothing was found, infinite limits too."""
     problem, found = solution.problem, solution.found
-    made = solution.contact_torques if found else np.zeros(problem.joint_count)
-    shares, rounding = np.full(problem.joint_count, np.nan), torque_rounding(problem, made)
+    torques = solution.contact_torques if found else np.zeros(problem.joint_count)
+    shares, rounding = np.full(problem.joint_count, np.nan), torque_rounding(problem, torques)
     if found:
         shares = limit_shares(solution.torques, problem.lower_torque, problem.upper_torque)
     return [
         {
             "name": name,
-            "contacts": made[index] if found else None,
+            "contacts": torques[index] if found else None,
             "gravity": problem.gravity_torques[index],
             "torque": solution.torques[index] if found else None,
             "lower": problem.lower_torque[index],
@@ -155,7 +155,7 @@ def torque_figure(solution: TorqueSolution) -> str:
 
 def window_figures(window: SqueezeWindow) -> list[str]:
     """Return margin, growth of small motions and normal forces over the squeeze, as SVGs."""
-    held = int(np.count_nonzero(np.equal(window.holding, Holding.HOLDS)))
+    good = int(np.count_nonzero(np.equal(window.holding, Holding.HOLDS)))
     drawn = {
         "margin": "The margin",
         "growth": "The growth of small motions",
@@ -164,7 +164,7 @@ def window_figures(window: SqueezeWindow) -> list[str]:
     return [
         _inline_svg(
             f"squeeze-{value}",
-            f"{name} over the squeeze, at {len(window.amounts)} amounts, of which {held} hold; the "
+            f"{name} over the squeeze, at {len(window.amounts)} amounts, of which {good} hold; the "
             "window is shaded, and its ends say what fails there.",
             _WINDOW_SIZE,
             partial(squeeze_plot, window, value=value),

@@ -51,11 +51,11 @@ def implied_box(
             open_, known = np.isinf(parts), np.where(np.isinf(parts), 0.0, parts)
             size = np.abs(known).sum(axis=1, keepdims=True) + np.abs(sides)[:, None]
             others = known.sum(axis=1, keepdims=True) - known - tolerances.SAME * size
-            room = np.where(
+            slack = np.where(
                 open_.sum(axis=1, keepdims=True) > open_, np.inf, sides[:, None] - others
             )
             with np.errstate(divide="ignore", invalid="ignore"):
-                bound = np.where((C == 0.0) | np.isinf(room), np.nan, room / (sign * C))
+                bound = np.where((C == 0.0) | np.isinf(slack), np.nan, slack / (sign * C))
             up = sign * C > 0.0
             last = np.fmin(
                 last, np.fmin.reduce(np.where(up, bound, np.nan), axis=0, initial=np.inf)
@@ -210,8 +210,8 @@ def _box(
     least, largest = problem.normal_range
     high[:, 0] = np.minimum(largest, reach)
     low[:, 0] = least
-    rub = np.where(problem.cone, problem.mu * most, 0.0)[:, None]
-    low[:, 1:], high[:, 1:] = -rub * free[:, :, 0], rub * free[:, :, 1]
+    friction = np.where(problem.cone, problem.mu * most, 0.0)[:, None]
+    low[:, 1:], high[:, 1:] = -friction * free[:, :, 0], friction * free[:, :, 1]
     return low, high
 
 

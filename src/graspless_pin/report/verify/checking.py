@@ -72,16 +72,16 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
     if stated.get("guarantee") is None and status not in ("strong", *UNGUARANTEED):
         return []
     verdict = stated.get("stability")
-    says = verdict and verdict["status"]
+    strength = verdict and verdict["status"]
     if status in FOUND_STATES:
-        detail, sure = f"verdict: {says}", says == "strong"
-        told = holds("the torques are guaranteed", sure, detail, Claim.GUARANTEE)
-        return [told, *_cost(stated, problem)]
+        detail, sure = f"verdict: {strength}", strength == "strong"
+        check = holds("the torques are guaranteed", sure, detail, Claim.GUARANTEE)
+        return [check, *_cost(stated, problem)]
     checks = [given("the best case", "of torques that are not stated")]
     if status == "infeasible_strong":
         # Without joints there is one set of torques alone.
-        none = not problem.units and says in ("weak", "none")
-        detail = f"verdict: {says}, {len(problem.units)} joints"
+        none = not problem.units and strength in ("weak", "none")
+        detail = f"verdict: {strength}, {len(problem.units)} joints"
         checks.append(holds("no torques are guaranteed", none, detail))
     elif status == "strong_not_found":
         why = "no torques were found, and no proof that there are none"
@@ -107,11 +107,11 @@ def _cost(stated: Part, problem: Problem) -> list[Check]:
     best, gap = (stated["guarantee"][key] for key in ("best_case", "gap"))
     bound, value = stated["certificate"]["bound"], problem.objective(stated_forces(stated, problem))
     sign, unit = (-1.0 if problem.maximizes else 1.0), unit_of(problem)
-    worse, met = value - sign * best, tolerances.objective(problem, best, bound)
+    worse, limit = value - sign * best, tolerances.objective(problem, best, bound)
     return [
-        within("the best case is within its bound", sign * (bound - best), met, unit),
-        within("the best case is no worse", -worse, met, unit),
-        agrees("gap to the best case as stated", gap, max(worse, 0.0), met, unit),
+        within("the best case is within its bound", sign * (bound - best), limit, unit),
+        within("the best case is no worse", -worse, limit, unit),
+        agrees("gap to the best case as stated", gap, max(worse, 0.0), limit, unit),
     ]
 
 
@@ -223,17 +223,17 @@ class _Checker:
         problem, stated = self.problem, self.stated
         forces = stated_forces(stated, problem)
         checks = force_checks(problem, forces) + figure_checks(problem, forces, stated)
-        worst, told = residual(problem, forces), self.certificate["primal_residual"]
-        checks += [agrees("primal residual as stated", told, worst, tolerances.SHARE, "(scaled)")]
+        worst, claim = residual(problem, forces), self.certificate["primal_residual"]
+        checks += [agrees("primal residual as stated", claim, worst, tolerances.SHARE, "(scaled)")]
         selected, signs = read_mode(self.document, problem)
         if self.has_modes:
             checks += [self._rules(selected, signs), self._motion(selected, signs)]
         else:
             checks.append(self._describes(forces, selected, signs))
         most, reach = float(forces.local[:, 0].max()), self.certificate["force_reach"]
-        opposing, met = against_mode(problem, forces, selected, signs), tolerances.force(problem)
+        opposing, limit = against_mode(problem, forces, selected, signs), tolerances.force(problem)
         checks += [
-            within("friction opposes the mode (27), (31)", opposing, met, "N"),
+            within("friction opposes the mode (27), (31)", opposing, limit, "N"),
             holds("the forces are within that reach", most <= (1.0 + tolerances.SHARE) * reach,
                   f"{most:.6g} N"),
             self._states_no_violation(),
@@ -279,12 +279,12 @@ class _Checker:
         sign = -1.0 if problem.maximizes else 1.0
         bound, gap = sign * self.certificate["bound"], self.certificate["gap"]
         # An answer far from the optimum widens no tolerance.
-        met, checks = tolerances.objective(problem, value, bound), []
+        limit, checks = tolerances.objective(problem, value, bound), []
         if problem.own is not None:
-            checks.append(agrees("value as stated", problem.own.value, sign * value, met, unit))
-        checks.append(agrees("gap as stated", gap, value - bound, met, unit))
+            checks.append(agrees("value as stated", problem.own.value, sign * value, limit, unit))
+        checks.append(agrees("gap as stated", gap, value - bound, limit, unit))
         if self.status not in _WITH_GAP:
-            checks.append(within("gap is closed", abs(value - bound), met, unit))
+            checks.append(within("gap is closed", abs(value - bound), limit, unit))
         if self.status != "strong":
             checks += self._duality(forces, value, unit)
         what, claim = ("bound", None) if self.status in _WITH_GAP else ("optimal", Claim.OPTIMUM)
@@ -295,7 +295,7 @@ class _Checker:
             return [*checks, self._incomplete(name, claim), within_mode]
         root = root_of(problem, self.status, (selected, signs))
         proof = TreeWalk(problem, self._proven_reach()).walk(self.proof["nodes"], root)
-        good = not proof.failure and proof.bound >= bound - met
+        good = not proof.failure and proof.bound >= bound - limit
         shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
         return [*checks, holds(name, good, shown.rstrip(), claim)]
 
@@ -317,12 +317,12 @@ class _Checker:
         with_friction = np.stack([friction < -least, friction > least], axis=2)
         multipliers = self.stated["multipliers"].stated
         bound, strays = self._proven(multipliers, "multipliers", with_friction)
-        own, met = value - bound, tolerances.objective(problem, value, bound)
+        own, limit = value - bound, tolerances.objective(problem, value, bound)
         shown = f"of no constraint: {', '.join(strays) or 'none'}"
         return [
             holds("each multiplier has a constraint", not strays, shown),
-            within("multipliers of these forces", own, met, unit),
-            agrees("duality gap as stated", inner * problem.unit, own, met, unit),
+            within("multipliers of these forces", own, limit, unit),
+            agrees("duality gap as stated", inner * problem.unit, own, limit, unit),
         ]
 
     def _within_mode(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
@@ -331,8 +331,8 @@ class _Checker:
         if stated is not None:
             free = State.one_mode(self.problem, selected, signs).friction
             bound, strays = self._proven(stated.stated, "mode_multipliers", free)
-            gap, met = value - bound, tolerances.objective(self.problem, value, bound)
-            good, detail = gap <= met and not strays, f"proven gap {gap:.1e}"
+            gap, limit = value - bound, tolerances.objective(self.problem, value, bound)
+            good, detail = gap <= limit and not strays, f"proven gap {gap:.1e}"
         return Check(_IN_ITS_MODE, good or None, detail, claim=Claim.OPTIMUM)
 
     # not found

@@ -111,8 +111,8 @@ class _Direction:
         if all(one is not None for one in forces):
             common = np.minimum(*loads)
             for own, one in zip(bodies, forces, strict=True):
-                borne = np.maximum(own.commanded, common)
-                checks.append(certificate(where, own, own.local(one), borne, self.limit))
+                carried = np.maximum(own.commanded, common)
+                checks.append(certificate(where, own, own.local(one), carried, self.limit))
             return checks
         for proof, least, (own, dynamics, limit) in zip(proofs, loads, parts, strict=True):
             if dynamics is not None:
@@ -143,9 +143,9 @@ class _Direction:
             possible, 1.0 / float(np.abs(step / self.bodies.unit).max())
         )
         # What is left is linear in the magnitude: it grows from here on.
-        left = self.bodies.left_by_all(z, beyond * step)
-        good = left > max(tolerances.SHARE, self.bodies.left_by_all(z))
-        return holds(name, good, f"{shown}; {left:.2g} loads are unbalanced at {beyond:.6g} N")
+        residual = self.bodies.left_by_all(z, beyond * step)
+        good = residual > max(tolerances.SHARE, self.bodies.left_by_all(z))
+        return holds(name, good, f"{shown}; {residual:.2g} loads are unbalanced at {beyond:.6g} N")
 
     def _failing(self) -> list[Check]:
         """Return the check that the object may or must move at a magnitude, if one is claimed."""

@@ -21,21 +21,21 @@ def frames_check(problem: Problem) -> Check:
 
 def force_checks(problem: Problem, forces: Forces) -> list[Check]:
     """Check that forces balance the wrench within cones and limits, with the required margin."""
-    normal, met = forces.local[:, 0], tolerances.force(problem)
+    normal, limit = forces.local[:, 0], tolerances.force(problem)
     force, moment = _unbalanced(problem, forces)
     checks = [
-        within("balance of forces", force, met, "N"),
+        within("balance of forces", force, limit, "N"),
         within("balance of moments", moment, tolerances.moment(problem), "N m"),
-        within("inside friction cones", _largest(forces.outside), met, "N"),
+        within("inside friction cones", _largest(forces.outside), limit, "N"),
         within("normal forces within 0 and limit", _beyond(problem, normal), tolerances.SHARE,
                "of the limit's or load's"),
-        within("kinetic friction against sliding", _kinetic(problem, forces), met, "N"),
-        within("required margin", problem.e0 - forces.margin, met, "N short"),
+        within("kinetic friction against sliding", _kinetic(problem, forces), limit, "N"),
+        within("required margin", problem.e0 - forces.margin, limit, "N short"),
     ]  # fmt: skip
     if problem.own is not None:
-        own, left = problem.own, own_residual(problem, forces)
+        own, violation = problem.own, own_residual(problem, forces)
         checks.append(
-            within("constraints of the objective", left, tolerances.SHARE, "of their units")
+            within("constraints of the objective", violation, tolerances.SHARE, "of their units")
         )
         if "torque" not in own.keeps:
             return [*checks, given("torques within limits", "the objective does not ask for them")]
@@ -80,14 +80,14 @@ def residual(problem: Problem, forces: Forces) -> float:
 def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]:
     """Check the figures that a document states of the forces: torques, margin, largest torque."""
     # Torques may be small beside what gravity and contacts take from each other.
-    room = tolerances.torque_figure(problem)
+    allowed = tolerances.torque_figure(problem)
     off = np.abs(stacked(stated["joints"], "torque_contact") - forces.made)
-    off = np.maximum(off, np.abs(stacked(stated["joints"], "torque") - forces.torques)) / room
+    off = np.maximum(off, np.abs(stacked(stated["joints"], "torque") - forces.torques)) / allowed
     margin, largest, unit = (stated[key] for key in ("margin", "max_torque", "max_torque_unit"))
     torques = np.abs(forces.torques)
     found = float(torques.max(initial=0.0))
-    tolerance = float(room.max(initial=0.0))
-    having = {
+    tolerance = float(allowed.max(initial=0.0))
+    units = {
         name for name, one in zip(problem.units, torques, strict=True) if one >= found - tolerance
     } or {"N m"}  # fmt: skip
     # Zero stands for what cones may be short of it: see `force_checks`.
@@ -102,7 +102,7 @@ def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]
         ),
         agrees("margin as stated", margin, kept, tolerances.force_figure(problem), "N"),
         agrees("largest torque as stated", largest, found, tolerance, unit),
-        holds("its unit as stated", unit in having, unit),
+        holds("its unit as stated", unit in units, unit),
     ]
 
 
@@ -113,12 +113,12 @@ def _largest(values: np.ndarray | float) -> float:
 def _unbalanced(problem: Problem, forces: Forces) -> tuple[float, float]:
     """Return the largest force and moment that balance leaves at most, N and N m."""
     parts, f, w = (one.astype(np.longdouble) for one in (problem.passive, forces.f, problem.w))
-    left = np.einsum("lji,lj->i", parts, f) + w
+    unbalanced = np.einsum("lji,lj->i", parts, f) + w
     sizes = np.einsum("lji,lj->i", np.abs(parts), np.abs(f)) + np.abs(w)
     if problem.own is not None:
-        left = left + problem.own.balance @ forces.columns
+        unbalanced = unbalanced + problem.own.balance @ forces.columns
         sizes = sizes + np.abs(problem.own.balance) @ np.abs(forces.columns)
-    most = np.abs(left) + tolerances.lost(sizes)
+    most = np.abs(unbalanced) + tolerances.lost(sizes)
     force, moment = (most[one].max(initial=0.0) for one in (~problem.turns, problem.turns))
     return float(force), float(moment)
 

@@ -81,10 +81,10 @@ class Verification:
             failed = [check.name for check in made if check.passed is False]
             return f"Not so: {len(failed)} of {len(made)} checks failed, first {failed[0]!r}."
         if not self.proven:
-            left = [check.name for check in made if check.passed is None]
+            open_ = [check.name for check in made if check.passed is None]
             return (
                 f"Nothing is wrong in {len(made)} checks, but the document proves not all that it "
-                f"claims: {left[0]!r}{f' and {len(left) - 1} more' if left[1:] else ''}."
+                f"claims: {open_[0]!r}{f' and {len(open_) - 1} more' if open_[1:] else ''}."
             )
         return (
             f"Verified: all figures and proofs of the document, in {len(made)} checks, for the "

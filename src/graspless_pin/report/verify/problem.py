@@ -392,5 +392,5 @@ class Forces:
     def margin(self) -> float:
         """The margin e that the forces keep, N."""
         normal = self.local[:, 0]
-        room = min(float(normal.min()), float((self._problem.limit - normal).min()))
-        return min(room, -self.outside)
+        margin = min(float(normal.min()), float((self._problem.limit - normal).min()))
+        return min(margin, -self.outside)

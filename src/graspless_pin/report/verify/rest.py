@@ -52,7 +52,7 @@ _WORDS = {
     "undecided": ("undecided",),
 }
 """How sentences of each status begin; only strong ones claim that the object stays."""
-_TOLD = "free_motions", "moves"
+_CLAIMS = "free_motions", "moves"
 
 
 def rest_checks(document: object, problem: Problem) -> list[Check]:
@@ -115,11 +115,11 @@ class _Verdict:
             checks.append(given("joints", "keep their positions, whatever torques that takes"))
         rest = f"{self.resolution:g} of load over mass"
         if self.is_known:
-            told, tolerance = self.stated["acceleration_limit"], tolerances.SAME * self.limit
-            checks.append(agrees("acceleration limit", told, self.limit, tolerance, "m/s^2"))
+            claimed, tolerance = self.stated["acceleration_limit"], tolerances.SAME * self.limit
+            checks.append(agrees("acceleration limit", claimed, self.limit, tolerance, "m/s^2"))
             rest += f": points that accelerate by up to {self.limit:.3g} m/s^2 are at rest"
         checks += [given("resolution of accelerations", rest), *self._words()]
-        claims = {key: self.stated[key] for key in _TOLD if self.stated.get(key) is not None}
+        claims = {key: self.stated[key] for key in _CLAIMS if self.stated.get(key) is not None}
         if claims:
             shown = ", ".join(f"{key} {str(value)[:20]}" for key, value in claims.items())
             checks.append(given("what small motions do, and what moves", shown))
@@ -131,8 +131,8 @@ class _Verdict:
             return [*checks, holds("whether the object stays", passed=False, detail=why)]
         if self.status == "none":
             # Along some motion contact forces do work of one sign, and the load of the other.
-            left = self.bodies.left_by_all(self.stated["no_rest"])
-            good, detail = left > tolerances.SHARE, f"{left:.3g} loads are unbalanced"
+            unbalanced = self.bodies.left_by_all(self.stated["no_rest"])
+            good, detail = unbalanced > tolerances.SHARE, f"{unbalanced:.3g} loads are unbalanced"
             return [*checks, holds("rest is no outcome", good, detail), *self._motion()]
         amiss = self.bodies.amiss(self.bodies.local(self.stated["rest_forces"]))
         checks.append(within("rest is an outcome", amiss, tolerances.SHARE, "loads"))
@@ -168,21 +168,21 @@ class _Verdict:
         )
         f = bodies.local(motion["contact_forces"])
         off = bodies.misdirected(f)
-        held = np.zeros(problem.count, dtype=bool)
-        held[bodies.hybrid[bodies.hybrid >= 0]] = True
-        commanded = np.abs(f[:, 0] - bodies.commanded)[held].max(initial=0.0)
-        left = bodies.left_by_motion(f, acceleration)
+        hybrid = np.zeros(problem.count, dtype=bool)
+        hybrid[bodies.hybrid[bodies.hybrid >= 0]] = True
+        commanded = np.abs(f[:, 0] - bodies.commanded)[hybrid].max(initial=0.0)
+        residual = bodies.left_by_motion(f, acceleration)
         # Hybrid fingers follow; friction of what slides by the declared motion is in the dynamics.
         u = np.einsum("lik,k->li", contact_motion(problem), acceleration)
-        u[held, 0] = 0.0
+        u[hybrid, 0] = 0.0
         friction = np.where(problem.slides, 0.0, problem.mu)
         f[problem.slides, 1:] = 0.0
         outside = np.linalg.norm(f[:, 1:], axis=1) - friction * f[:, 0]
         wrong = max(float(outside.max()), -float(f[:, 0].min()), off, float(commanded))
         # Where a contact slips its friction is against that; where it parts it bears nothing.
         slips, F = np.linalg.norm(u[:, 1:], axis=1), bodies.undisturbed.force
-        way = u[:, 1:] / np.where(slips > 0.0, slips, 1.0)[:, None]
-        against = np.linalg.norm(f[:, 1:] + (friction * f[:, 0])[:, None] * way, axis=1)
+        direction = u[:, 1:] / np.where(slips > 0.0, slips, 1.0)[:, None]
+        against = np.linalg.norm(f[:, 1:] + (friction * f[:, 0])[:, None] * direction, axis=1)
         unit = bodies.acceleration(bodies.undisturbed)
         gaps = np.minimum(against / F, np.where(problem.slides, 0.0, slips) / unit)
         gaps = np.maximum(gaps, np.minimum(np.abs(f[:, 0]) / F, np.maximum(u[:, 0], 0.0) / unit))
@@ -190,7 +190,7 @@ class _Verdict:
         claimed, most = motion["point_acceleration"], tolerances.motion(self.resolution)
         checks = [
             given("what contacts do in a motion", shorten(" ".join(motion["states"]), 60)),
-            within("a motion obeys the dynamics", left, most, "loads"),
+            within("a motion obeys the dynamics", residual, most, "loads"),
             within("its forces are in the cones, and as commanded", wrong / F, most, "loads"),
             within("it penetrates nothing", -float(u[:, 0].min()) / unit, most, "loads over mass"),
             within("friction opposes its slip, and what parts bears nothing", float(gaps.max()),
@@ -254,13 +254,13 @@ def holding_checks(stated: Part | None, instant: str, bodies: RestLoad) -> list[
         # That a finger may move away claims less than that nothing does.
         agree = agree and (status == expected or (status, expected) == ("finger_moves", "holds"))
     least = "none that is known" if needed is None else f"{needed:.3g}"
-    told = f"{stated['controller'][:60]}; stiffness needed: {least}"
+    detail = f"{stated['controller'][:60]}; stiffness needed: {least}"
     assumed = set(stated["assumed_contacts"])
     if assumed:
-        told += f"; points that stay on both bodies are assumed at {len(assumed)}"
+        detail += f"; points that stay on both bodies are assumed at {len(assumed)}"
     checks = [
         holds("holding and stability agree", agree, f"{status}: {instant} at the first instant"),
-        given("what small motions do under the controller", told),
+        given("what small motions do under the controller", detail),
     ]
     if status == "holds" and not bodies.problem.slides.any():
         checks += _proof_checks(stated, bodies)
@@ -277,22 +277,22 @@ def _proof_checks(holding: Part, bodies: RestLoad) -> list[Check]:
         what = "no small motion grows" if name == "any" else f"no small motion grows ({name[:20]})"
         proof = _Proof(bodies.problem.part(one, "a proof", "growth proof"), bodies)
         gains, unit = _gains(proof)
-        said = _gain_words(gains, unit) or _CONSTANT
+        feedback = _gain_words(gains, unit) or _CONSTANT
         if bodies.joints_held:
-            said = "joints held in their positions"
+            feedback = "joints held in their positions"
         if name != "any":
-            agrees = _NAMES.sub(" at joints", holding["controller"]) == said
+            agrees = _NAMES.sub(" at joints", holding["controller"]) == feedback
             several = len(gains) > 1 or bodies.joints_held
             agrees = agrees and (several or _is_stable(max(gains, default=0.0), holding))
             about = f"the controller is that of the proof ({name[:20]})"
-            checks.append(holds(about, agrees, said))
+            checks.append(holds(about, agrees, feedback))
         try:
             why = proof.failure()
         except np.linalg.LinAlgError as error:
             why = f"the matrices are of no motion ({error})"
         count = proof.N.shape[1]
         good = (
-            f"faster than {proof.rate:g} /s with {said}; geometric stiffness of "
+            f"faster than {proof.rate:g} /s with {feedback}; geometric stiffness of "
             f"{count} motions as stated"
         )
         if not count:
@@ -310,8 +310,8 @@ def _gains(proof: _Proof) -> tuple[list[float], str]:
     slides = np.array([units[joint] == "N" for joint in proof.joints], dtype=bool)
     linear = bool(len(slides) and slides.all())
     gains = proof.gains / np.where(slides, _PER_LEVER, 1.0) * (_PER_LEVER if linear else 1.0)
-    told = {f"{gain:g}": float(gain) for gain in gains.tolist()}  # digits of a sentence
-    return sorted(told.values()), "N/m" if linear else "N m/rad"
+    distinct = {f"{gain:g}": float(gain) for gain in gains.tolist()}  # digits of a sentence
+    return sorted(distinct.values()), "N/m" if linear else "N m/rad"
 
 
 def _gain_words(gains: list[float], unit: str) -> str:
@@ -376,9 +376,9 @@ class _Proof:
         columns = np.zeros(rows.shape[2], dtype=bool)
         columns[: self.passive] = True
         columns[self.passive + np.array(self.joints, dtype=int)] = True
-        left_out = ~columns
-        left_out[self.passive :] &= hybrid < 0
-        if rows[:, :, left_out].any() or self.N[~columns].any():
+        omitted = ~columns
+        omitted[self.passive :] &= hybrid < 0
+        if rows[:, :, omitted].any() or self.N[~columns].any():
             return "a joint that moves a contact is left out"
         flat = rows[still][:, columns]
         sizes = np.linalg.norm(flat, axis=0)
@@ -406,10 +406,10 @@ class _Proof:
         driven = self.N[self.passive + np.array(self.joints, dtype=int)]
         rotors = driven.T @ (self.rotors[:, None] * driven)
         root = np.linalg.cholesky(self.N.T @ self.bodies.inertia @ self.N + rotors)
-        held = self.K + driven.T @ (self.gains[:, None] * driven)
+        stiffness = self.K + driven.T @ (self.gains[:, None] * driven)
         drag = driven.T @ (self.damping[:, None] * driven)
         own, slowed = (
-            np.linalg.solve(root, np.linalg.solve(root, matrix.T).T) for matrix in (held, drag)
+            np.linalg.solve(root, np.linalg.solve(root, matrix.T).T) for matrix in (stiffness, drag)
         )
         w = max(float(np.sqrt(np.abs(own).max())), self.rate)
         if not w > 0.0:
@@ -417,10 +417,10 @@ class _Proof:
         A = np.block([[np.zeros_like(own), np.eye(count)], [-own / w**2, -slowed / w]])
         A = A - self.rate / w * np.eye(2 * count)
         P = 0.5 * (self.P + self.P.T)
-        left = -(A.T @ P + P @ A)
+        lyapunov = -(A.T @ P + P @ A)
         lost = tolerances.PRODUCTS * count * float(np.linalg.norm(A) * np.linalg.norm(P))
         lost *= float(np.linalg.cond(root))
-        for name, matrix in (("P", P), ("2 r P - A^T P - P A", left)):
+        for name, matrix in (("P", P), ("2 r P - A^T P - P A", lyapunov)):
             if not np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0] > lost:
                 return f"{name} is not positive definite"
         return ""

@@ -336,11 +336,11 @@ def most_of_forces(
         loads: (M,) normal forces that every outcome has at least, scaled.
         force_limit: Normal forces are at most this, scaled.
     """
-    (c, sizes), held, mu = slope, np.isfinite(dynamics.commanded), dynamics.friction
-    gain = np.where(held, commanded, c[:, 0])
+    (c, sizes), fixed, mu = slope, np.isfinite(dynamics.commanded), dynamics.friction
+    gain = np.where(fixed, commanded, c[:, 0])
     gain = gain - mu * least_product(c[:, 1:], states.center, half_width)
     gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
-    least, most = (np.where(held, dynamics.commanded, one) for one in (loads, force_limit))
+    least, most = (np.where(fixed, dynamics.commanded, one) for one in (loads, force_limit))
     return np.where(states.are(Kind.OPEN), 0.0, np.maximum(gain * least, gain * most))
 
 
@@ -423,8 +423,8 @@ def kept_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.nda
         limit: Accelerations of points up to this are none, m/s^2.
     """
     scale = problem.levers[:, None] * (problem.goal_weight / limit)
-    ways = scale * dynamics.accelerations[: dynamics.passive]
-    return np.concatenate([np.zeros((1, ways.shape[1])), ways, -ways])
+    scaled = scale * dynamics.accelerations[: dynamics.passive]
+    return np.concatenate([np.zeros((1, scaled.shape[1])), scaled, -scaled])
 
 
 def kept_goal(
@@ -457,8 +457,8 @@ def kept_goal(
     wrong = np.maximum(-least_product(kappa, states.center, half_width), 0.0)
     wrong = wrong + tolerances.lost(np.linalg.norm(kappa, axis=1))
     wrong = np.where(sticks, 0.0, wrong) @ np.linalg.norm(rows[:, 1:], axis=(1, 2))
-    held, opened = np.isfinite(dynamics.commanded), states.are(Kind.OPEN)
-    most = np.where(opened, 0.0, np.where(held, dynamics.commanded, force_limit))
+    fixed, opened = np.isfinite(dynamics.commanded), states.are(Kind.OPEN)
+    most = np.where(opened, 0.0, np.where(fixed, dynamics.commanded, force_limit))
     longest = np.linalg.norm(pushes, axis=2)
     fastest = most @ (longest[:, 0] + mu * longest[:, 1:].sum(axis=1))
     bound = motion @ dynamics.load + pushed.sum()

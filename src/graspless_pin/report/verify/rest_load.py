@@ -90,10 +90,10 @@ class RestLoad:
     def unbalanced(self, local: np.ndarray) -> float:
         """Return the largest entry of G^T f + g, in loads; forces (M, 3) in contact frames."""
         none = np.zeros(len(self.load))
-        left = self._left(contact_motion(self.problem), local.astype(np.longdouble), none, none)
-        return float((left / _loads(self.undisturbed)).max())
+        off = self._residual(contact_motion(self.problem), local.astype(np.longdouble), none, none)
+        return float((off / _loads(self.undisturbed)).max())
 
-    def _left(
+    def _residual(
         self, motion: np.ndarray, local: np.ndarray, taken: np.ndarray, size: np.ndarray
     ) -> np.ndarray:
         """Return the sizes (P + L,) of G^T f + g less what is taken, with what rounding may hide.
@@ -105,9 +105,9 @@ class RestLoad:
             size: (P + L,) of what makes that.
         """
         motion = motion.astype(np.longdouble)
-        left = taken - np.einsum("lik,li->k", motion, local) - self.load
+        residual = taken - np.einsum("lik,li->k", motion, local) - self.load
         sizes = np.einsum("lik,li->k", np.abs(motion), np.abs(local)) + np.abs(self.load) + size
-        return np.abs(left) + tolerances.lost(sizes)
+        return np.abs(residual) + tolerances.lost(sizes)
 
     def left_by_motion(self, local: np.ndarray, acceleration: np.ndarray) -> float:
         """Return the largest entry of M a - G^T f - g, in loads.
@@ -122,11 +122,11 @@ class RestLoad:
         kept = np.concatenate([np.ones(passive, dtype=bool), self.hybrid < 0])
         acceleration = np.where(kept, acceleration, 0.0).astype(np.longdouble)
         taken, size = self.inertia @ acceleration, np.abs(self.inertia) @ np.abs(acceleration)
-        left = self._left(force_motion(self.problem), local, taken, size)
+        residual = self._residual(force_motion(self.problem), local, taken, size)
         units = _loads(self.undisturbed)
         # A joint that reaches no contact moves by its weight.
         units[passive:] = np.maximum(units[passive:], np.abs(self.undisturbed.gravity))
-        return float((left / units)[kept].max())
+        return float((residual / units)[kept].max())
 
     def misdirected(self, local: np.ndarray) -> float:
         """Return the most by which friction is not against the sliding that is declared, N."""
@@ -149,14 +149,14 @@ class RestLoad:
             more: (P + L,) what is added to the load.
         """
         z = z / max(1.0, float(np.abs(z).sum()))
-        way, mu = z.astype(np.longdouble) * self.problem.force / self.unit, self.problem.mu
+        motion, mu = z.astype(np.longdouble) * self.problem.force / self.unit, self.problem.mu
         acting = force_motion(self.problem).astype(np.longdouble)
-        c, sizes = acting @ way, np.abs(acting) @ np.abs(way)
+        c, sizes = acting @ motion, np.abs(acting) @ np.abs(motion)
         gain = mu * np.linalg.norm(c[:, 1:], axis=1) - c[:, 0]
         gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
         load = z.astype(np.longdouble) * (self.load + more) / self.unit
-        left = float(load.sum() - tolerances.lost(np.abs(load).sum()))
-        return left - LARGEST_FORCE * float(np.maximum(gain, 0.0).sum())
+        load_power = float(load.sum() - tolerances.lost(np.abs(load).sum()))
+        return load_power - LARGEST_FORCE * float(np.maximum(gain, 0.0).sum())
 
 
 def _loads(problem: Problem) -> np.ndarray:

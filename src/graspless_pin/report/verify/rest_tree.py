@@ -97,13 +97,13 @@ def read_rest_tree(proof: Part, dynamics: RestDynamics) -> RestNode:
             waiting.pop()
         if not waiting:
             raise ValueError(f"{stated.where} is left over")
-        parent, left = waiting.pop()
+        parent, missing = waiting.pop()
         node, count = _read_node(stated, is_root=False)
         parent.children.append(node)
-        waiting += [(parent, left - 1), (node, count)]
+        waiting += [(parent, missing - 1), (node, count)]
         if len(waiting) > _DEEPEST:
             raise ValueError(f"{stated.where} is deeper than {_DEEPEST} nodes")
-    if any(left for _, left in waiting):
+    if any(missing for _, missing in waiting):
         raise ValueError(f"{proof.where} lacks nodes")
     return root
 
@@ -118,8 +118,8 @@ def _read_node(stated: Part, *, is_root: bool) -> tuple[RestNode, int]:
     center, half_width = stated["slip"] if kind == Kind.SLIPPING and own is None else (0.0, np.pi)
     patch = None if own is None else read_patch(own)
     if patch is not None:
-        told = Kind.STICKING if patch.cone is None else Kind.SLIPPING
-        if (contact, kind) != (patch.contacts[0], told):
+        expected = Kind.STICKING if patch.cone is None else Kind.SLIPPING
+        if (contact, kind) != (patch.contacts[0], expected):
             raise ValueError(f"{where} is of another contact or state than its patch")
     if not 0.0 <= half_width <= np.pi:
         raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
@@ -184,8 +184,8 @@ class RestWalk:
             return self._split_patch(node, patches, states, loads)
         if len(node.children) == 1:
             return self._forced(first, states, loads)
-        held = np.isfinite(self.dynamics.commanded) | (loads > 0.0)
-        why = uncovered(node.children, states, held)
+        is_loaded = np.isfinite(self.dynamics.commanded) | (loads > 0.0)
+        why = uncovered(node.children, states, is_loaded)
         if why:
             raise NoProofError(f"contact {first.contact}: {why}")
         needed: dict[tuple[int, str], float] = {}
@@ -266,9 +266,9 @@ class RestWalk:
         if kind == Kind.CLOSED and known in (Kind.FREE, Kind.OPEN) and count == 1:
             tolerance = most(rows[0], child.forced[0])
         elif kind == Kind.STICKING and known in (Kind.CLOSED, Kind.SLIPPING) and count == 2:
-            ways = [(row, one) for row, one in zip(rows[1:], child.forced, strict=True)]
-            ways += [(-row, one.reversed()) for row, one in ways]
-            sides = np.array([most(row, one) for row, one in ways])
+            pairs = [(row, one) for row, one in zip(rows[1:], child.forced, strict=True)]
+            pairs += [(-row, one.reversed()) for row, one in pairs]
+            sides = np.array([most(row, one) for row, one in pairs])
             tolerance = float(np.linalg.norm(np.maximum(sides[:2], sides[2:])))
         else:
             raise NoProofError(f"contact {contact} cannot be told to be {child.kind}")
@@ -372,9 +372,9 @@ def force_limit(proof: Part, wanted: float) -> tuple[float, Check]:
     """
     limit, name = proof.maybe("force_limit"), "force limit of the proof"
     if limit is None:
-        leans = proof.maybe("loads") or proof.maybe("nodes")
-        detail = "none is stated, but the proof uses one" if leans else "it uses none"
-        return wanted, holds(name, not leans, detail)
+        uses_limit = proof.maybe("loads") or proof.maybe("nodes")
+        detail = "none is stated, but the proof uses one" if uses_limit else "it uses none"
+        return wanted, holds(name, not uses_limit, detail)
     detail = f"{limit:.6g} N, wanted {wanted:.6g} N"
     return limit, holds(name, limit >= (1.0 - tolerances.SAME) * wanted, detail)
 
@@ -420,17 +420,17 @@ def certificate(
         loads: (M,) N.
         limit: Accelerations of points up to this count as rest, m/s^2.
     """
-    unborne = np.linalg.norm(forces[:, 1:], axis=1) - bodies.problem.mu * loads
-    unborne, pulling = np.maximum(unborne, 0.0), np.maximum(-forces[:, 0], 0.0)
+    beyond_cone = np.linalg.norm(forces[:, 1:], axis=1) - bodies.problem.mu * loads
+    beyond_cone, pulling = np.maximum(beyond_cone, 0.0), np.maximum(-forces[:, 0], 0.0)
     dynamics, size = bodies.dynamics, bodies.undisturbed.force
     if dynamics is None:
-        worst = max(bodies.unbalanced(forces), unborne.max() / size, pulling.max() / size)
+        worst = max(bodies.unbalanced(forces), beyond_cone.max() / size, pulling.max() / size)
         return within(name, worst, tolerances.EXACT, "loads")
     rows, unit = dynamics.rows.astype(np.longdouble), dynamics.force_unit
-    left = np.einsum("lin,li->n", rows, forces / unit) + dynamics.load
+    residual = np.einsum("lin,li->n", rows, forces / unit) + dynamics.load
     sizes = np.einsum("lin,li->n", np.abs(rows), np.abs(forces) / unit) + np.abs(dynamics.load)
-    y = float(np.linalg.norm(left) + tolerances.lost(sizes.sum()))
-    y += float(unborne @ np.linalg.norm(dynamics.rows[:, 1:], ord=2, axis=(1, 2))) / unit
+    y = float(np.linalg.norm(residual) + tolerances.lost(sizes.sum()))
+    y += float(beyond_cone @ np.linalg.norm(dynamics.rows[:, 1:], ord=2, axis=(1, 2))) / unit
     y += float(pulling @ np.linalg.norm(rows[:, 0], axis=1)) / unit
     return within(name, y * dynamics.reach, limit, "m/s^2 at most")
 

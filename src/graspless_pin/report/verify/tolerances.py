@@ -109,8 +109,8 @@ def moment(problem: Problem) -> float:
 
 def normal_limits(problem: Problem) -> np.ndarray:
     """(M,) by how much normal forces may exceed their limits, N."""
-    room = np.maximum(problem.limit, _FINEST_LIMIT * problem.limit.max())
-    return SHARE * np.minimum(problem.force, room)
+    scale = np.maximum(problem.limit, _FINEST_LIMIT * problem.limit.max())
+    return SHARE * np.minimum(problem.force, scale)
 
 
 def torque_limits(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -120,8 +120,8 @@ def torque_limits(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     than to 1e-9 of the largest limit that joints of the same unit have.
     """
     sizes = np.abs([problem.lower, problem.upper])
-    rooms = np.maximum(sizes, _FINEST_LIMIT * _largest_limits(problem, sizes))
-    lower, upper = SHARE * np.minimum(problem.joint_scale, rooms)
+    scales = np.maximum(sizes, _FINEST_LIMIT * _largest_limits(problem, sizes))
+    lower, upper = SHARE * np.minimum(problem.joint_scale, scales)
     return lower, upper
 
 

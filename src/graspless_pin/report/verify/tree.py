@@ -49,19 +49,19 @@ class State:
     @classmethod
     def every_mode(cls, problem: Problem, *, free: bool) -> State:
         """Return all modes that the rules let exist; ``free``: all friction, without any rule."""
-        left = np.ones((problem.count, 3, 3), dtype=bool)
+        allowed = np.ones((problem.count, 3, 3), dtype=bool)
         if problem.sign_rule != "exact":
-            left[:, 1] = left[:, :, 1] = False
-        left[:, 1, 1] = ~(problem.slides & problem.constrained)
-        left[~problem.candidates] = _RELEASED
-        return cls(left, free)
+            allowed[:, 1] = allowed[:, :, 1] = False
+        allowed[:, 1, 1] = ~(problem.slides & problem.constrained)
+        allowed[~problem.candidates] = _RELEASED
+        return cls(allowed, free)
 
     @classmethod
     def one_mode(cls, problem: Problem, selected: np.ndarray, signs: np.ndarray) -> State:
         """Return one mode alone."""
-        left = np.zeros((problem.count, 3, 3), dtype=bool)
-        left[np.arange(problem.count), *(np.where(selected, signs.T, 0) + 1)] = True
-        return cls(left)
+        allowed = np.zeros((problem.count, 3, 3), dtype=bool)
+        allowed[np.arange(problem.count), *(np.where(selected, signs.T, 0) + 1)] = True
+        return cls(allowed)
 
     @property
     def selected(self) -> np.ndarray:
@@ -85,9 +85,9 @@ class State:
             contact: Its index.
             pairs: (3, 3) whether each is among them.
         """
-        left = self.left.copy()
-        left[contact] &= pairs
-        return replace(self, left=left) if left[contact].any() else None
+        allowed = self.left.copy()
+        allowed[contact] &= pairs
+        return replace(self, left=allowed) if allowed[contact].any() else None
 
 
 def pairs_with(component: int, sign: int) -> np.ndarray:
@@ -227,9 +227,9 @@ class TreeWalk:
 
     def _excludes(self, v: np.ndarray, state: State) -> bool:
         """Return whether a combination (M, 3) proves that no motion counts for any mode."""
-        chosen, left = state.selected[:, None], state.signs
-        known = chosen & (left.sum(axis=2) == 1)
-        signs = np.where(known, left.argmax(axis=2) - 1, 0)
+        chosen, allowed = state.selected[:, None], state.signs
+        known = chosen & (allowed.sum(axis=2) == 1)
+        signs = np.where(known, allowed.argmax(axis=2) - 1, 0)
         along = signs * v[:, 1:]
         if (v[~np.hstack([chosen, known])] != 0.0).any() or (along < 0.0).any():
             return False
@@ -255,15 +255,15 @@ class TreeWalk:
             pairs = pairs_with(component, sign) if sign else ~_RELEASED
             children.append(rest.only(contact, ~pairs))
             rest = rest.only(contact, pairs)
-        ways = [] if rest is None else _ways(node, rest)  # none: every mode breaks an item already
+        sets = [] if rest is None else _split(node, rest)  # none: every mode breaks an item already
         if rest is not None:
             combinations = node["combinations"]
-            if len(ways) != len(combinations) or not all(map(self._excludes, combinations, ways)):
+            if len(sets) != len(combinations) or not all(map(self._excludes, combinations, sets)):
                 return None
         return [child for child in children if child is not None]
 
 
-def _ways(node: Part, rest: State) -> list[State]:
+def _split(node: Part, rest: State) -> list[State]:
     """Return the state of all items, or one for each sign of a component that they leave no way."""
     opened = node.get("open")
     if opened is None:
@@ -271,8 +271,8 @@ def _ways(node: Part, rest: State) -> list[State]:
     contact, component = opened
     if not rest.selected[contact]:
         return []
-    ways = [rest.only(contact, pairs_with(component, sign)) for sign in _SIGNS]
-    return [way for way in ways if way is not None]
+    sets = [rest.only(contact, pairs_with(component, sign)) for sign in _SIGNS]
+    return [part for part in sets if part is not None]
 
 
 def _by_contact(node: Part, state: State) -> list[State]:

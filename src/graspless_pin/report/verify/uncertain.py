@@ -93,11 +93,11 @@ def uncertainty_checks(
             *run(nested),
         ]
         return [*checks, *(replace(one, name=f"bound: {one.name}") for one in proven)]
-    held = joined.count // problem.count
+    size = joined.count // problem.count
     checks += [
         *_samples(stated, each, problem),
-        _is_joined(joined, problem, each[:held], constant=constant),
-        *_further(members[held:], each[held:], problem, stated, nested, torques, constant=constant),
+        _is_joined(joined, problem, each[:size], constant=constant),
+        *_further(members[size:], each[size:], problem, stated, nested, torques, constant=constant),
         _same_torques(
             [stacked(proof["joints"][: len(joints)], "torque"), torques],
             stacked(joints, "torque"),
@@ -131,8 +131,8 @@ def _of_this(document: dict[str, Any], stated: Part, members: list[Part], joined
         for key in ("external_wrench", "friction")
     )  # fmt: skip
     same = [stated[key] == document[key] for key in ("status", "found")]
-    same += [_near(joined.w[: len(wrenches)], array(wrenches, (len(wrenches),), "wrenches"))]
-    same += [_near(joined.mu, array(coefficients, (len(coefficients),), "friction"))]
+    same += [_close(joined.w[: len(wrenches)], array(wrenches, (len(wrenches),), "wrenches"))]
+    same += [_close(joined.mu, array(coefficients, (len(coefficients),), "friction"))]
     return holds("this is the problem of the members", all(same), f"{stated['status']:.60}")
 
 
@@ -150,12 +150,12 @@ def _is_joined(joined: Problem, problem: Problem, each: list[Member], *, constan
         for key in ("external_wrench", "friction", "moved", "carried")
     )
     same = [
-        *(_near(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
+        *(_close(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
           for key in _ARRAYS),
-        _near(joined.p, np.tile(problem.p.T, count).T + moved),
-        _near(joined.mu, friction),
-        _near(joined.w[:rows], load),
-        _near(joined.gravity, carried[: driven * joints]),
+        _close(joined.p, np.tile(problem.p.T, count).T + moved),
+        _close(joined.mu, friction),
+        _close(joined.w[:rows], load),
+        _close(joined.gravity, carried[: driven * joints]),
         # The balance of each member by itself, and its torques.
         _are_blocks(joined.passive[:, :, :rows].reshape(*shape, count, size),
                     [_elsewhere(problem, one).passive for one in each]),
@@ -171,7 +171,7 @@ def _is_joined(joined: Problem, problem: Problem, each: list[Member], *, constan
 def _are_blocks(found: np.ndarray, own: list[np.ndarray]) -> bool:
     """Whether what is found (K, M, 3, d, n) is each member's own, and nothing between members."""
     return all(
-        _near(found[k, :, :, d], one if k == d else np.zeros_like(one))
+        _close(found[k, :, :, d], one if k == d else np.zeros_like(one))
         for k, one in enumerate(own)
         for d in range(found.shape[3])
     )
@@ -197,7 +197,7 @@ def _shares_torques(joined: Problem, each: list[Member], first: int) -> bool:
         wanted[k, :, :, own] = maps[k][:, :, loaded]
     loads = [(one["carried"] - each[0]["carried"])[loaded] for one in each[1:]]
     further = joined.passive[:, :, first:].reshape(wanted.shape)
-    return _near(further, wanted) and _near(joined.w[first:], np.concatenate([*loads, []]))
+    return _close(further, wanted) and _close(joined.w[first:], np.concatenate([*loads, []]))
 
 
 def _further(
@@ -282,10 +282,10 @@ def _samples(stated: Part, each: list[Member], problem: Problem) -> list[Check]:
     farthest = max(np.linalg.norm(one, axis=1).max() for one in moved)
     good = across <= tolerances.SAME * most and farthest <= (1.0 + tolerances.SAME) * most
     solved, served, count = (samples[key] for key in ("solved", "served", "count"))
-    told = sum(one.any() for one in moved)
-    detail = f"{told} members with contacts moved by up to {1000.0 * farthest:.3g} mm"
+    shifted = sum(one.any() for one in moved)
+    detail = f"{shifted} members with contacts moved by up to {1000.0 * farthest:.3g} mm"
     return [
-        holds("contacts are moved within their tangent planes", good and told == solved, detail),
+        holds("contacts are moved within their tangent planes", good and shifted == solved, detail),
         given("members tried later", f"{served} of {count} served; they are not in the document"),
     ]
 
@@ -301,8 +301,8 @@ def _figures(stated: Part, proof: Part) -> list[Check]:
     same = [stated[key] == proof[key] for key in ("status", "found", "max_torque_unit")]
     checks = [holds("status and unit for all members", all(same), f"{stated['status']:.60}")]
     for key in ("margin", "max_torque"):
-        told, own = stated[key], proof[key]
-        checks.append(agrees(f"{key} for all members", told, own, tolerances.SAME * abs(own)))
+        claimed, own = stated[key], proof[key]
+        checks.append(agrees(f"{key} for all members", claimed, own, tolerances.SAME * abs(own)))
     return checks
 
 
@@ -334,7 +334,7 @@ def _covers(stated: Part, nested: dict[str, Any], joined: Problem, contacts: int
     return holds("coverage: all members in one mode", common, coverage)
 
 
-def _near(one: np.ndarray, other: np.ndarray) -> bool:
+def _close(one: np.ndarray, other: np.ndarray) -> bool:
     size = float(np.abs(other).max(initial=0.0))
     return one.shape == other.shape and bool((np.abs(one - other) <= tolerances.SAME * size).all())
 
@@ -394,8 +394,8 @@ class AffineForces:
         own = replace(self.problem, mu=self.members[k]["friction"])
         local = np.einsum("lij,lj->li", own.frames, self.forces[k])
         slopes = np.einsum("lij,ljd->lid", own.frames, self.slopes[k])
-        room, normal = self.most(slopes[:, 0]), local[:, 0]
-        least = [float((normal - room).min()), float((own.limit - normal - room).min())]
+        deviation, normal = self.most(slopes[:, 0]), local[:, 0]
+        least = [float((normal - deviation).min()), float((own.limit - normal - deviation).min())]
         for c in np.flatnonzero(own.cone).tolist():
             rows = own.faces(c)
             least.append(-float((rows @ local[c] + self.most(rows @ slopes[c])).max()))
@@ -416,31 +416,31 @@ class AffineForces:
         passive = problem.passive.reshape(-1, len(problem.w)).T
         flat = self.slopes.reshape(*self.forces.shape[:1], -1, len(self.balls))
         wrenches = np.array([one["external_wrench"] for one in self.members])
-        left = np.abs(self.forces.reshape(len(flat), -1) @ passive.T + wrenches)
-        left += self.most(passive @ flat + self.loads)
-        bare = max(map(self._bare, range(len(flat))))
+        residual = np.abs(self.forces.reshape(len(flat), -1) @ passive.T + wrenches)
+        residual += self.most(passive @ flat + self.loads)
+        worst = max(map(self._excess_without_cone, range(len(flat))))
         named, counts = np.unique(self.joints[self.joints >= 0], return_counts=True)
         alone = np.bincount(self.balls)[self.balls[self.joints >= 0]]
         own = np.arange(len(self.errors))[:, None] == self.joints
         proper = bool((counts == 1).all() and (alone == 1).all() and (self.errors >= 0.0).all())
         proper &= not (self.errors[~own].any() or self.loads[:, :, self.joints >= 0].any())
-        lack = self.shares * self.largest + self.offsets - self.errors.sum(axis=1)
+        deficit = self.shares * self.largest + self.offsets - self.errors.sum(axis=1)
         low, high = tolerances.torque_limits(problem)
         beyond = np.maximum(self.driven + self.room - problem.upper - high,
                             problem.lower - low - self.driven + self.room)  # fmt: skip
         return [
             given("loads and errors", f"{len(self.balls)} of them, {len(named)} of joints"),
-            within("balance", float((left / problem.passive_scale).max()), tolerances.SHARE,
+            within("balance", float((residual / problem.passive_scale).max()), tolerances.SHARE,
                    "of the load"),
-            within("forces without a cone", bare / problem.force, tolerances.SHARE, "of the load"),
+            within("forces without a cone", worst / problem.force, tolerances.SHARE, "of the load"),
             within("margin lacks", problem.e0 - self.margin, tolerances.force(problem), "N"),
             self._same_commands(),
             holds("errors are those of joints", proper, f"{len(named)} joints"),
-            within("errors lack", float((lack / scale).max(initial=0.0)), tolerances.SHARE, ""),
+            within("errors lack", float((deficit / scale).max(initial=0.0)), tolerances.SHARE, ""),
             holds("torque limits", not (beyond > 0.0).any(), f"{beyond.max(initial=0.0):.2e}"),
         ]  # fmt: skip
 
-    def _bare(self, k: int) -> float:
+    def _excess_without_cone(self, k: int) -> float:
         """Return how far forces are from what contacts without a cone can bear, N."""
         own = replace(self.problem, mu=self.members[k]["friction"])
         along, off = own.directions, ~own.cone
