@@ -223,11 +223,11 @@ def _audit_mesh(
     """Audit one mesh of a link."""
     where = f"link {link}, {use}"
     if mesh.file is None:
-        grave = "the robot cannot be loaded" if use == "collision" else "only drawing needs it"
+        effect = "the robot cannot be loaded" if use == "collision" else "only drawing needs it"
         yield Finding(
             FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
-            f"{mesh.written!r} is missing (looked for {looked_for(mesh)}); {grave}",
+            f"{mesh.written!r} is missing (looked for {looked_for(mesh)}); {effect}",
             what_to_do(mesh),
         )
         return
@@ -341,7 +341,7 @@ def audit_urdf(
             with _kept(errors):
                 joined = join_mounts([Mount(robot)])
     if errors:
-        way = _way_round(robot, joined)
+        workaround = _workaround(robot, joined)
         if not any(item.code in _MESH_FAILURES for item in findings):
             findings.append(
                 Finding(
@@ -352,7 +352,7 @@ def audit_urdf(
                 )
             )
         findings = [
-            replace(item, advice=item.advice + way)
+            replace(item, advice=item.advice + workaround)
             if item.code in (*_MESH_FAILURES, FindingCode.UNREADABLE)
             else item
             for item in findings
@@ -381,7 +381,7 @@ def _kept(errors: list[Exception]) -> Iterator[None]:
         errors.append(error)
 
 
-def _way_round(robot: RobotDescription, joined: JoinedMounts | None) -> str:
+def _workaround(robot: RobotDescription, joined: JoinedMounts | None) -> str:
     """Return how to load only the hand of a robot that cannot be loaded, if that is possible."""
     for palm in () if joined is None or robot.root_link is not None else joined.palms:
         with suppress(RobotError, MeshError, ArgumentError):
@@ -427,9 +427,9 @@ def _audit_mimics(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
     joints = model.movable_joints
     couplings = {item.joint: item for item in (*model.couplings, *robot.couplings)}
     for joint, leader in dangling_couplings(joints, couplings.values()):
-        near = [name for name in joints if leader and name.endswith(leader)]
-        near = near or difflib.get_close_matches(leader, joints, n=1)
-        meant = f" (perhaps {', '.join(near)})" if near else ""
+        similar = [name for name in joints if leader and name.endswith(leader)]
+        similar = similar or difflib.get_close_matches(leader, joints, n=1)
+        meant = f" (perhaps {', '.join(similar)})" if similar else ""
         yield Finding(
             FindingCode.DANGLING_MIMIC,
             f"joint {joint}",
@@ -442,7 +442,7 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
     """Find doubtful effort limits and joints that cannot stand at zero."""
     tree = joined.tree
     for name, effort in describe_efforts(robot, joined).items():
-        held = " (position-controlled unless asked)" if name in joined.held_joints else ""
+        note = " (position-controlled unless asked)" if name in joined.held_joints else ""
         where = f"{'tendon' if name in joined.tendons else 'joint'} {name}"
         if name in joined.effort_unknown and not effort.known:
             yield Finding(
@@ -456,9 +456,9 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 FindingCode.PLACEHOLDER_EFFORT,
                 where,
                 (
-                    f"the effort limit {effort.upper:g} looks like a placeholder{held}"
+                    f"the effort limit {effort.upper:g} looks like a placeholder{note}"
                     if np.isfinite(effort.upper)
-                    else f"no effort limit is given{held}"
+                    else f"no effort limit is given{note}"
                 ),
                 "give the motor's real limit in effort_limits (N m, or N if prismatic)",
             )

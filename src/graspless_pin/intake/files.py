@@ -200,8 +200,8 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
         names = _names_in(path.parent)
         stem = nearest_name(path.stem, [Path(name).stem for name in names], alike=0.75)
         alike = [name for name in names if Path(name).stem == stem]
-        near = nearest_name(path.name, alike, alike=0.0)  # such as x.yaml for x.yml, not x.stl
-        advice = "check the path" if near is None else f"did you mean '{path.parent / near}'?"
+        nearest = nearest_name(path.name, alike, alike=0.0)  # such as x.yaml for x.yml, not x.stl
+        advice = "check the path" if nearest is None else f"did you mean '{path.parent / nearest}'?"
         raise kind.error(f"{path}: there is no such file; {advice}") from None
     except OSError as error:
         raise kind.error(f"{path}: cannot be read ({error.strerror})") from None

@@ -164,7 +164,7 @@ def _keys_of(argument: str) -> Location:
 
 
 _MOST_EXAMINED = 60
-_MOST_TOLD = 5
+_MOST_LISTED = 5
 _UNKNOWN_KEY = "unknown key"
 _Entry = TypeVar("_Entry", bound=BaseModel)
 Node = dict[str, Any]
@@ -185,9 +185,9 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
         # A misspelt key comes before what is missing because of it.
         mistakes.sort(key=lambda one: not one[1].startswith(_UNKNOWN_KEY))
         lines = [*dict.fromkeys(source.message(*one) for one in mistakes)]
-        more = len(lines) - _MOST_TOLD + max(0, error.error_count() - _MOST_EXAMINED)
+        more = len(lines) - _MOST_LISTED + max(0, error.error_count() - _MOST_EXAMINED)
         rest = [f"... and {more} mistakes more"] if more > 0 else []
-        raise source.kind.error("\n".join([*lines[:_MOST_TOLD], *rest])) from None
+        raise source.kind.error("\n".join([*lines[:_MOST_LISTED], *rest])) from None
 
 
 def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
@@ -330,8 +330,8 @@ def _meant(found: Any, wanted: str, location: Location, kind: FileKind) -> str:
         return f"; {share:g} % is {share / 100.0:g}"
     if isinstance(word, str) and "number" in wanted and (advice := kind.advice(word, location)):
         return advice
-    near = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
-    return "" if near is None else f"; did you mean {near!r}?"
+    nearest = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
+    return "" if nearest is None else f"; did you mean {nearest!r}?"
 
 
 def _plain_figure(found: Any) -> float | None:
@@ -439,8 +439,8 @@ def _wanted(schema: Node, node: Node) -> str:
 def _sizes(node: Node, of: str) -> str:
     """Return how many there may be, such as `` of at most 3``; empty: any number."""
     words = {"at least": node.get(f"min{of}"), "at most": node.get(f"max{of}")}
-    told = [f"{word} {size}" for word, size in words.items() if size is not None]
-    return f" of {' and '.join(told)}" if told else ""
+    bounds = [f"{word} {size}" for word, size in words.items() if size is not None]
+    return f" of {' and '.join(bounds)}" if bounds else ""
 
 
 def _bounds(node: Node) -> str:

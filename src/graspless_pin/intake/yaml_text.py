@@ -308,8 +308,8 @@ def _mapping_edits(
     """Return the edits of a mapping's keys; None: it has to be replaced as a whole."""
     names = [key.value for key, _ in node.value]
     kept = [name for name in names if name in wanted]
-    bare = node.flow_style and text[node.start_mark.index] not in "{&"  # [key: value]
-    if names != list(found) or not kept or bare:
+    without_braces = node.flow_style and text[node.start_mark.index] not in "{&"  # [key: value]
+    if names != list(found) or not kept or without_braces:
         return None
     edits = []
     for (_, value), name in zip(node.value, names, strict=True):

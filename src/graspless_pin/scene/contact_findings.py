@@ -53,10 +53,10 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
             )
             if len(bodies)
         }
-        far = [(gap, name) for name, gap in gaps.items() if gap > tolerance]
-        if far:
-            words = " and ".join(f"{in_mm(gap)} from the surface of {on}" for gap, on in far)
-            off.append((max(far)[0], index, words))
+        apart = [(gap, name) for name, gap in gaps.items() if gap > tolerance]
+        if apart:
+            words = " and ".join(f"{in_mm(gap)} from the surface of {on}" for gap, on in apart)
+            off.append((max(apart)[0], index, words))
         elif _points_out(target.placed_bodies, contact.position, contact.normal, tolerance):
             outward.append(index)
     if outward:
@@ -97,7 +97,7 @@ def _points_out(
     here = abs(distances_to_point(bodies, point)) <= tolerance
     touching = [body for body, counts in zip(bodies, here, strict=True) if counts]
     step = _STEP_INTO_BODIES * tolerance * normal
-    ahead, behind = (distances_to_point(touching, point + way) for way in (step, -step))
+    ahead, behind = (distances_to_point(touching, point + offset) for offset in (step, -step))
     return bool((ahead > behind + tolerance).all())
 
 
@@ -125,8 +125,8 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
         if support.name in touching:
             continue
         bodies = support.placed_bodies
-        near = near_pairs(pieces, bodies, reach)
-        gap = min((separation(pieces[i], bodies[k]).distance for i, k in near), default=np.inf)
+        pairs = near_pairs(pieces, bodies, reach)
+        gap = min((separation(pieces[i], bodies[k]).distance for i, k in pairs), default=np.inf)
         if (1.0 + _GAP_ROUNDING) * tolerance < gap <= reach:
             yield Finding(
                 FindingCode.SUPPORT_MISSED,
@@ -143,23 +143,23 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
     nearest: dict[str, tuple[float, str]] = {}
     bodies = hand.placed_bodies
     fingers = {name: hand.finger_of(name) or name for name in {one.name for one in bodies}}
-    busy = {fingers[name] for name in touching if name in fingers}
+    touching_fingers = {fingers[name] for name in touching if name in fingers}
     for i, k in near_pairs(pieces, bodies, reach):
         finger = fingers[bodies[k].name]
-        if finger not in busy:
+        if finger not in touching_fingers:
             gap = separation(pieces[i], bodies[k]).distance
             nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
     for finger, (gap, link) in nearest.items():
         if (1.0 + _GAP_ROUNDING) * tolerance < gap <= reach:
-            way, key = "close the finger (graspless-pin close), correct q", "q"
+            advice, key = "close the finger (graspless-pin close), correct q", "q"
             if hand.finger_of(link) is None:
-                way, key = "move the hand closer (base_pose) if it should touch", "base_pose"
+                advice, key = "move the hand closer (base_pose) if it should touch", "base_pose"
             yield Finding(
                 FindingCode.FINGER_MISSED,
                 finger,
                 f"'{link}' is {in_mm(gap)} from object '{scene.object.name}', so it is not a "
                 f"contact (contact_tolerance: {in_mm(tolerance)})",
-                f"{way}, or raise contact_tolerance",
+                f"{advice}, or raise contact_tolerance",
                 ("hand", key),
             )
     if len(hand.mounts) > 1:
@@ -222,18 +222,18 @@ def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
     for body, gap in deepest.items():
         if gap < -(1.0 + _GAP_ROUNDING) * scene.contact_tolerance:
             if body in supports:
-                way = "settle the object (graspless-pin settle) or correct the pose"
+                advice = "settle the object (graspless-pin settle) or correct the pose"
                 key = ("supports", supports.index(body), "pose")
             elif scene.hand is not None and scene.hand.finger_of(body) is not None:
-                way = "open the finger (q), then close it (graspless-pin close)"
+                advice = "open the finger (q), then close it (graspless-pin close)"
                 key = ("hand", "q")
             else:
-                way, key = "move the hand away (base_pose)", ("hand", "base_pose")
+                advice, key = "move the hand away (base_pose)", ("hand", "base_pose")
             yield Finding(
                 FindingCode.DEEP_OVERLAP,
                 body,
                 f"'{body}' and object '{scene.object.name}' overlap by {in_mm(-gap)}",
-                f"{way}; up to max_penetration ({in_mm(scene.max_penetration)}) it passes for "
+                f"{advice}; up to max_penetration ({in_mm(scene.max_penetration)}) it passes for "
                 "contact",
                 key,
             )
@@ -265,19 +265,19 @@ def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
     sines = np.sqrt(1.0 - cosines**2)
     levers = np.linalg.norm(touching.positions[:, None] - touching.positions, axis=2)
     behind = gaps[:, None] - gaps * cosines
-    left = behind - tolerance * sines - PARALLEL_ANGLE * levers
+    excess = behind - tolerance * sines - PARALLEL_ANGLE * levers
     # Links that no joint parts are one rigid body, and so are all supports.
     links = {} if scene.hand is None else scene.hand.tree.link_joints
     count = touching.hand_count
     rigid = np.array([links[name] if k < count else -1 for k, name in enumerate(names)])
     ranks = np.argsort(np.argsort(gaps, kind="stable"))
-    left[(rigid[:, None] != rigid) | (ranks[:, None] <= ranks)] = 0.0
-    most = left.max(axis=1, initial=0.0)
+    excess[(rigid[:, None] != rigid) | (ranks[:, None] <= ranks)] = 0.0
+    most = excess.max(axis=1, initial=0.0)
     for name in dict.fromkeys(names):
         far = max((k for k, one in enumerate(names) if one == name), key=lambda k: most[k])
         if most[far] <= _UNEVEN_GAPS * tolerance:
             continue
-        near = int(np.argmax(left[far]))
+        near = int(np.argmax(excess[far]))
         gap, object_name = in_mm(gaps[far]), scene.object.name
         beside = f"'{names[near]}', rigid with it,"
         if names[near] == name:

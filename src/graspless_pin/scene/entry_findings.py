@@ -60,15 +60,15 @@ def _of_angles(location: Location, subject: str, pose: PoseEntry) -> Iterator[Fi
             f"{math.radians(angle):.5g}" if abs(angle) > MOST_ANGLE else f"{angle:.10g}"
             for angle in angles
         )
-        cure = f"[{given}] degrees are [{radians}] rad"
+        correction = f"[{given}] degrees are [{radians}] rad"
         if len(large) < sum(map(bool, angles)):
             verb = "is" if len(large) == 1 else "are"
-            cure = f"if {' and '.join(large)} alone {verb} in degrees, it is [{radians}] rad"
+            correction = f"if {' and '.join(large)} alone {verb} in degrees, it is [{radians}] rad"
         yield Finding(
             FindingCode.ANGLE_IN_DEGREES,
             subject,
             f"the angles [{given}] rad of '{subject}' are more than a turn",
-            f"give angles in radians, or all of them under rpy_deg: {cure}",
+            f"give angles in radians, or all of them under rpy_deg: {correction}",
             (*location, "rpy"),
         )
 

@@ -113,8 +113,8 @@ def build_scene(
         placed = [source.placed(one) for one in wrong]
         lines = [one if one.place else replace(one, place=source.where(())) for one in placed]
         if lines:
-            says = "(an error, as the scene says 'warnings: error')"
-            raise SceneError("\n".join(f"{one} {says}" for one in lines))
+            reason = "(an error, as the scene says 'warnings: error')"
+            raise SceneError("\n".join(f"{one} {reason}" for one in lines))
     return scene
 
 

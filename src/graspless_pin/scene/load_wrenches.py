@@ -174,21 +174,21 @@ def hand_motion(scene: SceneFields) -> HandMotions | None:
     Raises:
         SceneError: If the acceleration names what is no joint of the hand.
     """
-    told, hand = scene.acceleration, scene.hand
-    if told is None or hand is None or told.of == Accelerated.OBJECT:
+    acc, hand = scene.acceleration, scene.hand
+    if acc is None or hand is None or acc.of == Accelerated.OBJECT:
         return None
     center = scene.object.center_of_mass_world
-    sources = told, hand.positions, hand.tree, center.tobytes() if told.at is None else b""
+    sources = acc, hand.positions, hand.tree, center.tobytes() if acc.at is None else b""
     return scene._kept.made("hand motion", sources, lambda: _hand_motion(scene, hand, center))
 
 
 def _hand_motion(
     scene: SceneFields, hand: Hand, center: FloatArray, kinematics: Kinematics | None = None
 ) -> HandMotions:
-    told, base = scene.acceleration, _frame_motion(scene, center)
-    assert told is not None  # noqa: S101 - asked by its callers
+    acc, base = scene.acceleration, _frame_motion(scene, center)
+    assert acc is not None  # noqa: S101 - asked by its callers
     try:
-        return hand_motions(hand, base, told.joint_velocities, told.joint_accelerations, kinematics)
+        return hand_motions(hand, base, acc.joint_velocities, acc.joint_accelerations, kinematics)
     except ArgumentError as error:
         place = place_of(scene, "acceleration").removesuffix(": acceleration")
         raise SceneError(f"{place}: acceleration.{error}") from error
@@ -213,14 +213,14 @@ def carried_loads(
     Raises:
         SceneError: See `hand_motion`.
     """
-    told, nothing = scene.acceleration, np.zeros(())
-    if told is None and not scene.loads:
+    acc, nothing = scene.acceleration, np.zeros(())
+    if acc is None and not scene.loads:
         return object_wrench(scene, STILL), nothing
     T_world_object = kinematics.T_world_joint[:, joint] @ T_joint_object
-    if told is None:
+    if acc is None:
         return object_wrench(scene, STILL, T_world_object), nothing
     center = T_world_object[:, :3, :3] @ scene.object.center_of_mass + T_world_object[:, :3, 3]
-    if told.of == Accelerated.OBJECT:
+    if acc.of == Accelerated.OBJECT:
         motion = _frame_motion(scene, center)
         return object_wrench(scene, motion, T_world_object), nothing
     motions = _hand_motion(scene, hand, center, kinematics)
@@ -247,10 +247,10 @@ def object_motion(scene: SceneFields) -> RigidMotion:
         SceneError: If the acceleration names what is no joint, no link touches the object or they
             do not move as one, or the object slides on a support and no motion says so.
     """
-    told = scene.acceleration
-    if told is None:
+    acc = scene.acceleration
+    if acc is None:
         return STILL
-    if not (told.joint_velocities or told.joint_accelerations):
+    if not (acc.joint_velocities or acc.joint_accelerations):
         return _frame_motion(scene, scene.object.center_of_mass_world)
     place, motions = place_of(scene, "acceleration"), hand_motion(scene)
     if motions is None or scene.hand is None:
@@ -290,14 +290,14 @@ def _frame_motion(scene: SceneFields, center: FloatArray) -> RigidMotion:
     The point that the acceleration is of is at rest at this moment: a constant velocity of all
     changes no force.
     """
-    told = scene.acceleration
-    assert told is not None  # noqa: S101 - asked by its callers
-    point = center if told.at is None else told.at
-    v, a = np.cross(point, told.angular_velocity), told.linear + np.cross(point, told.angular)
+    acc = scene.acceleration
+    assert acc is not None  # noqa: S101 - asked by its callers
+    point = center if acc.at is None else acc.at
+    v, a = np.cross(point, acc.angular_velocity), acc.linear + np.cross(point, acc.angular)
     return RigidMotion(
         *(
             np.concatenate([part, np.broadcast_to(turn, part.shape)], axis=-1)
-            for part, turn in ((v, told.angular_velocity), (a, told.angular))
+            for part, turn in ((v, acc.angular_velocity), (a, acc.angular))
         )
     )
 

@@ -227,7 +227,7 @@ def _positions(hand: Hand) -> str:
     return "".join(lines) if len(lines) > 1 else ""
 
 
-def _said(limit: float) -> str:
+def _stated_limit(limit: float) -> str:
     return f"the file says {limit:g}" if math.isfinite(limit) else "the file gives no limit"
 
 
@@ -243,18 +243,18 @@ def _efforts(
     ]
     for name in doubted:
         if effort is not None:
-            lines.append(f"    {flow_of(name)}: {effort:g} # {_said(stated[name])}\n")
+            lines.append(f"    {flow_of(name)}: {effort:g} # {_stated_limit(stated[name])}\n")
         elif not is_placeholder(stated[name]):
             lines.append(f"    {flow_of(name)}: {stated[name]:g} # the file's, of unknown origin\n")
         else:
-            lines.append(f"    {flow_of(name)}: # fill in; {_said(stated[name])}\n")
+            lines.append(f"    {flow_of(name)}: # fill in; {_stated_limit(stated[name])}\n")
             left_open.append(name)
     kept: dict[str, float] = {}
     if effort is not None:
-        unsaid = {*hand.actuation.passive, *doubted, *efforts}
+        unstated = {*hand.actuation.passive, *doubted, *efforts}
         for name in hand.fingers.keys() & efforts:
-            unsaid.update(driving_joints(hand.tree, hand.fingers[name]))
-        kept = {name: limit for name, limit in stated.items() if name not in unsaid}
+            unstated.update(driving_joints(hand.tree, hand.fingers[name]))
+        kept = {name: limit for name, limit in stated.items() if name not in unstated}
     if not lines:
         empty = "  # effort_limits: {} # N m, N: by joint or finger, instead of the robot's\n"
         return empty, (), kept

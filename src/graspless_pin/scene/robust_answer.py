@@ -99,7 +99,7 @@ def robust_answer(
     nominal = scene.solve(algorithm, **options)
     if robust.found:
         _, how = scene.asked(algorithm, **options)
-        return RobustAnswer(unknown, robust, nominal, _held(scene, robust, how), 1.0)
+        return RobustAnswer(unknown, robust, nominal, _at_torques(scene, robust, how), 1.0)
     share, unserved, with_feedback = math.nan, math.nan, None
     if robust.status not in (Status.NOT_FOUND_IN_LIMIT, Status.STRONG_NOT_FOUND):
         # Which part is served is a question of forces; rest is asked of torques for all of it.
@@ -178,7 +178,7 @@ def solution_for_all(
     robust = scene.solve(algorithm, uncertainty=True, **options)
     if robust.found:
         _, how = scene.asked(algorithm, **options)
-        return _held(scene, robust, how), robust
+        return _at_torques(scene, robust, how), robust
     joined = changed(robust.solution, "explanation", _explanation=str(robust))
     return without_torques(scene.solve(algorithm, **options), joined), robust
 
@@ -200,8 +200,8 @@ def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSo
     )
 
 
-def _held(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
+def _at_torques(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
     """Return the scene under robust torques: the forces of the largest margin."""
     how = replace(how, stability=RequiredStability.WEAK)  # the torques are given
-    held = solve_problem(scene.problem(), AtTorques(Margin(), robust.torques), how)
-    return held.of_source(scene)
+    solution = solve_problem(scene.problem(), AtTorques(Margin(), robust.torques), how)
+    return solution.of_source(scene)

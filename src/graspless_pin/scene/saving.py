@@ -54,16 +54,16 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
         raise SceneError(f"{target}: a scene file ends in .yaml or .yml; choose such a name")
     if os.path.lexists(target) and not overwrite:
         raise SceneError(f"{target}: is there already; choose another name, or give overwrite=True")
-    with _told_of(target):
+    with _write_errors_of(target):
         make_folder_of(target)  # paths in the text are relative to it
     text = make(target)
-    with _told_of(target), draft_of(target) as draft:
+    with _write_errors_of(target), draft_of(target) as draft:
         draft.write_text(text, encoding="utf-8", newline="")
     return target
 
 
 @contextmanager
-def _told_of(target: Path) -> Iterator[None]:
+def _write_errors_of(target: Path) -> Iterator[None]:
     """Say which file cannot be written."""
     try:
         yield
@@ -143,12 +143,12 @@ def _check_sayable(scene: SceneFields) -> None:
     for key, body in (("object", scene.object), *(("supports", one) for one in scene.supports)):
         shape = body.shape
         solids = shape.parts if isinstance(shape, Compound) else (shape,)
-        odd = [one.kind for one in solids if type(one) not in SHAPES.values()]
+        unsupported = [one.kind for one in solids if type(one) not in SHAPES.values()]
         inside = "" if solids == (shape,) else " in a compound"
-        if odd:
+        if unsupported:
             raise SceneError(
                 f"{label_of(scene)}: {key}: {body.name!r} has a shape of the kind "
-                f"{odd[0]!r}, which no scene file has{inside}; "
+                f"{unsupported[0]!r}, which no scene file has{inside}; "
                 f"use one of {', '.join(SHAPES)}, or write an MJCF (scene_to_mjcf)"
             )
     for mount in () if scene.hand is None else scene.hand.mounts:
@@ -357,8 +357,8 @@ def _first_difference(one: Any, other: Any, place: Location) -> Location | None:
             ((*place, index), *pair) for index, pair in enumerate(zip(one, other, strict=True))
         ]
     elif isinstance(one, float) and isinstance(other, int | float):
-        near = one == other or abs(one - other) <= _SAME_NUMBER * max(1.0, abs(other))
-        return None if near else place
+        same = one == other or abs(one - other) <= _SAME_NUMBER * max(1.0, abs(other))
+        return None if same else place
     else:
         return None if one == other else place
     found = (_first_difference(first, second, inner) for inner, first, second in pairs)

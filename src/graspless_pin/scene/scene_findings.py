@@ -138,13 +138,13 @@ def _deepest(overlaps: Iterable[Overlap]) -> dict[BodyKind, tuple[Overlap, str]]
     by_kind: dict[BodyKind, list[Overlap]] = {}
     for one in overlaps:
         by_kind.setdefault(one.kind, []).append(one)
-    told = {}
+    summaries = {}
     for kind, own in by_kind.items():
         deepest = max(own, key=lambda one: one.depth)
         pairs = "pair" if len(own) == 2 else "pairs"
         more = f", and {len(own) - 1} more {pairs} less deep" if len(own) > 1 else ""
-        told[kind] = deepest, f"{deepest}{more}"
-    return told
+        summaries[kind] = deepest, f"{deepest}{more}"
+    return summaries
 
 
 _UNUSED_LIMIT = Finding(
@@ -168,7 +168,7 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
             found += [*_joints(scene.hand), *_overlaps(scene, scene.hand)]
             if scene.hybrid_force_limit is not None and not scene.hand.control.hybrid_fingers:
                 found.append(_UNUSED_LIMIT)
-            found += _borne_weight(scene.hand) if scene.count_own_weight else ()
+            found += _compensated_weight(scene.hand) if scene.count_own_weight else ()
         found += [*_touching(scene), *stated_contact_findings(scene)]
     of_hand = () if scene.hand is None else scene.hand.findings
     return causes_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
@@ -334,24 +334,24 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         if one.code in (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
         for name in one.subject.split(", ")
     }
-    endless = {
+    placeholders = {
         name: limit_words(name, upper)
         for name, unit, lower, upper in zip(
             hand.actuation.names, hand.effort_units, *hand.effort_limits, strict=True
         )
         if max(-lower, upper) >= _UNLIMITED_EFFORT[unit] and name not in declared
     }
-    if endless:
+    if placeholders:
         yield Finding(
             FindingCode.PLACEHOLDER_EFFORT,
-            ", ".join(endless),
-            f"effort limits that look like placeholders: {', '.join(endless.values())}",
+            ", ".join(placeholders),
+            f"effort limits that look like placeholders: {', '.join(placeholders.values())}",
             "give the motors' real limits in effort_limits (N m, or N for a prismatic joint)",
             ("hand", "effort_limits"),
         )
 
 
-def _borne_weight(hand: Hand) -> Iterator[Finding]:
+def _compensated_weight(hand: Hand) -> Iterator[Finding]:
     """Find links whose weight an MJCF takes off the joints, where the links' weight counts."""
     if names := hand.tree.borne_links:
         yield Finding(
@@ -370,8 +370,8 @@ def _overlaps(scene: SceneFields, hand: Hand) -> Iterator[Finding]:
     touching, most = scene.contact_tolerance, scene.max_penetration
     found = unwanted_overlaps(hand, scene.supports, tolerance=min(touching, most))
     yield from _serious(one for one in found if one.depth > most)
-    slight = _deepest(one for one in found if touching < one.depth <= most)
-    for deepest, words in slight.values():
+    shallow = _deepest(one for one in found if touching < one.depth <= most)
+    for deepest, words in shallow.values():
         yield Finding(
             FindingCode.DEEP_OVERLAP,
             deepest.link,

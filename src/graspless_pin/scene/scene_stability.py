@@ -145,8 +145,8 @@ def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVe
     )
     small = verdict.small_motions
     if verdict.joints_held and verdict.status is Stability.WEAK:
-        said = verdict.message.replace("may fail", f"may fail with {verdict.controller}", 1)
-        return replace(verdict, message=said)
+        message = verdict.message.replace("may fail", f"may fail with {verdict.controller}", 1)
+        return replace(verdict, message=message)
     fingers = NO_FINGERS if scene.hand is None else fingers_of_motors(scene.hand)
     if verdict.moves is MovingPart.FINGER:
         return replace(verdict, message=finger_words(verdict, fingers))
@@ -185,8 +185,8 @@ def unknown_of(scene: SceneFields) -> str:
         return why
     if scene.controller.holds_joints:
         hybrid = () if scene.hand is None else scene.hand.control.hybrid_fingers
-        told = f"undecided: joints hold their positions, but {', '.join(hybrid)} follows"
-        return told if hybrid else ""
+        reason = f"undecided: joints hold their positions, but {', '.join(hybrid)} follows"
+        return reason if hybrid else ""
     touching = hand_support_contacts(scene)
     if not touching:
         return ""
@@ -242,23 +242,23 @@ class MemberVerdicts(Brief):
     @property
     def holding(self) -> Holding:
         """The verdict on that member: `holds` where all hold, and none was left out."""
-        said = self.verdicts[self.worst].holding if self.verdicts else Holding.HOLDS
-        return Holding.UNDECIDED if said is Holding.HOLDS and self.left_out else said
+        holding = self.verdicts[self.worst].holding if self.verdicts else Holding.HOLDS
+        return Holding.UNDECIDED if holding is Holding.HOLDS and self.left_out else holding
 
     def __str__(self) -> str:
         """Return how many corners have which verdict, and what is said of the worst."""
-        left = f"{self.left_out} corners were not asked about\n" if self.left_out else ""
+        unasked = f"{self.left_out} corners were not asked about\n" if self.left_out else ""
         if not self.verdicts:
-            return left.rstrip()
-        said = [one.holding for one in self.verdicts]
+            return unasked.rstrip()
+        holdings = [one.holding for one in self.verdicts]
         rows = [
-            (str(one), said.count(one), self.members[said.index(one)].words)
+            (str(one), holdings.count(one), self.members[holdings.index(one)].words)
             for one in reversed(_FROM_BEST)
-            if one in said
+            if one in holdings
         ]
         return (
             f"{tabulate(rows, ('holding', 'corners', 'the first of them'))}\n\n"
-            f"{self.members[self.worst].words}: {self.verdicts[self.worst]}\n{left}"
+            f"{self.members[self.worst].words}: {self.verdicts[self.worst]}\n{unasked}"
             "between the corners nothing is proven about rest"
         )
 
@@ -342,8 +342,8 @@ def verdicts_under(
         changed, friction = scene_of_member(scene, member), member.problem.friction
         own = replace(member, problem=problem_of(changed).with_changes(friction=friction))
         torques = torques_at_rest(own, commanded, stiffness)
-        left = {} if limits.seconds_left is None else {"time_limit": limits.seconds_left}
-        verdicts.append(verdict_of(changed, torques, friction=friction, **left, **options))
+        time_limit = {} if limits.seconds_left is None else {"time_limit": limits.seconds_left}
+        verdicts.append(verdict_of(changed, torques, friction=friction, **time_limit, **options))
         if until(verdicts[-1]):
             break
     count = len(verdicts)
@@ -413,14 +413,14 @@ def torques_at_rest(
     """
     problem = member.problem
     given = finite_array("commanded", commanded, (problem.joint_count,))
-    made = member.factors * given + member.offsets
+    torques = member.factors * given + member.offsets
     if stiffness is None:
-        return made
+        return torques
     options = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
     under = under_commands(member, given, feedback_torques(problem, stiffness))
     found = solve_problem(under, Margin(), options)
     if not found.found:
-        return made
+        return torques
     balanced = problem.J.T @ found.contact_forces.ravel() + problem.gravity_torques
-    left = ~problem.jacobian.any(axis=0) & (stiffness == 0.0)
-    return np.where(left, made, balanced)
+    uncoupled = ~problem.jacobian.any(axis=0) & (stiffness == 0.0)
+    return np.where(uncoupled, torques, balanced)

@@ -169,11 +169,11 @@ def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[s
 def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
     """Return what a scene file says of which robot it is: see `stated_scene`."""
     own = {"root_link": robot.root_link, "visuals_collide": robot.visuals_collide}
-    filed = None if robot.file is None else load_robot(robot.file)
+    loaded = None if robot.file is None else load_robot(robot.file)
     own = {
-        key: None if value == getattr(filed, key, False) else value for key, value in own.items()
+        key: None if value == getattr(loaded, key, False) else value for key, value in own.items()
     }
-    if robot.srdf is not None and (filed is None or filed.srdf != robot.srdf):
+    if robot.srdf is not None and (loaded is None or loaded.srdf != robot.srdf):
         own["srdf"] = path_text(robot.srdf)
     if robot.file is not None:
         name = robot.file.stem

@@ -88,7 +88,7 @@ class Load(Brief, PickledByFields):
     def __str__(self) -> str:
         """Return its name and what of it is not zero."""
         of_object = " of the object" if self.axes is LoadAxes.OBJECT else ""
-        told = [
+        parts = [
             f"{name} {_numbers(value)} {unit}{axes}"
             for name, value, unit, axes in (
                 ("force", self.force, "N", of_object),
@@ -97,9 +97,9 @@ class Load(Brief, PickledByFields):
             )
             if value.any()
         ]
-        told += [f"{self.mass:g} kg"] if self.mass else []
-        told += [] if self.at is None else [f"at {_numbers(self.at)} m"]
-        return f"{self.name}: {', '.join(told) or 'nothing'}"
+        parts += [f"{self.mass:g} kg"] if self.mass else []
+        parts += [] if self.at is None else [f"at {_numbers(self.at)} m"]
+        return f"{self.name}: {', '.join(parts) or 'nothing'}"
 
 
 class Accelerated(StrEnum):
@@ -176,7 +176,7 @@ class Acceleration(Brief, PickledByFields):
 
     def __str__(self) -> str:
         """Return what of it is not zero."""
-        told = [
+        parts = [
             f"{_numbers(value)} {unit}"
             for value, unit in (
                 (self.linear, "m/s^2"),
@@ -185,7 +185,7 @@ class Acceleration(Brief, PickledByFields):
             )
             if value.any()
         ]
-        told += [
+        parts += [
             f"joints {kind} {_named(value)}"
             for kind, value in (
                 ("move", self.joint_velocities),
@@ -193,7 +193,7 @@ class Acceleration(Brief, PickledByFields):
             )
             if value
         ]
-        return f"{self.of}: {', '.join(told) or 'nothing'}"
+        return f"{self.of}: {', '.join(parts) or 'nothing'}"
 
     @property
     def is_translation(self) -> bool:
@@ -264,12 +264,12 @@ class GivenContact(PickledByFields):
         )
 
 
-def _by_joint(argument: str, told: Mapping[str, float]) -> Mapping[str, float]:
+def _by_joint(argument: str, given: Mapping[str, float]) -> Mapping[str, float]:
     """Return finite numbers by joint."""
-    if not isinstance(told, Mapping):
-        raise ArgumentError(argument, f"is {told!r:.100}; give numbers by joint: {{'elbow': 0.5}}")
+    if not isinstance(given, Mapping):
+        raise ArgumentError(argument, f"is {given!r:.100}; give numbers by joint: {{'elbow': 0.5}}")
     return MappingProxyType(
-        {name: real_number(f"{argument}.{name}", value, -np.inf) for name, value in told.items()}
+        {name: real_number(f"{argument}.{name}", value, -np.inf) for name, value in given.items()}
     )
 
 

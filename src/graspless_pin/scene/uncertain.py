@@ -162,9 +162,9 @@ def _strong_for_members(
     for torques, nodes in candidates():
         rest = verdicts_at_corners(torques, order, nodes)
         tried.append((torques, rest))
-        held = _held(best, torques, options, len(tried)) if rest.kept else None
-        if held is not None:
-            return replace(held, rest=replace(rest, tried=len(tried)))
+        solved = _at_torques(best, torques, options, len(tried)) if rest.kept else None
+        if solved is not None:
+            return replace(solved, rest=replace(rest, tried=len(tried)))
         if rest.corners:
             order.insert(0, order.pop(order.index(rest.corners[-1])))
         if limits.passed:
@@ -179,7 +179,7 @@ def _strong_for_members(
     return replace(best, solution=none, policy=None, members=members, rest=rest)
 
 
-def _held(
+def _at_torques(
     best: RobustSolution, torques: FloatArray, options: SolveOptions, tried: int
 ) -> RobustSolution | None:
     """Return the whole set under torques, with the best's bound; None: they do not serve it."""
@@ -199,12 +199,12 @@ def _held(
     whole: TorqueSolution = best.solution
     if len(best.joined_members) < len(best.members):
         whole = solve_problem(joined(best.members, directions), objective, options)
-    held = solve_problem(
+    fixed = solve_problem(
         whole.problem, AtTorques(objective, commands), options, mode=whole.given_mode
     )
-    if not (whole.found and held.found):
+    if not (whole.found and fixed.found):
         return None
-    solution = bounded_by(whole, replace(held, objective=objective))
+    solution = bounded_by(whole, replace(fixed, objective=objective))
     gap = abs(whole.value - solution.value)
     guarantee = Guarantee(None, whole.value, gap, tried)  # verdicts are of members
     return replace(best, solution=replace(solution, status=Status.STRONG, guarantee=guarantee))

@@ -80,13 +80,13 @@ def unused_surfaces(scene: SceneFields) -> Iterator[Finding]:
         unused = [name for name in _by_name(figures) if name not in touching]
         if unused:
             bodies = ", ".join(dict.fromkeys(f"'{own[0]}'" for own in surfaces))
-            told = [
+            names = [
                 " on ".join(sorted(one)) if isinstance(one, frozenset) else one for one in unused
             ]
             yield Finding(
                 FindingCode.UNUSED_OPTION,
                 key,
-                f"{key} has figures for {told}, of which there is no contact",
+                f"{key} has figures for {names}, of which there is no contact",
                 f"name bodies that touch the object ({bodies}) or their materials, or leave it out",
                 ("uncertainty", key),
             )

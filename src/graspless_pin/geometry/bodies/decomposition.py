@@ -206,9 +206,9 @@ def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray
                 continue
             most = -1 if spare is None else spare + 1
             arguments = np.array(part.vertices), np.array(part.faces), cut.concavity, most
-            left = max(end - time.monotonic(), 0.0)
+            seconds = max(end - time.monotonic(), 0.0)
             try:
-                pieces = child.call(run_coacd, *arguments, limit=left)
+                pieces = child.call(run_coacd, *arguments, limit=seconds)
             except OverrunError:
                 raise MeshError(
                     f"{label} is not cut into convex pieces after {cut.time_limit:g} s; simplify "
@@ -245,10 +245,10 @@ def _cache_folder() -> Path:
 
 def _key(vertices: FloatArray, faces: NDArray[np.integer[Any]], cut: Cut) -> str:
     version = importlib.metadata.version("coacd")
-    way = f"coacd {version} {cut.concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
+    settings = f"coacd {version} {cut.concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
     if cut.max_pieces is not None:
-        way += f" {cut.max_pieces}"
-    digest = hashlib.sha256(way.encode())
+        settings += f" {cut.max_pieces}"
+    digest = hashlib.sha256(settings.encode())
     digest.update(vertices.tobytes())
     digest.update(faces.tobytes())
     return digest.hexdigest()
@@ -262,7 +262,7 @@ def _read(file: Path) -> tuple[FloatArray, ...] | None:
             counts = np.asarray(archive["counts"], dtype=np.int32)
     except _UNREADABLE:
         return None
-    sound = (
+    is_valid = (
         points.ndim == 2
         and points.shape[1] == 3
         and counts.ndim == 1
@@ -271,7 +271,7 @@ def _read(file: Path) -> tuple[FloatArray, ...] | None:
         and int(counts.sum()) == len(points)
         and bool(np.isfinite(points).all())
     )
-    return tuple(map(read_only, np.split(points, np.cumsum(counts)[:-1]))) if sound else None
+    return tuple(map(read_only, np.split(points, np.cumsum(counts)[:-1]))) if is_valid else None
 
 
 def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:

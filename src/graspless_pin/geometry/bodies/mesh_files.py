@@ -52,8 +52,8 @@ def parse_mesh(path: Path, *, upright: bool) -> Any:
         _check_dae(path, content)
     resolver = _Beside(path) if ending == ".gltf" else None
     # Unprocessed: what is wrong with vertices is not to be left out before anybody sees it.
-    heard = _Heard()
-    trimesh.util.log.addFilter(heard)
+    captured = _CapturedMessages()
+    trimesh.util.log.addFilter(captured)
     try:
         # Of far coordinates it warns; those who use them refuse them by name.
         with np.errstate(invalid="ignore", over="ignore"):
@@ -61,10 +61,10 @@ def parse_mesh(path: Path, *, upright: bool) -> Any:
                 io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
             )
     finally:
-        trimesh.util.log.removeFilter(heard)
+        trimesh.util.log.removeFilter(captured)
     if len(content) > _LARGE:
         gc.collect()  # trimesh leaves three times the file's size in cycles
-    for message in heard.messages:
+    for message in captured.messages:
         if any(words in message for words in _IN_PART):
             raise MeshError(f"mesh file '{path}' can be read in part only ({message})")
     if ending == ".dae" and isinstance(mesh, trimesh.Trimesh):
@@ -93,7 +93,7 @@ def dae_frame(path: Path, content: bytes) -> tuple[float, str]:
     return meter, "" if up is None else up[1].decode()
 
 
-class _Heard(logging.Filter):
+class _CapturedMessages(logging.Filter):
     """Keeps what trimesh would log: normals and colours do not matter, missing vertices do."""
 
     def __init__(self) -> None:

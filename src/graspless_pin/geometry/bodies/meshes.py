@@ -70,12 +70,12 @@ def hull_corners(vertices: FloatArray, what: str) -> tuple[FloatArray, tuple[Fin
     points.extend(corners)
     solid = coal.Convex.convexHull(points, False, "Qt")  # noqa: FBT003 - no triangles
     triangles, planes = hull.points[hull.simplices], hull.equations
-    left_out = _farthest(vertices, triangles, solid, HULL_TOLERANCE * size, planes)
+    omitted = _farthest(vertices, triangles, solid, HULL_TOLERANCE * size, planes)
     found = Finding(
         FindingCode.SIMPLIFIED_HULL,
         what,
         f"{what} has {len(vertices)} vertices: the {len(corners)} corners of the hull that stands "
-        f"for it leave out up to {1e3 * left_out:.2g} mm",
+        f"for it leave out up to {1e3 * omitted:.2g} mm",
         "give a mesh of fewer vertices where contacts have to be nearer than that",
     )
     return corners, (found,)
@@ -181,11 +181,11 @@ def _farthest(
     centers = KDTree(triangles.mean(axis=1))
     farthest = 0.0
     for points in np.array_split(vertices, 1 + len(vertices) // _VERTICES_AT_ONCE):
-        near = np.asarray(centers.query(points, k=_NEAREST_TRIANGLES)[1])
+        rows = np.asarray(centers.query(points, k=_NEAREST_TRIANGLES)[1])
         if planes is not None:
-            over = np.einsum("vnx,vx->vn", planes[near, :3], points) + planes[near, 3]
-            near, points = near[over.max(axis=1) > 0.0], points[over.max(axis=1) > 0.0]
-        feet = closest_point(triangles[near.ravel()], np.repeat(points, _NEAREST_TRIANGLES, axis=0))
+            over = np.einsum("vnx,vx->vn", planes[rows, :3], points) + planes[rows, 3]
+            rows, points = rows[over.max(axis=1) > 0.0], points[over.max(axis=1) > 0.0]
+        feet = closest_point(triangles[rows.ravel()], np.repeat(points, _NEAREST_TRIANGLES, axis=0))
         gaps = np.linalg.norm(
             feet.reshape(-1, _NEAREST_TRIANGLES, 3) - points[:, None], axis=2
         ).min(axis=1)

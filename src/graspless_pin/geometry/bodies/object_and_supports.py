@@ -403,7 +403,7 @@ class Materials(Record):
             for name in self.names
             if name not in bodies
         }
-        return {name: near for name, near in nearest.items() if near is not None}
+        return {name: match for name, match in nearest.items() if match is not None}
 
     def friction(self, first: str, second: str) -> float:
         """Coefficient of friction of two materials.

@@ -160,11 +160,11 @@ class Polytope(BoundedSet):
         farthest along the direction, those tilted by more than 60 degrees against it do not count;
         where an edge or a corner does, the line along that is the least height.
         """
-        leanings = self.face_normals @ direction
-        on_face = bool((leanings > _COS_PARALLEL).any())
-        ahead = leanings > (0.5 if on_face else 0.0)
+        cosines = self.face_normals @ direction
+        on_face = bool((cosines > _COS_PARALLEL).any())
+        ahead = cosines > (0.5 if on_face else 0.0)
         normals = self.face_normals[ahead]
-        away = ((self.face_offsets[ahead] - points @ normals.T) / leanings[ahead]).min(axis=1)
+        away = ((self.face_offsets[ahead] - points @ normals.T) / cosines[ahead]).min(axis=1)
         if on_face:
             return away
         ridge = self.feature(direction)
@@ -285,7 +285,7 @@ def hull_of(points: FloatArray, what: str = "its convex hull") -> Polytope:
             neighbours[a].add(b)
             neighbours[b].add(a)
     edges = tuple(
-        tuple((j, float(np.linalg.norm(vertices[i] - vertices[j]))) for j in sorted(near))
-        for i, near in enumerate(neighbours)
+        tuple((j, float(np.linalg.norm(vertices[i] - vertices[j]))) for j in sorted(adjacent))
+        for i, adjacent in enumerate(neighbours)
     )
     return Polytope(vertices, normals, -hull.equations[:, 3], triangles, edges)

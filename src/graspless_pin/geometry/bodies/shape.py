@@ -193,8 +193,8 @@ class Shape(ABC):
     def entry(cls) -> type[Entry]:
         """Return the schema of its mapping in a scene file; a path is a text there."""
         hints = get_type_hints(cls, include_extras=True)
-        says = f"says that it is a {cls.kind.replace('_', '-')}"
-        keys: Any = {"type": (Literal[cls.kind], Field(description=says))} | {
+        description = f"says that it is a {cls.kind.replace('_', '-')}"
+        keys: Any = {"type": (Literal[cls.kind], Field(description=description))} | {
             one.name: (hints[one.name], ... if one.default is MISSING else one.default)
             for one in fields(cls)
         }

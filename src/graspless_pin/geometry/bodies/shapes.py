@@ -337,10 +337,10 @@ class MeshShape(Shape):
         mesh = scaled_mesh(self.path, self.scale)
         if mesh.is_watertight and mesh.is_winding_consistent:
             mesh = turned_outward(mesh)
-            left_out = (
+            lost_volume = (
                 HULL_TOLERANCE * hull.scale * hull.area if len(mesh.vertices) > DENSE_MESH else 0.0
             )
-            if 0.0 < float(mesh.volume) <= float(hull.volume) * (1.0 + 1e-9) + left_out:
+            if 0.0 < float(mesh.volume) <= float(hull.volume) * (1.0 + 1e-9) + lost_volume:
                 return Filling.of_mesh(mesh)
             problem = "has parts that lie in each other"
         else:

@@ -202,7 +202,7 @@ def normal_jumps(
 
 
 def _nearest_face(
-    bodies: PlacedBodies, rows: Sequence[int], point: FloatArray, outward: FloatArray, near: float
+    bodies: PlacedBodies, rows: Sequence[int], point: FloatArray, outward: FloatArray, reach: float
 ) -> float:
     """Return the angle to the outward normal of the nearest face at a point, inf without a face."""
     sets, least = solids_of(bodies.shapes).sets, np.inf
@@ -211,12 +211,12 @@ def _nearest_face(
         local, direction = T[:3, :3].T @ (point - T[:3, 3]), T[:3, :3].T @ outward
         one = sets[row]
         if one.is_curved:
-            if (np.abs(local - one.center) <= one.half_extents + 2.0 * near).all():
+            if (np.abs(local - one.center) <= one.half_extents + 2.0 * reach).all():
                 return 0.0
             continue
         normals, heights = one.faces_at(local)
-        if heights.max() <= 2.0 * near:
-            cosines = np.clip(normals[heights > -2.0 * near] @ direction, -1.0, 1.0)
+        if heights.max() <= 2.0 * reach:
+            cosines = np.clip(normals[heights > -2.0 * reach] @ direction, -1.0, 1.0)
             least = min(least, float(np.arccos(cosines.max(initial=-1.0))))
     return least
 
@@ -347,9 +347,9 @@ def face_along(
             if normal @ along > best:
                 best, found = float(normal @ along), (normal, float(offset + normal @ T[:3, 3]))
     if best < math.cos(PARALLEL_ANGLE):
-        near = found[0].round(3).tolist() if best > -1.0 else "none"
+        axis = found[0].round(3).tolist() if best > -1.0 else "none"
         raise ArgumentError(
-            name, f"is {direction.tolist()}; no face looks that way, the nearest looks along {near}"
+            name, f"is {direction.tolist()}; no face looks that way, the nearest looks along {axis}"
         )
     return found
 

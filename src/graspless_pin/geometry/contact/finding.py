@@ -104,7 +104,7 @@ def near_and_closed_form(
     pairs = near_pairs(pieces, bodies, limits.tolerance)
     solids, others = solids_of(pieces.shapes).sets, solids_of(bodies.shapes).sets
     names = [bodies.shapes.names[k] for _, k in pairs]
-    found, left = [], []
+    found, remaining = [], []
     for place, (p, k) in enumerate(pairs):
         solid, plane, rows = solids[p], others[k], None
         if (
@@ -118,10 +118,10 @@ def near_and_closed_form(
             face = _face(solid, solid.farthest(-normal @ T[:3, :3]), limits)
             rows = None if face is None else _on_plane(face, T, normal, offset, place, limits)
         if rows is None:
-            left.append(place)
+            remaining.append(place)
         else:
             found.append(rows)
-    return pairs, found, left
+    return pairs, found, remaining
 
 
 def _on_plane(
@@ -203,9 +203,9 @@ def contact_arrays(
             f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "
             "give the object a box, sphere, cylinder, capsule, cone or mesh"
         )
-    pairs, found, left = near_and_closed_form(pieces, bodies, limits)
-    if left:
-        touches = _touches(pieces, bodies, pairs, left, limits)
+    pairs, found, remaining = near_and_closed_form(pieces, bodies, limits)
+    if remaining:
+        touches = _touches(pieces, bodies, pairs, remaining, limits)
         found += _rows_of(touches, pieces, bodies, kind, limits)
     found.sort(key=lambda patch: patch.place)
     names, places = bodies.shapes.names, [patch.place for patch in found for _ in patch.gaps]

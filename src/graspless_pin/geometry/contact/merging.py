@@ -114,10 +114,10 @@ def on_surfaces(
     """
     inward, half = touch.into_object, 0.5 * np.array(gaps)
     sides = []
-    for piece, way in ((touch.other_piece, inward), (touch.object_piece, -inward)):
+    for piece, direction in ((touch.other_piece, inward), (touch.object_piece, -inward)):
         solid, R, t = placed_set(piece)
         if is_hull(solid):
-            sides.append(solid.heights_from((points - t) @ R, way @ R))
+            sides.append(solid.heights_from((points - t) @ R, direction @ R))
         else:
             sides.append(-half)
     low, high = sides[0], -sides[1]
@@ -175,13 +175,13 @@ def _covers(
     if highest < -SAME_SURFACE:
         return True
     here = normals[heights >= -SAME_SURFACE]
-    leanings = here @ direction
-    k = int(leanings.argmax())
-    if leanings[k] < _INTO_COSINE:
+    cosines = here @ direction
+    k = int(cosines.argmax())
+    if cosines[k] < _INTO_COSINE:
         return True
     if not solid.rises(local, direction):
         return False
-    return leanings[k] >= _COS_FLAT or not _passes(own, point, R @ here[k])
+    return cosines[k] >= _COS_FLAT or not _passes(own, point, R @ here[k])
 
 
 def _passes(piece: CollisionBody, point: FloatArray, normal: FloatArray) -> bool:
@@ -225,13 +225,13 @@ def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
     points = np.concatenate([touch.points for touch in group])
     gaps = np.concatenate([touch.gaps for touch in group])
     single = np.array([len(touch.points) == 1 for touch in group for _ in touch.points])
-    near = np.zeros(len(points), dtype=bool)
+    kept = np.zeros(len(points), dtype=bool)
     for k in np.argsort(gaps, kind="stable").tolist():
-        distances = np.linalg.norm(points[near] - points[k], axis=1)
-        rises = gaps[k] - gaps[near] - PARALLEL_ANGLE * distances
+        distances = np.linalg.norm(points[kept] - points[k], axis=1)
+        rises = gaps[k] - gaps[kept] - PARALLEL_ANGLE * distances
         apart = merge_distance if single[k] else 0.0
-        near[k] = not near.any() or (rises.min() <= _SAME_GAP and distances.min() >= apart)
-    points, gaps = points[near], gaps[near]
+        kept[k] = not kept.any() or (rises.min() <= _SAME_GAP and distances.min() >= apart)
+    points, gaps = points[kept], gaps[kept]
     order = hull_order(points, seed.normal, _STRAIGHT_OFFSET)
     return replace(seed, points=points[order], gaps=gaps[order].tolist(), parts=tuple(group))
 

@@ -151,12 +151,12 @@ def _on_plane(
 ) -> Patch | None:
     heights = subject @ normal - offset
     gaps = heights.tolist()
-    near = [k for k, gap in enumerate(gaps) if gap <= tolerance]
-    if not near:
+    touching = [k for k, gap in enumerate(gaps) if gap <= tolerance]
+    if not touching:
         return None
-    points = (subject - (0.5 * heights)[:, None] * normal)[near]
-    order = hull_order(points, normal) if len(near) > 1 else [0]
-    return Patch(normal, points[order], [gaps[near[k]] for k in order])
+    points = (subject - (0.5 * heights)[:, None] * normal)[touching]
+    order = hull_order(points, normal) if len(touching) > 1 else [0]
+    return Patch(normal, points[order], [gaps[touching[k]] for k in order])
 
 
 def _heights(
@@ -226,10 +226,10 @@ class _Pair:
             if attempt == 0 and distance > tolerance + _DISTANCE_ERROR:
                 return None
             guess = middles if guess is None else guess
-            near = self._directions_near(on_first, on_second, guess)
-            gaps = np.concatenate([fixed_gaps, self._gaps(near)])
+            nearby = self._directions_near(on_first, on_second, guess)
+            gaps = np.concatenate([fixed_gaps, self._gaps(nearby)])
             k = int((gaps >= gaps.max() - _SAME_GAP).argmax())
-            direction = fixed[k] if k < len(fixed) else near[k - len(fixed)]
+            direction = fixed[k] if k < len(fixed) else nearby[k - len(fixed)]
             gain = float(gaps[k]) - best_gap
             if gain > 0.0:
                 best_gap, best = float(gaps[k]), direction
@@ -317,8 +317,8 @@ class _Pair:
         high = -_heights(self.two, back, (feet - self.t) @ self.R, *across)
         middles = feet + (0.5 * (low + high))[:, None] * normal
         gaps = (high - low).tolist()
-        near = [k for k in range(len(polygon)) if gaps[k] <= tolerance] or [-1]
-        return middles[near], [gaps[k] for k in near]
+        kept = [k for k in range(len(polygon)) if gaps[k] <= tolerance] or [-1]
+        return middles[kept], [gaps[k] for k in kept]
 
 
 def _project(points: FloatArray, basis: FloatArray) -> Polygon:

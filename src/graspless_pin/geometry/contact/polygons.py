@@ -192,9 +192,9 @@ def reduce_polygon(polygon: Polygon, merge_distance: float, max_points: int) -> 
         k = _first_least(lengths, _TIE)
         if lengths[k] >= merge_distance:
             break
-        keep, gone = sorted((k, (k + 1) % len(points)))
-        groups[keep] += groups.pop(gone)
-        del points[gone]
+        keep, removed = sorted((k, (k + 1) % len(points)))
+        groups[keep] += groups.pop(removed)
+        del points[removed]
         members = [polygon[member] for member in groups[keep]]
         points[keep] = (
             math.fsum(u for u, _ in members) / len(members),

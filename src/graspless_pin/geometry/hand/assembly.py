@@ -453,14 +453,14 @@ def displaced_tree(tree: KinematicTree, displacements: Sequence[FloatArray]) -> 
     mount_of = tree.mount_of
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
-            way = steps[mount_of[model.names[joint]]]
-            model.jointPlacements[joint] = way * model.jointPlacements[joint]
+            step = steps[mount_of[model.names[joint]]]
+            model.jointPlacements[joint] = step * model.jointPlacements[joint]
     for index in range(1, model.nframes):
         frame = model.frames[index]
         if frame.parentJoint == 0:
             frame.placement = steps[mount_of[frame.name]] * frame.placement
     bases = tuple(
-        (names, way.act(inertia)) for way, (names, inertia) in zip(steps, tree.bases, strict=True)
+        (names, step.act(inertia)) for step, (names, inertia) in zip(steps, tree.bases, strict=True)
     )
     model.inertias[0] = sum((inertia for _, inertia in bases), pin.Inertia.Zero())
     geometries = tuple(

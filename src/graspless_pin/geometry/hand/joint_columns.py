@@ -246,8 +246,8 @@ class HandMotions(NamedTuple):
 
     def joint_torques(self, hand: Hand) -> FloatArray:
         """Return (..., n) the torques of all joints that move the links so, N m or N."""
-        borne = hand.tree.moves.T @ self.wrenches
-        return np.einsum("...ij,...ji->...j", self.kinematics.J, borne) + self.rotors
+        carried = hand.tree.moves.T @ self.wrenches
+        return np.einsum("...ij,...ji->...j", self.kinematics.J, carried) + self.rotors
 
     def torques(self, hand: Hand) -> FloatArray:
         """Return (..., L) the efforts of the actuators that move the links so, N m or N."""

@@ -52,10 +52,10 @@ def _pull(source: MjcfSource, actuator: int) -> dict[int, float]:
     """Return the gear ratio (m for tendons) of an actuator at each joint that it moves."""
     model, kinds = source.model, source.mujoco.mjtTrn
     gear, target = float(model.actuator_gear[actuator, 0]), int(model.actuator_trnid[actuator, 0])
-    way = kinds(int(model.actuator_trntype[actuator]))
-    if way in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+    transmission = kinds(int(model.actuator_trntype[actuator]))
+    if transmission in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
         return {target: gear}
-    if way == kinds.mjTRN_TENDON:
+    if transmission == kinds.mjTRN_TENDON:
         return {joint: gear * arm for joint, arm in _arms(source, target).items()}
     return {}
 
@@ -97,16 +97,16 @@ def motors(
     """
     model = source.model
     pulls = {actuator: _pull(source, actuator) for actuator in range(model.nu)}
-    led = {actuator: _led(pull, mimics) for actuator, pull in pulls.items()}
-    tendons = _driven_tendons(source, pulls, led, inside)
+    leaders_of = {actuator: _led(pull, mimics) for actuator, pull in pulls.items()}
+    tendons = _driven_tendons(source, pulls, leaders_of, inside)
     bounds = {
-        int(joint): _both_ways(model.jnt_actfrcrange[joint])
+        int(joint): _common_limit(model.jnt_actfrcrange[joint])
         for joint in np.flatnonzero(model.jnt_actfrclimited)
     }
     in_all: dict[int, float] = defaultdict(float)
     at_joint: dict[int, float] = defaultdict(float)
-    for actuator, leaders in led.items():
-        force = _both_ways(_bounds(source, actuator)) if len(leaders) == 1 else np.inf
+    for actuator, leaders in leaders_of.items():
+        force = _common_limit(_bounds(source, actuator)) if len(leaders) == 1 else np.inf
         for leader, ratio in leaders.items():
             in_all[leader] += abs(ratio) * force
         for joint, ratio in pulls[actuator].items():
@@ -135,10 +135,10 @@ def _driven_tendons(
         joints = sorted({joint for one in members for joint in led[one]})
         R = np.array([[led[one].get(joint, 0.0) for joint in joints] for one in members])
         shared = [one for one in members if len(led[one]) > 1]
-        told_apart = len(shared) == len(members) and np.linalg.matrix_rank(R) == len(members)
+        independent = len(shared) == len(members) and np.linalg.matrix_rank(R) == len(members)
         for one in shared:
             name = model.actuator(one).name or f"actuator_{one}"
-            if told_apart:
+            if independent:
                 own = f"{name}_tendon" if name in taken else name
                 pulled = {source.joint(joint): arm for joint, arm in pulls[one].items()}
                 found[own] = DrawnTendon(pulled, *_bounds(source, one))
@@ -163,10 +163,10 @@ def _is_of_robot(source: MjcfSource, actuator: int, inside: NDArray[np.bool_]) -
     """Return whether an actuator without joints may act on the robot; of tendons nothing tells."""
     model, kinds = source.model, source.mujoco.mjtTrn
     target = int(model.actuator_trnid[actuator, 0])
-    way = kinds(int(model.actuator_trntype[actuator]))
-    if way in (kinds.mjTRN_SITE, kinds.mjTRN_SLIDERCRANK):
+    transmission = kinds(int(model.actuator_trntype[actuator]))
+    if transmission in (kinds.mjTRN_SITE, kinds.mjTRN_SLIDERCRANK):
         return bool(inside[model.site_bodyid[target]])
-    return bool(inside[target]) if way == kinds.mjTRN_BODY else True
+    return bool(inside[target]) if transmission == kinds.mjTRN_BODY else True
 
 
 def _leave_out(source: MjcfSource, name: str, why: str) -> None:
@@ -239,7 +239,7 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
             offset = data[0] + start[0] - data[1] * start[1]
             found[first] = {second: float(data[1])}, float(offset)
         elif kind == kinds.mjEQ_TENDON and _is_of(source, where, first, inside):
-            _couple(source, where, *_held_tendon(source, where, int(index)), found)
+            _couple(source, where, *_tendon_equality(source, where, int(index)), found)
     for tendon in map(int, np.flatnonzero(model.tendon_limited)):
         low, high = model.tendon_range[tendon]
         arms = _arms(source, tendon)
@@ -248,13 +248,13 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
             for joint, arm in arms.items()
         ]
         where = f"{source.path}: the tendon {model.tendon(tendon).name!r}"
-        is_held = len(arms) > 1 and high - low <= _PLAY * min(travel)
-        if is_held and _is_of(source, where, tendon, inside):
+        is_locked = len(arms) > 1 and high - low <= _PLAY * min(travel)
+        if is_locked and _is_of(source, where, tendon, inside):
             _couple(source, where, arms, 0.5 * float(low + high), found)
     return found
 
 
-def _held_tendon(source: MjcfSource, where: str, index: int) -> tuple[dict[int, float], float]:
+def _tendon_equality(source: MjcfSource, where: str, index: int) -> tuple[dict[int, float], float]:
     """Return the moment arms and the length of a tendon's equality, or of two tendons'."""
     model, data = source.model, source.model.eq_data[index]
     first, second = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
@@ -294,7 +294,7 @@ def _couple(
     found[follower] = leaders, length / arm
 
 
-def _both_ways(bounds: Sequence[float] | FloatArray) -> float:
+def _common_limit(bounds: Sequence[float] | FloatArray) -> float:
     """Return what is borne both ways; infinite where one way is not limited or not possible."""
     low, high = map(float, bounds)
     return min(-low, high) if low < 0.0 < high else np.inf

@@ -101,13 +101,13 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
 
 def _note_included(path: Path) -> None:
     """Read the files that MuJoCo has included, for `files_read` to know them."""
-    left, known = [path], {path}
-    while left:
-        for name in _INCLUDED.findall(read_bytes(left.pop(), _MODEL)):
+    pending, known = [path], {path}
+    while pending:
+        for name in _INCLUDED.findall(read_bytes(pending.pop(), _MODEL)):
             file = path.parent / name.decode(errors="replace")
             if file not in known and is_file(file):
                 known.add(file)
-                left.append(file)
+                pending.append(file)
 
 
 _INCLUDED = re.compile(rb"""<include\s+file\s*=\s*["']([^"']+)["']""")

@@ -201,12 +201,12 @@ class Hand(Record):
         if not isinstance(T_world_base, Mapping):
             T = as_pose("T_world_base", T_world_base)
             return displaced_hand(self, T @ invert(self.T_world_base))
-        ways = dict.fromkeys(self.base_poses, np.eye(4))
-        check_known("T_world_base", "mount", T_world_base, ways)
+        displacements = dict.fromkeys(self.base_poses, np.eye(4))
+        check_known("T_world_base", "mount", T_world_base, displacements)
         for prefix, pose in T_world_base.items():
             T = as_pose(f"T_world_base[{prefix!r}]", pose)
-            ways[prefix] = T @ invert(self.base_poses[prefix])
-        return displaced_hand(self, np.array([*ways.values()]))
+            displacements[prefix] = T @ invert(self.base_poses[prefix])
+        return displaced_hand(self, np.array([*displacements.values()]))
 
     @property
     def base_poses(self) -> Mapping[str, FloatArray]:

@@ -155,7 +155,7 @@ def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, str]:
     return found
 
 
-_MOST_TOLD = 8
+_MOST_NAMED = 8
 _SRDF = FileKind("SRDF", 16, RobotError)
 
 
@@ -273,13 +273,13 @@ def _applied(robot: RobotModel, file: Path, named: AbstractSet[str]) -> RobotMod
         raise RobotError(f"{file}: an SRDF starts with <robot>, this file with <{root.tag}>")
     groups = _Groups(robot, file, root)
     of_pairs, lacking = _lacking(robot, root, named)
-    told = [*of_pairs, *(f"{words} ({name!r})" for name, words in lacking.items())]
-    if told:
+    items = [*of_pairs, *(f"{words} ({name!r})" for name, words in lacking.items())]
+    if items:
         emit(
             Finding(
                 FindingCode.READER_REMARK,
                 robot.root,
-                f"{file} names what the robot does not have: {first_of(told, _MOST_TOLD, '; ')}",
+                f"{file} names what the robot does not have: {first_of(items, _MOST_NAMED, '; ')}",
                 "correct these names: until then such pairs are not disabled, and such groups and "
                 "states cannot be asked for",
             )
@@ -309,12 +309,12 @@ def _lacking(
     passed = {one.get("name", "") for one in root.findall("virtual_joint")} | {"root_joint", *named}
 
     def unknown(kind: str, names: Iterable[str]) -> list[str]:
-        told = []
+        items = []
         for name in dict.fromkeys(names):
             if name not in passed and name not in known[kind]:
-                near = nearest_name(name, known[kind])
-                told.append(f"{kind} {name!r}" + ("" if near is None else f", meant {near!r}?"))
-        return told
+                match = nearest_name(name, known[kind])
+                items.append(f"{kind} {name!r}" + ("" if match is None else f", meant {match!r}?"))
+        return items
 
     pairs = root.findall("disable_collisions")
     of_pairs = unknown("link", (one.get(key, "") for one in pairs for key in ("link1", "link2")))
@@ -332,7 +332,7 @@ def _lacking(
             ))
         ]  # fmt: skip
         if found:
-            lacking[name] = first_of(found, _MOST_TOLD)
+            lacking[name] = first_of(found, _MOST_NAMED)
     return [f"{one} (disable_collisions)" for one in of_pairs], lacking
 
 

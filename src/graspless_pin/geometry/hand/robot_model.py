@@ -463,8 +463,8 @@ def what_to_do(mesh: LinkMesh) -> str:
         with suppress(OSError):  # a folder that nobody may look into
             is_folder = len(parts) > 1
             known = [item.name for item in folder.iterdir() if item.is_dir() == is_folder]
-            if near := nearest_name(parts[0], known, _ALIKE):
-                return f"did you mean {near!r}?"
+            if nearest := nearest_name(parts[0], known, _ALIKE):
+                return f"did you mean {nearest!r}?"
     scheme, _, address = mesh.written.partition("://")
     package = Path(address).parts
     if scheme == "package" and not any(len(parts) < len(package) for parts, _ in missing):

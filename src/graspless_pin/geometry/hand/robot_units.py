@@ -34,7 +34,7 @@ _OVER_SUM = 1.5
 """Largest moment of inertia over the sum of the others: 1 is the most, and files are rounded."""
 _MOST_TURNS = 2.0
 """Of limits; more than these in radians, and no more in degrees, are degrees."""
-_NEAR_FACTOR = 0.003
+_SAME_FACTOR = 0.003
 """By how much of itself a multiplier may be off the factor between two units."""
 
 Found = Sequence[tuple[str, str]]
@@ -211,5 +211,5 @@ def _multipliers(robot: RobotModel) -> Found:
         for one in robot.couplings
         for leader, multiplier in one.follows.items()
         for name, factor in factors.items()
-        if {one.joint, leader} <= turning and abs(abs(multiplier) / factor - 1.0) <= _NEAR_FACTOR
+        if {one.joint, leader} <= turning and abs(abs(multiplier) / factor - 1.0) <= _SAME_FACTOR
     ]

@@ -441,8 +441,8 @@ def _checked_goal(
 def _is_within(target: ManipulatedObject, point: FloatArray, outward: FloatArray) -> bool:
     """Return whether the object goes on outwards of a point on the surface of one of its pieces."""
     _, aside, across = np.linalg.svd(outward[None])[2]
-    ways = [outward, *(outward + turn for turn in (aside, -aside, across, -across))]
-    reached = [point + _OUTSIDE * way / np.linalg.norm(way) for way in ways]
+    rays = [outward, *(outward + turn for turn in (aside, -aside, across, -across))]
+    reached = [point + _OUTSIDE * ray / np.linalg.norm(ray) for ray in rays]
     return max(_off_surface(target, there)[0] for there in reached) < 0.25 * _OUTSIDE
 
 

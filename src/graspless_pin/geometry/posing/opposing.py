@@ -32,7 +32,7 @@ from graspless_pin.records import Record
 
 _MOST_ROUNDS = 3  # times the count of postures, while fewer than a fourth of it are good
 _GOOD_FRACTION = 4
-_NEAR_START = 0.01  # m a half-range: how far off a tip may stay for a posture near the start
+_START_WEIGHT = 0.01  # m a half-range: how far off a tip may stay for a posture near the start
 _OVERLAP_WEIGHT = 3.0  # how much more tips that overlap count than tips that are apart
 _MOST_EVALUATIONS = 40
 _INSIDE = 1e-6  # of a joint's range
@@ -80,10 +80,10 @@ class OpposingPosture(Record):
         Args:
             opened: (a,) positions between ``closed`` and ``opened``.
         """
-        way, whole_way = self.closed - opened, self.closed - self.opened
-        quickest = float(np.abs(way).max(initial=_SAME_PLACE))
-        slow = (whole_way != 0.0) & (np.abs(way) < _SLOWEST * quickest)
-        return np.where(slow, np.copysign(_SLOWEST, whole_way), way / quickest)
+        travel, full_travel = self.closed - opened, self.closed - self.opened
+        quickest = float(np.abs(travel).max(initial=_SAME_PLACE))
+        slow = (full_travel != 0.0) & (np.abs(travel) < _SLOWEST * quickest)
+        return np.where(slow, np.copysign(_SLOWEST, full_travel), travel / quickest)
 
 
 def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]:
@@ -239,11 +239,11 @@ def _posture(
         if not set(group) & set(members):
             closed[columns] = bent[columns]
     ajar = hand.with_configuration(closed + _AJAR * (opened - closed))
-    ways = tips.at(closed) - tips.at(closed + _NEARLY_CLOSED * (opened - closed))
-    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), _SAME_PLACE)
+    directions = tips.at(closed) - tips.at(closed + _NEARLY_CLOSED * (opened - closed))
+    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), _SAME_PLACE)
     overlap = max((one.depth for one in unwanted_overlaps(ajar)), default=0.0)
-    closing = np.linalg.svd(ways)[2][0]
-    opposition = float((ways @ ways.T).min())
+    closing = np.linalg.svd(directions)[2][0]
+    opposition = float((directions @ directions.T).min())
     return OpposingPosture(closed, opened, palm, meeting, closing, opposition, overlap)
 
 
@@ -275,7 +275,7 @@ def _on_fixed_jaw(
     closed, opened = sorted(ends_of_joints, key=lambda there: far_end(there)[1].distance)
     half = closed + _AJAR * (opened - closed)
     tip, between = far_end(half)
-    way = unit_vector(far_end(closed)[0] - tip, _SAME_PLACE)
+    direction = unit_vector(far_end(closed)[0] - tip, _SAME_PLACE)
     overlap = max(
         (one.depth for one in unwanted_overlaps(hand.with_configuration(half))), default=0.0
     )
@@ -284,8 +284,8 @@ def _on_fixed_jaw(
         opened=opened,
         palm=palm_of(closed),
         meeting=tip + 0.5 * between.distance * between.normal,
-        closing=unit_vector(way + between.normal, _SAME_PLACE),
-        opposition=-float(way @ between.normal),
+        closing=unit_vector(direction + between.normal, _SAME_PLACE),
+        opposition=-float(direction @ between.normal),
         overlap=overlap,
     )
 
@@ -318,7 +318,7 @@ def _met(
     def misses(values: FloatArray) -> FloatArray:
         there = closed.copy()
         there[moving] = values
-        return np.concatenate([tips.misses(there), _NEAR_START * (values - start) / half])
+        return np.concatenate([tips.misses(there), _START_WEIGHT * (values - start) / half])
 
     bounds = lower[moving], upper[moving]
     closed[moving] = least_squares(misses, start, bounds=bounds, max_nfev=_MOST_EVALUATIONS).x
@@ -344,14 +344,14 @@ def _ends_of_flexion(
     flexion: dict[int, float] = {}
     for finger in group:
         flexion = flexion_rates(hand.with_configuration(closed), finger) | flexion
-    tips, way = _Tips(hand, group), unit_vector(line[1] - line[0], _SAME_PLACE)
+    tips, axis = _Tips(hand, group), unit_vector(line[1] - line[0], _SAME_PLACE)
     choices = []
     for sense in (1.0, -1.0):
         there = closed.copy()
         for column, rate in flexion.items():
             there[column] = ends[int(sense * rate > 0.0)][column]
         offsets = tips.at(there) - line[0]
-        aside = offsets - np.outer(offsets @ way, way)
+        aside = offsets - np.outer(offsets @ axis, axis)
         choices.append((float(np.linalg.norm(aside, axis=1).sum()), there))
     bent, straight = sorted(choices, key=lambda one: one[0])
     return straight[1], bent[1]

@@ -123,8 +123,8 @@ def pairs_of(tree: KinematicTree) -> NDArray[np.intp]:
     links = [frozenset((tree.shapes.names[i], tree.shapes.names[j])) for i, j in of_one_robot]
     neutral = tree.coupling.all_positions(np.clip(0.0, *tree.ranges))
     bodies = posed_links(tree, neutral).bodies
-    near = np.array(of_one_robot, dtype=np.intp).reshape(-1, 2)
-    ever = tree.disabled_pairs | {frozenset(names) for names in _deepest(bodies, bodies, near, 0.0)}
+    rows = np.array(of_one_robot, dtype=np.intp).reshape(-1, 2)
+    ever = tree.disabled_pairs | {frozenset(names) for names in _deepest(bodies, bodies, rows, 0.0)}
     own = [pair for pair, names in zip(of_one_robot, links, strict=True) if names not in ever]
     return read_only(np.array(sorted([*apart, *own]), dtype=np.intp).reshape(-1, 2))
 

@@ -70,29 +70,29 @@ def settle_object(
         >>> settle_object(scene.object, scene.supports).T_world_object[2, 3].round(3).item()  # m
         0.05
     """
-    way = unit_vector("direction", direction)
+    axis = unit_vector("direction", direction)
     pieces, others = target.placed_bodies, [support.placed_bodies for support in supports]
-    paths = [_path_to(piece, body, way) for other in others for body in other for piece in pieces]
+    paths = [_path_to(piece, body, axis) for other in others for body in other for piece in pieces]
     ahead = [path for path in paths if path is not None]
     if not ahead:
         known = ", ".join(f"'{support.name}'" for support in supports) or "there is none"
         raise SceneError(
-            f"object '{target.name}' meets no support in the direction {way.round(6).tolist()} "
+            f"object '{target.name}' meets no support in the direction {axis.round(6).tolist()} "
             f"({known}); turn the direction or move the object"
         )
-    settled = target.with_pose(shifted(target.T_world_object, min(ahead) * way))
+    settled = target.with_pose(shifted(target.T_world_object, min(ahead) * axis))
     for support, other in zip(supports, others, strict=True):
         overlap = -nearest_separation(other, settled.placed_bodies).distance
         if overlap > SETTLING_TOLERANCE:
             raise SceneError(
                 f"object '{target.name}' overlaps support '{support.name}' by "
                 f"{overlap * 1e3:.2f} mm where it settles in the direction "
-                f"{way.round(6).tolist()}; move it aside or settle it off that support first"
+                f"{axis.round(6).tolist()}; move it aside or settle it off that support first"
             )
     return settled
 
 
-def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> float | None:
+def _path_to(body: CollisionBody, other: CollisionBody, axis: FloatArray) -> float | None:
     """Return how far one convex piece goes until it touches another, negative to come out of it.
 
     The signed distance of convex bodies is a convex function of the travel. Newton's method
@@ -104,9 +104,9 @@ def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> floa
     """
     travel = 0.0
     for _ in range(_MOST_STEPS):
-        T = shifted(body.T_world_geometry, travel * way)
+        T = shifted(body.T_world_geometry, travel * axis)
         here = separation(other, CollisionBody(body.name, body.geometry, T))
-        approach = -float(here.normal @ way)
+        approach = -float(here.normal @ axis)
         if approach <= _PASSING_APPROACH:
             return None
         if abs(here.distance) <= _TOUCHING_GAP:
@@ -231,7 +231,7 @@ def _underside(points: FloatArray, center: FloatArray) -> FloatArray:
     hull = hull_of(points)
     normals, offsets = hull.face_normals, hull.face_offsets
     steady = _STEADY_MARGIN * float(np.ptp(points, axis=0).max())
-    steadiest = -np.inf, _DOWN
+    most_stable = -np.inf, _DOWN
     for face in np.argsort(-(normals @ _DOWN), kind="stable"):
         foot = center - (normals[face] @ center - offsets[face]) * normals[face]
         cosines = normals @ normals[face]
@@ -240,5 +240,5 @@ def _underside(points: FloatArray, center: FloatArray) -> FloatArray:
         inside = float(((offsets - normals @ foot)[others] / sines).min())
         if inside >= steady:
             return normals[face]
-        steadiest = max(steadiest, (inside, normals[face]), key=lambda found: found[0])
-    return steadiest[1]
+        most_stable = max(most_stable, (inside, normals[face]), key=lambda found: found[0])
+    return most_stable[1]

@@ -355,6 +355,6 @@ def find_robot(
 def _similar(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:
     """Say which known names are near ``name``, or all of them if none is."""
     names = sorted(set(known))
-    near = difflib.get_close_matches(name, names, n=5, cutoff=0.5)
-    near += [other for other in names if name and name in other and other not in near]
-    return f"near: {', '.join(near)}" if near else f"known: {', '.join(names)}"
+    similar = difflib.get_close_matches(name, names, n=5, cutoff=0.5)
+    similar += [other for other in names if name and name in other and other not in similar]
+    return f"near: {', '.join(similar)}" if similar else f"known: {', '.join(names)}"
