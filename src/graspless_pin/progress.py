@@ -27,12 +27,12 @@ def waiting_for(what: str, *, everywhere: bool = False) -> Iterator[Callable[[st
     """
     own = [what]
 
-    def say(how_far: str) -> None:
-        own[1:] = [how_far]
+    def update(status: str) -> None:
+        own[1:] = [status]
 
     on_terminal = sys.stderr.isatty()
     if not on_terminal and not everywhere:
-        yield say
+        yield update
         return
     shown_already = on_terminal and len(_DOING) > 0
     _DOING.append(own)
@@ -43,7 +43,7 @@ def waiting_for(what: str, *, everywhere: bool = False) -> Iterator[Callable[[st
     if not shown_already:
         thread.start()
     try:
-        yield say
+        yield update
     finally:
         done.set()
         _DOING[:] = [one for one in _DOING if one is not own]

@@ -12,15 +12,15 @@ _MOST_NAMES = 30
 def nearest_name(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:
     """Return the known name that was probably meant; None where none is so much alike, 0 to 1."""
     plain = {str(one).casefold(): str(one) for one in known}
-    near = difflib.get_close_matches(str(name).casefold(), plain, n=1, cutoff=alike)
-    return plain[near[0]] if near else None
+    matches = difflib.get_close_matches(str(name).casefold(), plain, n=1, cutoff=alike)
+    return plain[matches[0]] if matches else None
 
 
 def names_in_words(name: str, known: Iterable[str]) -> str:
     """Return ``did you mean 'x'? known: x, y, ...`` for a name that is not known."""
     names = [str(one) for one in known]
-    near = nearest_name(name, names)
-    meant = "" if near is None else f"did you mean {near!r}? "
+    nearest = nearest_name(name, names)
+    meant = "" if nearest is None else f"did you mean {nearest!r}? "
     return f"{meant}known: {first_of(names, _MOST_NAMES) or 'none'}"
 
 

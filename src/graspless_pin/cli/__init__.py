@@ -42,7 +42,7 @@ def main(*, guarded: bool = True) -> None:
 
         app()
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in _NO_ROOM and error.filename is None:
+        if isinstance(error, OSError) and error.errno in _DISK_FULL and error.filename is None:
             _end_without_output(error)
         if os.environ.get(_TRACEBACK):
             sys.excepthook(type(error), error, error.__traceback__)
@@ -80,7 +80,7 @@ INTERRUPTED = 130
 INTERRUPTION = "interrupted\n"
 """What is said then."""
 
-_NO_ROOM = errno.ENOSPC, errno.EDQUOT
+_DISK_FULL = errno.ENOSPC, errno.EDQUOT
 _CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSYS", "SIGTRAP", "SIGKILL")
 _PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 _SENT_BY_A_TERMINAL = 0x80  # SI_KERNEL: the child has got it, too

@@ -62,7 +62,7 @@ class _LoadedWhenCalled(TyperGroup):
             if end.exit_code != ExitCode.FOUND:
                 raise
         except typer.BadParameter as error:
-            error.message = _with_near_choice(error.message)
+            error.message = _with_closest_choice(error.message)
             raise
         except KeyboardInterrupt:
             typer.echo(INTERRUPTION, err=True, nl=False)
@@ -83,14 +83,14 @@ class _LoadedWhenCalled(TyperGroup):
         return name, listed and _loaded(str(name)), rest
 
 
-def _with_near_choice(message: str) -> str:
+def _with_closest_choice(message: str) -> str:
     """Return what is said of a wrong value, with the choice that was probably meant."""
     from graspless_pin.suggestions import nearest_name
 
     plain = message.removeprefix("Value error, ")
     given, is_choice, choices = plain.partition(" is not one of ")
-    near = nearest_name(given.strip("'"), re.findall(r"'(.*?)'", choices)) if is_choice else None
-    return plain if near is None else f"{plain} Did you mean {near!r}?"
+    nearest = nearest_name(given.strip("'"), re.findall(r"'(.*?)'", choices)) if is_choice else None
+    return plain if nearest is None else f"{plain} Did you mean {nearest!r}?"
 
 
 class _Command(TyperCommand):

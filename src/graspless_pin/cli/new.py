@@ -149,14 +149,12 @@ def new(
         huge = any(
             one.code is FindingCode.UNLIKELY_SIZE and one.key[:1] == ("object",) for one in found
         )
-        _tell_what_comes_next(made[0], limits.get(""), output, huge=huge)
+        _echo_next_steps(made[0], limits.get(""), output, huge=huge)
     if huge:
         raise typer.Exit(ExitCode.DOUBTFUL)
 
 
-def _tell_what_comes_next(
-    made: NewSceneText, effort: float | None, output: Path, *, huge: bool
-) -> None:
+def _echo_next_steps(made: NewSceneText, effort: float | None, output: Path, *, huge: bool) -> None:
     if made.kept:
         stated = tuple(f"{name} ({limit:g})" for name, limit in made.kept.items())
         echo_note(
@@ -192,13 +190,13 @@ def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
             )
         if scale != 1.0 or decompose:
             raise ArgumentError("OBJECT", f"--scale and --decompose go with a mesh, not a {kind}")
-        make, left = SHAPES[kind], iter(numbers)
+        make, remaining = SHAPES[kind], iter(numbers)
         types = get_type_hints(make)
 
         def value_of(key: str) -> Any:
             if make.lengths().get(key) == 3:
-                return tuple(islice(left, 3))
-            number = next(left)
+                return tuple(islice(remaining, 3))
+            number = next(remaining)
             return int(number) if types[key] is int and number.is_integer() else number
 
         return make(*(value_of(key.name) for key in fields(make)))

@@ -43,7 +43,7 @@ _MOST_LINES = 8
 _ERROR_BYTES = 950
 _NOTE_BYTES = 200
 _WIDEST = 100  # columns; longer lines are hard to read
-_LEFT_OUT = " [...] "
+_ELLIPSIS = " [...] "
 
 
 @contextmanager
@@ -127,10 +127,10 @@ def with_controller(scene: Scene, stiffness: str | None) -> Scene:
     except ValueError:
         gain = stiffness
     try:
-        held = replace(scene.controller, stiffness=gain)
+        controller = replace(scene.controller, stiffness=gain)
     except ArgumentError as error:
         raise ArgumentError("--controller", error.message) from None
-    return scene.with_changes(controller=held)
+    return scene.with_changes(controller=controller)
 
 
 def exit_code(solution: TorqueSolution) -> ExitCode:
@@ -210,10 +210,10 @@ def shortened(message: str, most: int) -> str:
     content = text.encode()
     if len(content) <= most:
         return text
-    half = (most - len(_LEFT_OUT)) // 2
+    half = (most - len(_ELLIPSIS)) // 2
     # What is wrong may stand before or after what was found.
     ends = (content[:half].decode(errors="ignore"), content[-half:].decode(errors="ignore"))
-    return _LEFT_OUT.join(ends)
+    return _ELLIPSIS.join(ends)
 
 
 def show_findings() -> None:
@@ -224,14 +224,14 @@ def show_findings() -> None:
     A line each, as wide as it comes; on a terminal in colour and within its width.
     """
     printed = _PRINTED.get()
-    left = [one for one in causes_first(printed.found) if one not in printed.shown]
-    printed.shown.update(left)
+    remaining = [one for one in causes_first(printed.found) if one not in printed.shown]
+    printed.shown.update(remaining)
     wide = sys.stderr.isatty()
-    for index, one in enumerate(left):
+    for index, one in enumerate(remaining):
         text = f"{shortened(str(one), _ERROR_BYTES)} [{one.code}]"
         printed.room -= len(text.encode()) + len("warning: ") + 1
         if printed.room < 0:
-            echo_note(f"{len(left) - index} findings more, see scene.findings")
+            echo_note(f"{len(remaining) - index} findings more, see scene.findings")
             return
         if wide:
             width = min(shutil.get_terminal_size().columns, _WIDEST) - 1

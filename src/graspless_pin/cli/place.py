@@ -101,7 +101,7 @@ def place(
         emit(*figure_findings(loaded))
 
         def text(target: Path) -> str:
-            with waiting_for("placing the hand") as say:
+            with waiting_for("placing the hand") as update:
                 found = place_hand(
                     loaded,
                     approach=None if approach is None else three_numbers("--approach", approach),
@@ -117,7 +117,7 @@ def place(
                     verdict_nodes=verdict_nodes,
                     verdicts=None if all_places else 5,
                     workers=workers,
-                    progress=lambda done, of, good: say(f"{done} of {of} tried, {good} hold"),
+                    progress=lambda done, of, good: update(f"{done} of {of} tried, {good} hold"),
                 )
             typer.echo(found)
             if all_places and found.places:

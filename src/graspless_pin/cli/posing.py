@@ -70,8 +70,8 @@ def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = F
         check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
         loaded = loaded_scene(scene, findings=False)
         rested = settle(loaded)
-        way = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
-        down = float(way @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
+        displacement = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
+        down = float(displacement @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
         word = "down" if down >= 0.0 else "up"
         moved = f"object '{rested.object.name}' goes {word} by {1e3 * abs(down):.3f} mm"
         written = rested.save(output, overwrite=overwrite)

@@ -147,8 +147,8 @@ def report(
         if squeeze and (of := _scene_for(case, "--squeeze")):
             window = _window(of, case.solution)
         is_unknown = case.scene is not None and case.scene.uncertainty is not None
-        told = tolerances or (is_unknown and case.solution.found)
-        if told and (of := _scene_for(case, "--tolerances")):
+        wants_tolerances = tolerances or (is_unknown and case.solution.found)
+        if wants_tolerances and (of := _scene_for(case, "--tolerances")):
             found = tolerances_under(of, case.solution, attainable=tolerances)
             case = case_with_tolerances(case, found)
         bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)

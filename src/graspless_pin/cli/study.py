@@ -60,8 +60,8 @@ def study(
             make_folder_of(output)
         begin = time.monotonic()
         try:
-            elsewhere = nullcontext((None, None)) if dask is None else dask_executor(dask)
-            with elsewhere as (executor, threads):
+            remote = nullcontext((None, None)) if dask is None else dask_executor(dask)
+            with remote as (executor, threads):
                 compute_study(
                     loaded, output, executor=executor, workers=workers or threads,
                     progress=progress, overwrite=overwrite, fresh=fresh,

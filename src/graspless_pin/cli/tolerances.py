@@ -64,8 +64,8 @@ def tolerances_of_scene(
             from graspless_pin.report import write_document
             from graspless_pin.report.robust import tolerances_data
 
-            told = {"torques": dict(solution.torques_by_joint), "tolerances": tolerances_data(off)}
-            write_document(told, json_file)
+            data = {"torques": dict(solution.torques_by_joint), "tolerances": tolerances_data(off)}
+            write_document(data, json_file)
         if json_file == "-":
             raise typer.Exit(ExitCode.FOUND)
         typer.echo(str(off))

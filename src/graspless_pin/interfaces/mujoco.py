@@ -49,8 +49,8 @@ def object_of(at: ModelState) -> ManipulatedObject:
     masses, R = model.body_mass[own], T[:3, :3]
     geoms = at.geoms(at.in_object)
     if not (masses.sum() > 0.0 and geoms):
-        lacks = "mass" if geoms else "geom that touches anything (contype, conaffinity)"
-        raise SceneError(f"{at.source.path}: the object {name!r} has no {lacks}; give it one")
+        missing = "mass" if geoms else "geom that touches anything (contype, conaffinity)"
+        raise SceneError(f"{at.source.path}: the object {name!r} has no {missing}; give it one")
     center = masses @ data.xipos[own] / masses.sum()
     inertia = np.zeros((3, 3))
     for body, mass in zip(own.tolist(), masses.tolist(), strict=True):
@@ -201,12 +201,12 @@ def weight_counts(at: ModelState) -> bool:
         at.tell(name, f"the object's body {name!r} has gravcomp {share[body]:g}",
               "its whole weight counts here: change its mass or gravity")  # fmt: skip
     heavy = at.in_hand & (model.body_mass > 0.0) & (model.body_weldid != 0)
-    borne = share[heavy] == 1.0
-    if len(borne) and not borne.all() and (share[heavy] != 0.0).any():
+    compensated = share[heavy] == 1.0
+    if len(compensated) and not compensated.all() and (share[heavy] != 0.0).any():
         name = source.body(int(np.flatnonzero(heavy & (share != 0.0))[0]))
         at.tell(name, f"body {name!r} has gravcomp, and others of the hand have not",
               "the weight of all links counts here")  # fmt: skip
-    return not (len(borne) and borne.all())
+    return not (len(compensated) and compensated.all())
 
 
 def loads_of(at: ModelState) -> tuple[Load, ...]:
@@ -249,13 +249,13 @@ def tell_options(at: ModelState) -> None:
     """Tell of options of the whole model that switch off or override what counts here."""
     option, mujoco = at.model.opt, at.source.mujoco
     disabled, enabled = mujoco.mjtDisableBit, mujoco.mjtEnableBit
-    told = {
+    settings = {
         "contact": (option.disableflags & disabled.mjDSBL_CONTACT, "contacts are disabled"),
         "actuation": (option.disableflags & disabled.mjDSBL_ACTUATION, "motors are disabled"),
         "actuatorgroupdisable": (option.disableactuator, "groups of motors are disabled"),
         "override": (option.enableflags & enabled.mjENBL_OVERRIDE, "o_friction is for contacts"),
     }
-    for name, (is_set, message) in told.items():
+    for name, (is_set, message) in settings.items():
         if is_set:
             at.tell(name, f"{message} ({name})",
                     "it is left out: contacts and motors count as they are given")  # fmt: skip

@@ -406,5 +406,5 @@ class MarginShortfall(_MarginObjective):
         fractions, margins = self._space.margins(s1, s2)
         if np.isinf(margins[-1]):
             return base.Cost(np.inf)
-        lack = np.trapezoid(np.maximum(self._wanted - margins, 0.0), fractions)
-        return base.Cost(float(lack * self._space.information.distance(s1, s2)))
+        shortfall = np.trapezoid(np.maximum(self._wanted - margins, 0.0), fractions)
+        return base.Cost(float(shortfall * self._space.information.distance(s1, s2)))

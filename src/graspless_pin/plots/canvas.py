@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
 _CROSS_HEIGHT = 0.02  # of the axes
-_ROOM_ABOVE = 0.08  # above the largest value, of all
+_PADDING_ABOVE = 0.08  # above the largest value, of all
 _LONGEST_NAME = 40  # letters; beyond, the axes have no room left
 
 
@@ -85,8 +85,8 @@ def from_zero(axes: Axes, values: ArrayLike) -> None:
     finite = np.asarray(values, dtype=float)
     finite = finite[np.isfinite(finite)]
     low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
-    room = _ROOM_ABOVE * (high - low) or 1.0
-    axes.set_ylim(low - room if low < 0.0 else 0.0, high + room)
+    padding = _PADDING_ABOVE * (high - low) or 1.0
+    axes.set_ylim(low - padding if low < 0.0 else 0.0, high + padding)
     plain_axis(axes.yaxis)
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 _IN_PLANE = 1e-9
-_FEWEST_WAYS = 3
+_LEAST_COUNT = 3
 
 
 def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
@@ -54,8 +54,8 @@ def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
                [-0.,  0., -1.,  0.,  0.,  0.]])
     """
     plane = _plane(first, second)
-    if count < _FEWEST_WAYS:
-        raise ArgumentError("count", f"is {count}; a polar plot needs at least {_FEWEST_WAYS}")
+    if count < _LEAST_COUNT:
+        raise ArgumentError("count", f"is {count}; a polar plot needs at least {_LEAST_COUNT}")
     angles = 2.0 * np.pi * np.arange(count) / count
     directions = np.zeros((count, 6))
     directions[:, plane[0]], directions[:, plane[1]] = np.cos(angles), np.sin(angles)
@@ -93,11 +93,11 @@ def disturbance_polar(
         raise NoSolutionError(f"There is no disturbance margin ({margin.status.message}).")
     others = np.delete(margin.directions, plane, axis=1)
     chosen = np.flatnonzero((np.abs(others) <= _IN_PLANE).all(axis=1))
-    if len(chosen) < _FEWEST_WAYS:
+    if len(chosen) < _LEAST_COUNT:
         raise ArgumentError(
             "margin",
             f"has {len(chosen)} directions in the plane of {first} and {second}; a polar plot "
-            f"needs at least {_FEWEST_WAYS}: give disturbance_margin plane_directions({first!r}, "
+            f"needs at least {_LEAST_COUNT}: give disturbance_margin plane_directions({first!r}, "
             f"{second!r})",
         )
     angles = np.arctan2(margin.directions[chosen, plane[1]], margin.directions[chosen, plane[0]])
@@ -200,13 +200,13 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
             window.amounts[own], values[own], "o", color=blue, markerfacecolor=face,
             label="holds" if filled else "does not hold",
         )  # fmt: skip
-    way = "those of the internal forces" if window.of_internal_forces else "the given direction"
+    basis = "those of the internal forces" if window.of_internal_forces else "the given direction"
     first, last = window.amounts[[0, -1]]
-    room = _ROOM_BESIDE * (last - first)
+    padding = _PADDING_BESIDE * (last - first)
     axes.set(
-        xlabel=f"change of torques, in multiples of {way}",
+        xlabel=f"change of torques, in multiples of {basis}",
         ylabel=label,
-        xlim=(first - room, last + room),
+        xlim=(first - padding, last + padding),
     )
     from_zero(axes, values)
     if window.lower is not None and window.upper is not None:
@@ -234,7 +234,7 @@ def _plane(first: str, second: str) -> list[int]:
     return [COMPONENTS.index(first), COMPONENTS.index(second)]
 
 
-_ROOM_BESIDE = 0.24
+_PADDING_BESIDE = 0.24
 """Of the width: what the ends are called stands there."""
 
 

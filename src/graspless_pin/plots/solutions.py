@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 
 _RANGE_BAR = 0.5
-_ROOM_BEYOND = 1.15
-_ROOM_AT_ENDS = 0.02
+_EDGE_FACTOR = 1.15
+_PADDING_AT_ENDS = 0.02
 
 
 def normal_force_ranges(
@@ -72,7 +72,7 @@ def normal_force_ranges(
     axes = axes_for(ax, size=(6.4, 1.2 + 0.3 * len(lower)))
     rows = np.arange(len(lower))
     finite = upper[np.isfinite(upper)]
-    edge = _ROOM_BEYOND * float(max(finite.max(initial=0.0), lower.max(), 1e-9))
+    edge = _EDGE_FACTOR * float(max(finite.max(initial=0.0), lower.max(), 1e-9))
     blue = LIGHT.roles[Role.NORMAL_FORCE]
     ends = np.where(np.isfinite(upper), upper, edge)
     axes.barh(
@@ -92,7 +92,7 @@ def normal_force_ranges(
     axes.set(
         xlabel=f"normal force $f_n$ [N]{unproven}",
         # From zero, and so that a bar or mark at the right end is seen whole.
-        xlim=(-_ROOM_AT_ENDS * edge, (1.0 + _ROOM_AT_ENDS) * edge),
+        xlim=(-_PADDING_AT_ENDS * edge, (1.0 + _PADDING_AT_ENDS) * edge),
         ylim=(len(rows) - 0.4, -0.6),
         axisbelow=True,
     )
@@ -201,25 +201,25 @@ def tolerance_plot(
     """
     from matplotlib.ticker import MaxNLocator
 
-    told = {one.quantity: one for one in tolerances.each if one.quantity in DIRECTED}
-    if quantity not in told:
-        known = ", ".join(told) or "nothing"
+    by_quantity = {one.quantity: one for one in tolerances.each if one.quantity in DIRECTED}
+    if quantity not in by_quantity:
+        known = ", ".join(by_quantity) or "nothing"
         raise ArgumentError(
             "quantity", f"is '{quantity}'; these tolerances have directions of: {known}"
         )
-    one = told[Quantity(quantity)]
+    one = by_quantity[Quantity(quantity)]
     scale, unit = one.quantity.scale, one.quantity.unit
     level = across_gravity(tolerances.weight)
     up = np.cross(level[0], level[1])
     angles, sizes = level_boundary(one, level)
     radii = scale * sizes
-    names = [_name(way) for way in (*level, *-level)]
+    names = [_name(direction) for direction in (*level, *-level)]
     axes = polar_region(ax, (4.6, 4.9), angles, radii, names)
-    way = np.zeros(3) if one.direction is None else one.direction
+    direction = np.zeros(3) if one.direction is None else one.direction
     words = f"least: {scale * one.borne:.3g} {unit}"
-    at, mark = ([np.arctan2(*(level @ way)[::-1])], [scale * one.failing]), "o"
-    if abs(way @ up) > _OFF_LEVEL:
-        words += f" along {_components(way)}"
+    at, mark = ([np.arctan2(*(level @ direction)[::-1])], [scale * one.failing]), "o"
+    if abs(direction @ up) > _OFF_LEVEL:
+        words += f" along {_components(direction)}"
         at, mark = ([], []), "None"
     if one.contacts:
         many = "s" * (len(one.contacts) > 1)
@@ -238,19 +238,19 @@ def tolerance_plot(
     return axes
 
 
-def _name(way: FloatArray) -> str:
+def _name(direction: FloatArray) -> str:
     """Return the name of a unit vector: a world axis, or its components."""
-    axis = int(np.abs(way).argmax())
-    if abs(way[axis]) > 1.0 - _OFF_LEVEL:
-        return f"{'+' if way[axis] > 0.0 else '−'}{'xyz'[axis]}"
-    return _components(way)
+    axis = int(np.abs(direction).argmax())
+    if abs(direction[axis]) > 1.0 - _OFF_LEVEL:
+        return f"{'+' if direction[axis] > 0.0 else '−'}{'xyz'[axis]}"
+    return _components(direction)
 
 
-def _components(way: FloatArray) -> str:
-    return f"[{', '.join(f'{x:+.2f}' for x in way.tolist())}]".replace("-", "−")
+def _components(direction: FloatArray) -> str:
+    return f"[{', '.join(f'{x:+.2f}' for x in direction.tolist())}]".replace("-", "−")
 
 
-_ROOM_AROUND = 1.2
+_FRAME_FACTOR = 1.2
 _ROUND = 96
 _ARROW = 0.9
 _LEAST_SPEED = 1e-9
@@ -304,7 +304,7 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     ]
     axes.plot([0.0, friction[0]], [0.0, friction[1]], color=color, linewidth=2.0, zorder=3)
     axes.plot(*friction, "o", color=color, markersize=7, zorder=4, label="friction force")
-    ends = -_ROOM_AROUND * reach, _ROOM_AROUND * reach
+    ends = -_FRAME_FACTOR * reach, _FRAME_FACTOR * reach
     axes.set(aspect="equal", xlim=ends, ylim=ends, xlabel="$f_{t1}$ [N]", ylabel="$f_{t2}$ [N]")
     axes.axhline(0.0, color=LIGHT.text, linewidth=0.5, alpha=0.4)
     axes.axvline(0.0, color=LIGHT.text, linewidth=0.5, alpha=0.4)

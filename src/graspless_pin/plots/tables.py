@@ -346,5 +346,5 @@ def boundary_segments(places: FloatArray, kinds: NDArray[np.integer[Any]]) -> Fl
     pairs = middles[two][crossed[two]].reshape(-1, 2, 2)
     three = crossed.all(axis=1)
     centers = np.repeat(places[corners[three]].mean(axis=1)[:, None], 3, axis=1)
-    stars = np.stack([middles[three], centers], axis=2).reshape(-1, 2, 2)
-    return np.concatenate([pairs, stars])
+    spokes = np.stack([middles[three], centers], axis=2).reshape(-1, 2, 2)
+    return np.concatenate([pairs, spokes])

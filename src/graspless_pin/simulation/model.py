@@ -276,7 +276,7 @@ def simulation_model(
         left_out = _write_exclusions(document, scene, hand)
         wrenches = _link_wrenches(scene, hand, joints)
     rates = _joint_rates(hand, joints, problem.joint_count)
-    ways, manipulated = _closed(scene, rates)
+    travel, manipulated = _closed(scene, rates)
     write_object(document, scene, manipulated)
     add(document.section("equality"), "weld", name=FIXTURE, body1=OBJECT)
     _write_motors(document, joints)
@@ -289,7 +289,7 @@ def simulation_model(
         left_out,
         tuple(axis.name for axis in joints.axes.values()),
         rates,
-        ways,
+        travel,
         manipulated,
         tuple(one for one in acting_forces(scene) if not one.of_gravity),
         wrenches,
@@ -322,11 +322,11 @@ def _closed(scene: Scene, rates: FloatArray) -> tuple[FloatArray, ManipulatedObj
     where one of them arrives first. Where friction bears most of a torque, a tip that does not
     touch may even go along the object and off. Newton's method, as a tip goes along a curve.
     """
-    moves, ways = np.any(rates != 0.0, axis=0), np.zeros(len(rates))
+    moves, travel = np.any(rates != 0.0, axis=0), np.zeros(len(rates))
     there, hand, manipulated = scene, scene.hand, scene.object
     for _ in range(_NEWTON_STEPS):
         step = _closing(there.contacts, there.problem(), moves)
-        ways += rates @ step[6:]
+        travel += rates @ step[6:]
         manipulated = _moved(manipulated, step[:6])
         if np.abs(step).max() < _CLOSED:
             break
@@ -338,7 +338,7 @@ def _closed(scene: Scene, rates: FloatArray) -> tuple[FloatArray, ManipulatedObj
             has_all = False
         if not has_all:
             break
-    return ways, manipulated
+    return travel, manipulated
 
 
 def _closing(

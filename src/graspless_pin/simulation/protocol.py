@@ -200,7 +200,7 @@ HELD = 1e-3, float(np.radians(0.5))
 MOVED = 5e-3, float(np.radians(2.0))
 """m, rad: what has moved went farther than one of them."""
 
-_FAR_AWAY = 10.0  # times that, and nothing new is to be seen
+_STOP_FACTOR = 10.0  # times that, and nothing new is to be seen
 _RESTING_SHARE = 0.1
 """Of what is held: what goes less far in the last quarter of the time rests."""
 _STEPS_PER_LOOK = 20  # from one look at the object to the next
@@ -439,7 +439,7 @@ def _run(
         size = max(np.divide(changes[-1], MOVED).tolist())
         if size > 1.0 and moved_after is None:
             moved_after = times[-1]
-        if size > _FAR_AWAY:
+        if size > _STOP_FACTOR:
             break
     distance, rotation = np.max(changes, axis=0).tolist()
     touched = sorted({body for look in forces for body in look})
@@ -462,9 +462,9 @@ def change_of_pose(
 ) -> tuple[float, float]:
     """Return how far an object at a pose (4, 4) is from another one, its own if None: m, rad."""
     T0 = manipulated.T_world_object if T0 is None else T0
-    way = transformed(T, manipulated.center_of_mass) - transformed(T0, manipulated.center_of_mass)
+    shift = transformed(T, manipulated.center_of_mass) - transformed(T0, manipulated.center_of_mass)
     turn = Rotation.from_matrix(T[:3, :3] @ T0[:3, :3].T)
-    return float(np.linalg.norm(way)), float(turn.magnitude())
+    return float(np.linalg.norm(shift)), float(turn.magnitude())
 
 
 def _rests(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:

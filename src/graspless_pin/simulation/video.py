@@ -23,7 +23,7 @@ _SIZE = 480, 640  # rows, columns
 _FRAMES = 50  # a second, of simulated time; played at half the speed
 _PLAYED = 25
 _SLOWEST = 300.0  # s
-_FAR = 5.0  # radii of the object between it and the camera
+_CAMERA_DISTANCE = 5.0  # radii of the object between it and the camera
 _LOOKS_PER_SECOND = 100
 
 
@@ -88,7 +88,7 @@ def _write(xml: str, states: FloatArray, encoder: str, path: str) -> None:
     camera = mujoco.MjvCamera()
     camera.lookat[:] = states[0, -7:-4]
     radius = float(model.geom_rbound[model.geom_bodyid == model.body(OBJECT).id].max())
-    camera.distance, camera.azimuth, camera.elevation = _FAR * radius, 120.0, -20.0
+    camera.distance, camera.azimuth, camera.elevation = _CAMERA_DISTANCE * radius, 120.0, -20.0
     rows, columns = _SIZE
     command = [
         encoder, "-y", "-loglevel", "error", "-f", "rawvideo", "-pixel_format", "rgb24",

@@ -101,9 +101,9 @@ def _rest(
 ) -> tuple[tuple[int, Sample], ...]:
     """Return what has no row yet, and what it may learn from: of its block what came before."""
     first = next(number for number, _ in samples if number not in rows)
-    gone = {number for number, row in rows.items() if row["status"] == Failure.CRASHED}
+    crashed = {number for number, row in rows.items() if row["status"] == Failure.CRASHED}
     begin = first - first % study.block
-    return tuple([one for one in samples if one[0] >= begin and one[0] not in gone])
+    return tuple([one for one in samples if one[0] >= begin and one[0] not in crashed])
 
 
 def _together(
@@ -245,7 +245,7 @@ class Dispatch:
     workforce: Workforce
     keep: Callable[[list[Row]], None]
     _missing: Iterator[int] = field(default_factory=lambda: iter(()))
-    _left: int = 0
+    _remaining: int = 0
     _queue: deque[int] = field(default_factory=deque)
     _running: dict[Future[Any], list[int]] = field(default_factory=dict)
     _pace: float | None = None
@@ -260,8 +260,8 @@ class Dispatch:
         Raises:
             StudyError: If workers are lost, or the study's record cannot keep a solution.
         """
-        self._missing, self._left = missing, count
-        while self._left or self._running:
+        self._missing, self._remaining = missing, count
+        while self._remaining or self._running:
             self._send()
             done, _ = wait(self._running, return_when=FIRST_COMPLETED)
             for future in done:
@@ -269,15 +269,15 @@ class Dispatch:
 
     def close(self) -> None:
         """Close the workers; keep the rows that they have ready."""
-        left = [future for future in self._running if not future.cancel()]
+        uncancelled = [future for future in self._running if not future.cancel()]
         self.workforce.close()
-        for future in left:
+        for future in uncancelled:
             if future.done() and future.exception() is None:
                 chunk = {*self._running[future]}
                 self.keep([row for row in future.result()[0] if row["sample"] in chunk])
 
     def _send(self) -> None:
-        while self._left and len(self._running) < _CHUNKS_OF_A_WORKER * self.workforce.workers:
+        while self._remaining and len(self._running) < _CHUNKS_OF_A_WORKER * self.workforce.workers:
             chunk = self._chunk()
             samples = [(number, self.study.samples[number]) for number in self._with_blocks(chunk)]
             try:
@@ -294,7 +294,7 @@ class Dispatch:
         chunk: list[int] = []
         while self._queue and (len(chunk) < size or self._queue[0] // block == chunk[-1] // block):
             chunk.append(self._queue.popleft())
-        self._left -= len(chunk)
+        self._remaining -= len(chunk)
         return chunk
 
     def _with_blocks(self, chunk: Sequence[int]) -> list[int]:
@@ -312,8 +312,8 @@ class Dispatch:
         """Return the next chunk's size: smaller toward the end, so that no worker ends late."""
         if self._pace is None:
             return 1
-        fair = self._left / (_CHUNKS_OF_A_WORKER * self.workforce.workers)
-        return max(1, min(int(_CHUNK_SECONDS / self._pace), int(fair), _LARGEST_CHUNK))
+        fair_share = self._remaining / (_CHUNKS_OF_A_WORKER * self.workforce.workers)
+        return max(1, min(int(_CHUNK_SECONDS / self._pace), int(fair_share), _LARGEST_CHUNK))
 
     def _receive(self, future: Future[Any]) -> None:
         """Keep the rows of a future."""

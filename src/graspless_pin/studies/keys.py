@@ -117,9 +117,9 @@ def _vectors(tree: Tree, what: Sequence[str]) -> Iterator[tuple[Any, Any]]:
             own = ("field",) if load.get("axes") == "object" else ("force", "moment", "field")
             yield from ((load, name) for name in own if name in load)
     if "acceleration" in what:
-        told = tree.get("acceleration") or {}
+        acceleration = tree.get("acceleration") or {}
         own = ("linear", "angular", "angular_velocity")
-        yield from ((told, name) for name in own if name in told)
+        yield from ((acceleration, name) for name in own if name in acceleration)
     motion = tree.get("motion") or {}
     twists = []
     if everything or "motion" in what:

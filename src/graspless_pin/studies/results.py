@@ -411,8 +411,8 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
                     ("smallest", min, part.loc[values.idxmin()]),
                 ):
                     # Of equal ones that of the first part.
-                    told = named.get(f"{word} {column}", row)
-                    named[f"{word} {column}"] = of(told, row, key=itemgetter(column))
+                    previous = named.get(f"{word} {column}", row)
+                    named[f"{word} {column}"] = of(previous, row, key=itemgetter(column))
         for what, those in (
             ("finding", has_findings),
             ("failure", part["status"].isin([*Failure])),
@@ -431,13 +431,13 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     if asked:
         lines.append(f"torques for all that is not known exactly: {served} of {asked} found")
     for column, (what, unit) in _EXTREMES.items():
-        told = {word: named.get(f"{word} {column}") for word in ("largest", "smallest")}
-        figures = {f"{row[column]:.4g}" for row in told.values() if row is not None}
+        extremes = {word: named.get(f"{word} {column}") for word in ("largest", "smallest")}
+        figures = {f"{row[column]:.4g}" for row in extremes.values() if row is not None}
         if len(figures) == 1 and found - serious > 1:
             without = " without serious findings" if serious else ""
             lines.append(f"{what} {figures.pop()} {unit} at all samples found{without}")
             continue
-        for word, row in told.items():
+        for word, row in extremes.items():
             if row is not None:
                 names = row.index[1 : row.index.get_loc("status")]
                 values = ", ".join(f"{name} {_short(row[name])}" for name in names)

@@ -414,27 +414,27 @@ def _computed(
         for grown, numbers in rounds_of(study, journal.rows):
             study = grown
             again = _unrecorded(study, journal.rows(n for n in numbers if n in journal))
-            left = sum(n not in journal for n in numbers) + len(again)
+            remaining = sum(n not in journal for n in numbers) + len(again)
             bar.update(task, total=numbers.stop)
-            bar.advance(task, len(numbers) - left)
-            if not left:
+            bar.advance(task, len(numbers) - remaining)
+            if not remaining:
                 continue
             if dispatch is None:
-                dispatch = Dispatch(study, _workforce(study, executor, count, left), keep)
+                dispatch = Dispatch(study, _workforce(study, executor, count, remaining), keep)
                 stack.callback(dispatch.close)
             dispatch.study = study
-            dispatch.run((n for n in numbers if n not in journal or n in again), left)
+            dispatch.run((n for n in numbers if n not in journal or n in again), remaining)
     return study
 
 
-def _workforce(study: Study, executor: Executor | None, count: int, left: int) -> Workforce:
+def _workforce(study: Study, executor: Executor | None, count: int, remaining: int) -> Workforce:
     """Return the workers; no more processes than samples are left, unless there may come more.
 
     Somebody else's executor stays open.
     """
     if executor is not None:
         return Workforce(count, partial(executor.submit, compute_here), lambda: None)
-    return local_processes(count if study.is_adaptive else min(count, left))
+    return local_processes(count if study.is_adaptive else min(count, remaining))
 
 
 def _progress_bar(shown: bool) -> Progress:

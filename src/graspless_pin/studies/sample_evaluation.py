@@ -324,8 +324,8 @@ def _failed(study: Study, number: int, error: Exception) -> Row:
         raise error
     # Whatever else goes wrong is this sample's result. The path as it was given is no part of it:
     # another machine has another one.
-    ours = isinstance(error, GrasplessPinError)
-    text = f"{type(error).__name__}: {error}" if ours else internal_error(error)
+    is_known = isinstance(error, GrasplessPinError)
+    text = f"{type(error).__name__}: {error}" if is_known else internal_error(error)
     text = text.replace(str(study.scene.path), study.scene.path.name)
     return failure_row(number, Failure.FAILED, text)
 
@@ -399,9 +399,9 @@ def _analyses(study: Study, scene: Scene, solution: TorqueSolution) -> Row:
                 "largest_margin_N": float(bounds.largest_margin),
             }
     if compute.disturbance_margin and solution.found:
-        held = disturbance_margin(problem, solution.torques, **limits, **rules)
-        if held.found:
-            row["disturbance_N"] = float(held.magnitudes[held.worst])
+        margin = disturbance_margin(problem, solution.torques, **limits, **rules)
+        if margin.found:
+            row["disturbance_N"] = float(margin.magnitudes[margin.worst])
     if compute.minimum_friction:
         least = minimum_friction(problem, **limits, **rules)
         row["minimum_friction_factor"] = float(least.factor) if least.proven else None

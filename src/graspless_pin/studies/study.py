@@ -183,15 +183,15 @@ class Study:
     def tree_at(self, sample: Sample) -> Tree:
         """Return the content of the scene file at one sample."""
         tree = self.placed_at(sample)
-        ways = [
-            (way, (value - way.as_in_scene) * variable.unit.factor)
+        motions = [
+            (motion, (value - motion.as_in_scene) * variable.unit.factor)
             for variable, value in zip(self.variables, sample, strict=True)
-            if (way := variable.entry.move or variable.entry.turn) is not None
+            if (motion := variable.entry.move or variable.entry.turn) is not None
         ]
-        if ways:
+        if motions:
             tree = tree | {name: copied(tree[name]) for name in MOVABLE if name in tree}
-        for way, amount in ways:
-            displace(tree, way, amount)
+        for motion, amount in motions:
+            displace(tree, motion, amount)
         return tree
 
     def scene_at(self, sample: Sample, parts: SampleParts | None = None) -> Scene:
@@ -313,13 +313,13 @@ def _made(source: YamlSource, folder: Path) -> Study:
     if not is_file(file):
         raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
     scene = YamlSource.read(file, SCENE)
-    usual = validated(scene, SceneEntry)
-    _check_posing(entry, usual, fail)
+    validated_scene = validated(scene, SceneEntry)
+    _check_posing(entry, validated_scene, fail)
     tree = in_radians(scene.data)
     options = entry.compute.solve_options()
     tree["solve"] = {**(tree.get("solve") or {}), **options}
     tree |= copied(scene_and_posing(source.data)[1])
-    defaults = usual.model_dump() | entry.model_dump(include={*PosingEntry.model_fields})
+    defaults = validated_scene.model_dump() | entry.model_dump(include={*PosingEntry.model_fields})
     variables = tuple(
         make_variable(
             name,
@@ -331,7 +331,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
         for name, item in entry.vary.items()
     )
     _check_targets(entry, variables, options, fail)
-    _check_materials(usual, variables, fail)
+    _check_materials(validated_scene, variables, fail)
     _check_algorithm(tree, variables, options, fail)
     choose = samples_of if entry.sampling.method != "adaptive" else adaptive_samples
     samples = choose(entry.sampling, variables, fail)

@@ -146,8 +146,8 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
         changed = changed.with_changes(object=replace(body, T_world_object=T))
     shift, turn = place_of(moved, HAND_PLACE)
     if changed.hand is not None and (shift.any() or turn.any()):
-        way = moved_about(changed.hand.T_world_base[:3, 3], shift, turn)
-        changed = changed.with_changes(hand=displaced_hand(changed.hand, way))
+        displacement = moved_about(changed.hand.T_world_base[:3, 3], shift, turn)
+        changed = changed.with_changes(hand=displaced_hand(changed.hand, displacement))
     joints = {
         key.removeprefix(_JOINT): value for key, value in moved.items() if key.startswith(_JOINT)
     }

@@ -234,7 +234,7 @@ class Viewer:
         self._stopped = threading.Event()
         self._build()
         self._show(self._initial)
-        gate.scheme_told = self._tell_scheme
+        gate.scheme_told = self._note_scheme
         server.on_client_connect(lambda client: self._stage.welcome(client.camera))
         self._worker = threading.Thread(target=self._work, name="graspless-viewer", daemon=True)
         self._worker.start()
@@ -401,7 +401,7 @@ class Viewer:
         self._contacts.content = contacts_html(shown)
         self._legend.content = legend_html(Role, shown.picture, dark=self._dark)
 
-    def _tell_scheme(self, dark: bool) -> None:
+    def _note_scheme(self, dark: bool) -> None:
         """Take note of what a reader prefers; viser's own thread, which must not wait, calls it."""
         self._reader_dark = dark
         threading.Thread(target=self._switch_mode, daemon=True).start()

@@ -150,8 +150,8 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
 
 def words_of(error: Exception) -> str:
     """Return what a page says of an error; what is none of ours asks for a report."""
-    ours = isinstance(error, GrasplessPinError)
-    return str(error) if ours else f"{internal_error(error)}; please report it"
+    is_known = isinstance(error, GrasplessPinError)
+    return str(error) if is_known else f"{internal_error(error)}; please report it"
 
 
 def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:

@@ -86,9 +86,9 @@ class Stage:
             if camera.client.client_id not in self._looks:
                 return
             view, size, place = self._looks[camera.client.client_id]
-            near = _UNMOVED_CAMERA * float(np.linalg.norm(place - self._first.center))
+            tolerance = _UNMOVED_CAMERA * float(np.linalg.norm(place - self._first.center))
             at_start, stays = (
-                bool(np.linalg.norm(camera.position - there) < near)
+                bool(np.linalg.norm(camera.position - there) < tolerance)
                 for there in (self._start, place)
             )
             if at_start or (stays and size != (camera.image_width, camera.image_height)):

@@ -58,26 +58,26 @@ def contact_words(
     forces, load = solution.contact_forces, problem.scales.force
     normal = np.einsum("ij,ij->i", problem.normals, forces)
     friction = np.linalg.norm(forces - normal[:, None] * problem.normals, axis=1)
-    rooms, use = contact_rooms(problem, forces), friction_use(problem, forces)
+    reserves, use = contact_rooms(problem, forces), friction_use(problem, forces)
     states = contact_states(problem, forces)
     limiting, rounding = limiting_contacts(solution).items(), force_rounding(problem)
     lines = []
     for index, name in enumerate(names):
-        held = f", {100.0 * use[index]:.0f} % of what μ = {problem.friction[index]:g} allows"
-        nearest = int(np.argmin(rooms[index]))
+        use_text = f", {100.0 * use[index]:.0f} % of what μ = {problem.friction[index]:g} allows"
+        nearest = int(np.argmin(reserves[index]))
         limits = [limit for limit, contacts in limiting if index in contacts]
-        room, own_normal, own_friction = (
+        reserve, own_normal, own_friction = (
             shown(float(one), load, "", rounding[index])
-            for one in (rooms[index, nearest], normal[index], friction[index])
+            for one in (reserves[index, nearest], normal[index], friction[index])
         )
-        away = f"{room} N from "
+        away = f"{reserve} N from "
         away += " and ".join(limits) or tuple(ContactLimit)[nearest]
         lines.append(
             (
                 name,
                 f"normal force {own_normal} N",
                 f"friction {own_friction} N"
-                + ("" if np.isnan(use[index]) else held)
+                + ("" if np.isnan(use[index]) else use_text)
                 + f" ({states[index]})",
                 away + (", which limits the margin" if limits else ""),
             )
@@ -214,7 +214,7 @@ def with_loads(
         scale = _fitting_scale(np.array([one.force for one in loads]), size)
         picture = with_force_scale(picture, scale, size)
     scale = 0.0 if picture.force_scale is None else picture.force_scale.metres_per_newton
-    meshes, told = [], dict[bytes, list[tuple[FloatArray, str, str]]]()
+    meshes, texts = [], dict[bytes, list[tuple[FloatArray, str, str]]]()
     for number, one in enumerate(loads):
         point, ends = origin + one.lever, []
         if one.force.any():
@@ -230,10 +230,10 @@ def with_loads(
         words += [f"moment {moment:.3g} N m"] if moment else []
         if ends:
             own = point + 1.08 * ends[0], one.name, f"{one.name}: {', '.join(words)}"
-            told.setdefault(one.lever.tobytes(), []).append(own)
+            texts.setdefault(one.lever.tobytes(), []).append(own)
     # One text at each point: names of several loads there would cover each other.
     marks = []
-    for there in told.values():
+    for there in texts.values():
         tips, names, lines = zip(*there, strict=True)
         name = ", ".join(names)
         marks.append(Mark(name, Role.LOAD, read_only(tips[0]), words=(name, *lines)))
@@ -338,8 +338,8 @@ def _forces(
             parts[Role.TOTAL_FORCE] = forces[index]
         for role, force in parts.items():
             if scale > 0.0 and np.linalg.norm(force) > seen:
-                slim = 0.5 * radius if role is Role.TOTAL_FORCE else radius
-                yield _mesh(role, index, arrow_surface(point, scale * force, slim))
+                shaft = 0.5 * radius if role is Role.TOTAL_FORCE else radius
+                yield _mesh(role, index, arrow_surface(point, scale * force, shaft))
 
 
 def _velocities(

@@ -65,7 +65,7 @@ def level_boundary(one: Tolerance, level: FloatArray) -> tuple[FloatArray, Float
         ]
         turned = np.arctan2(corners[:, 1], corners[:, 0]) % (2.0 * np.pi)
         angles = np.unique(np.append(angles, turned).round(9))
-    return angles, one.along(_ways(angles, level))
+    return angles, one.along(_rays(angles, level))
 
 
 def with_tolerances(
@@ -90,7 +90,7 @@ def with_tolerances(
     angles, radii = level_boundary(found[0], level)
     if float(radii.max()) > _LEAST_REGION * size:
         role, within = Role.CENTER_REGION, radii < _FARTHEST_REGION * size
-        ends = origin + np.minimum(radii, _FARTHEST_REGION * size)[:, None] * _ways(angles, level)
+        ends = origin + np.minimum(radii, _FARTHEST_REGION * size)[:, None] * _rays(angles, level)
         meshes.append(Mesh(f"{role}/inside", role, *_fan(origin, ends), _REGION_OPACITY))
         rim = [
             bar_surface(ends[k - 1], ends[k], _RIM * size)
@@ -101,7 +101,7 @@ def with_tolerances(
     return replace(picture, meshes=(*picture.meshes, *meshes))
 
 
-def _ways(angles: FloatArray, level: FloatArray) -> FloatArray:
+def _rays(angles: FloatArray, level: FloatArray) -> FloatArray:
     return np.column_stack([np.cos(angles), np.sin(angles)]) @ level
 
 
@@ -125,7 +125,7 @@ _FACING = 0.1
 # The least upward part of a normal of what somebody would not look up through.
 _UPWARD = 0.2
 # Fingers none of which is nearer to the object than so many of its radii are context, as arms are.
-_NEAR = 3.5
+_CLOSE = 3.5
 # A half-space is drawn this wide on each side of the object, and this deep, in its radii.
 _SLAB_WIDTH = 1.3
 _SLAB_THICKNESS = 0.08
@@ -189,11 +189,11 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
     body = body.moved(scene.object.T_world_object)
     middle, size = _enclosing(body.vertices)
     hand = [] if scene.hand is None else _hand(scene.hand, max_faces)
-    near = [] if scene.hand is None else _near(scene.hand, hand, middle, size)
-    shown = np.vstack([body.vertices, *near])
+    close = [] if scene.hand is None else _close(scene.hand, hand, middle, size)
+    shown = np.vstack([body.vertices, *close])
     center, radius = _enclosing(shown)
     up = up_against(scene.gravity)
-    away = shown[len(body.vertices) :].mean(axis=0) - middle if any(map(len, near)) else 0.0 * up
+    away = shown[len(body.vertices) :].mean(axis=0) - middle if any(map(len, close)) else 0.0 * up
     walls = [
         support.T_world_support[:3, 2]
         for support in scene.supports
@@ -255,7 +255,7 @@ def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
     return found
 
 
-def _near(hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float) -> list[FloatArray]:
+def _close(hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float) -> list[FloatArray]:
     """Return the (V, 3) vertices of the fingers and palms that are at an object.
 
     With one finger comes all that its palm carries. Of a hand without fingers it is what is near.
@@ -266,8 +266,8 @@ def _near(hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float) -
         middle: (3,) of the object, m.
         size: Its radius, m.
     """
-    near = {
-        mesh.name: np.linalg.norm(mesh.vertices - middle, axis=1) < _NEAR * size for mesh in meshes
+    close = {
+        mesh.name: np.linalg.norm(mesh.vertices - middle, axis=1) < _CLOSE * size for mesh in meshes
     }
     palms: dict[str, str | None] = {}
     for link in hand.link_names:
@@ -277,13 +277,13 @@ def _near(hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float) -
         if finger is not None:
             palms[link] = above
     links = {mesh.name: mesh.name.split("/", 2)[2] for mesh in meshes}
-    at_object = {palms[link] for name, link in links.items() if link in palms and near[name].any()}
+    at_object = {palms[link] for name, link in links.items() if link in palms and close[name].any()}
     shown = [
         mesh.vertices
         for mesh in meshes
         if links[mesh.name] in at_object or palms.get(links[mesh.name], "") in at_object
     ]
-    return shown or [mesh.vertices[near[mesh.name]] for mesh in meshes]
+    return shown or [mesh.vertices[close[mesh.name]] for mesh in meshes]
 
 
 def _support(

@@ -23,7 +23,7 @@ from graspless_pin.visualization.drawing import draw_bodies, object_radius
 from graspless_pin.visualization.picture import Picture, Role
 
 _TIMES = 31
-_OUTCOME_WAY = 0.6  # of the object's radius: how far a point of it goes
+_OUTCOME_DISTANCE = 0.6  # of the object's radius: how far a point of it goes
 _OUTCOME_TURN = 0.6  # rad, of object and joints
 _SLID, _SLID_TURN = 0.35, 0.4  # the same of virtual slidings and small motions
 _GROWN = 30.0  # times as large as it begins: how far a small motion is shown
@@ -84,13 +84,13 @@ def draw_motion(
         center, picture = scene.object.center_of_mass_world, draw_bodies(scene)
         size = object_radius(picture)
     times = np.linspace(0.0, _duration(motion, size), _TIMES)
-    ways = 0.5 * times[:, None] ** 2
+    amounts = 0.5 * times[:, None] ** 2
     return _played(
         with_outcome(picture, problem, motion, center, size),
         None if scene is None else scene.hand,
         times,
-        _object_path(ways * motion.object_acceleration, center),
-        ways * motion.joint_accelerations,
+        _object_path(amounts * motion.object_acceleration, center),
+        amounts * motion.joint_accelerations,
     )
 
 
@@ -139,8 +139,8 @@ def draw_small_motion(
         origin: (3,) the problem's reference point in the picture, m.
     """
     times = np.linspace(0.0, np.log(_GROWN) / growth, _TIMES)
-    ways = _enlarged(problem, motion) * np.expm1(growth * times) / (_GROWN - 1.0)
-    return _along(picture, motion, times, ways, hand, origin)
+    amounts = _enlarged(problem, motion) * np.expm1(growth * times) / (_GROWN - 1.0)
+    return _along(picture, motion, times, amounts, hand, origin)
 
 
 def _enlarged(problem: QuasistaticProblem, motion: FloatArray) -> float:
@@ -149,21 +149,21 @@ def _enlarged(problem: QuasistaticProblem, motion: FloatArray) -> float:
     size = float(np.linalg.norm(problem.positions, axis=1).max())
     speed = float(np.linalg.norm(velocity[:3]) + size * np.linalg.norm(velocity[3:]))
     rates = [*np.abs(bends).tolist(), float(np.linalg.norm(velocity[3:]))]
-    ways = (_SLID * size, speed), *((_SLID_TURN, rate) for rate in rates)
-    return min((way / rate for way, rate in ways if rate > 0.0), default=1.0)
+    limits = (_SLID * size, speed), *((_SLID_TURN, rate) for rate in rates)
+    return min((distance / rate for distance, rate in limits if rate > 0.0), default=1.0)
 
 
 def _along(
     picture: Picture,
     motion: FloatArray,
     times: FloatArray,
-    ways: FloatArray,
+    amounts: FloatArray,
     hand: Hand | None,
     origin: FloatArray,
 ) -> MovingPicture:
     """Return a picture that goes so many times (K,) along a motion (6 + L,)."""
-    path = _object_path(ways[:, None] * motion[:6], origin)
-    return _played(picture, hand, times, path, ways[:, None] * motion[6:])
+    path = _object_path(amounts[:, None] * motion[:6], origin)
+    return _played(picture, hand, times, path, amounts[:, None] * motion[6:])
 
 
 def _played(
@@ -181,10 +181,10 @@ def _played(
     paths = [path]
     path_of = {mesh.name: 0 for mesh in picture.meshes if mesh.role not in _STILL}
     if hand is not None:
-        for link, way in _link_paths(hand, bends).items():
+        for link, link_path in _link_paths(hand, bends).items():
             names = [m.name for m in picture.of(Role.HAND) if m.name.split("/", 2)[2] == link]
             path_of |= dict.fromkeys(names, len(paths))
-            paths.append(way)
+            paths.append(link_path)
     return MovingPicture(picture, read_only(times), tuple(map(read_only, paths)), path_of)
 
 
@@ -192,18 +192,18 @@ def _duration(motion: DynamicOutcome, size: float) -> float:
     """Return when the motion has been seen, s."""
     turning = [float(np.linalg.norm(motion.object_acceleration[3:]))]
     turning += np.abs(motion.joint_accelerations).tolist()
-    ways = (
-        (_OUTCOME_WAY * size, motion.point_acceleration),
+    limits = (
+        (_OUTCOME_DISTANCE * size, motion.point_acceleration),
         *((_OUTCOME_TURN, rate) for rate in turning),
     )
-    return min(float(np.sqrt(2.0 * way / rate)) for way, rate in ways if rate > 0.0)
+    return min(float(np.sqrt(2.0 * distance / rate)) for distance, rate in limits if rate > 0.0)
 
 
-def _object_path(ways: FloatArray, center: FloatArray) -> FloatArray:
+def _object_path(displacements: FloatArray, center: FloatArray) -> FloatArray:
     """Return (K, 4, 4) after (K, 6) ways: the object turns about its centre, which goes along."""
-    path = np.tile(np.eye(4), (len(ways), 1, 1))
-    path[:, :3, :3] = Rotation.from_rotvec(ways[:, 3:]).as_matrix()
-    path[:, :3, 3] = center + ways[:, :3] - path[:, :3, :3] @ center
+    path = np.tile(np.eye(4), (len(displacements), 1, 1))
+    path[:, :3, :3] = Rotation.from_rotvec(displacements[:, 3:]).as_matrix()
+    path[:, :3, 3] = center + displacements[:, :3] - path[:, :3, :3] @ center
     return path
 
 

@@ -192,7 +192,7 @@ _LOWEST_VIEW, _VIEW_STEP = np.radians(10.0), np.radians(1.0)
 # Only what is nearer to the middle than this is framed, in radii: of hands, whose arms are context,
 # and of all else; the slab of a half-space, 1.3 of the object's radii to each side, lies within.
 _HAND_FRAMED, _FRAMED = 1.05, 2.3
-_FRAME_ROOM = 1.08
+_FRAME_MARGIN = 1.08
 
 
 def up_against(force: FloatArray) -> FloatArray:
@@ -234,7 +234,7 @@ def look_across(away: FloatArray, up: FloatArray, walls: Sequence[FloatArray] = 
         for forward in (_FORWARD, -_FORWARD)
         for across in (1.0, -1.0)
     ]
-    best = max(choices, key=lambda way: min((0.0, *(float(way @ wall) for wall in walls))))
+    best = max(choices, key=lambda view: min((0.0, *(float(view @ wall) for wall in walls))))
     return read_only(best / np.linalg.norm(best))
 
 
@@ -279,9 +279,9 @@ def _raised(
     level = level - (level @ up) * up
     level /= np.linalg.norm(level)
     while True:
-        way = np.cos(tilt) * level + np.sin(tilt) * up
-        if tilt >= 0.5 * np.pi or (floors[:, :3] @ way >= np.sin(_LOWEST_VIEW)).all():
-            return way
+        view = np.cos(tilt) * level + np.sin(tilt) * up
+        if tilt >= 0.5 * np.pi or (floors[:, :3] @ view >= np.sin(_LOWEST_VIEW)).all():
+            return view
         tilt += _VIEW_STEP
 
 
@@ -303,17 +303,17 @@ def framing(
     right = np.cross(up, toward)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(toward, right), toward])
-    near = []
+    framed = []
     for mesh in picture.meshes:
         if mesh.role not in HIDDEN_AT_FIRST:
             reach = _HAND_FRAMED if mesh.role is Role.HAND else _FRAMED
             vertices = mesh.vertices - picture.center
-            near.append(vertices[np.linalg.norm(vertices, axis=1) < reach * picture.radius])
-    seen = np.vstack(near) @ axes.T
+            framed.append(vertices[np.linalg.norm(vertices, axis=1) < reach * picture.radius])
+    seen = np.vstack(framed) @ axes.T
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * [1.0, 1.0, 0.0]
     x, y, z = (seen - middle).T
     slope = np.tan(0.5 * field_of_view)
-    distance = float(np.max(np.maximum(np.abs(x) / aspect, np.abs(y)) * _FRAME_ROOM / slope + z))
+    distance = float(np.max(np.maximum(np.abs(x) / aspect, np.abs(y)) * _FRAME_MARGIN / slope + z))
     return picture.center + middle @ axes, distance
 
 

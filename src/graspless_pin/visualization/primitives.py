@@ -122,8 +122,8 @@ def with_bearings(
     corners = np.vstack([mesh.vertices for mesh in bodies]) if bodies else picture.center[None]
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     hand = [mesh.vertices - middle for mesh in picture.of(Role.HAND)]
-    near = [vertices[np.linalg.norm(vertices, axis=1) < 3.0 * size] for vertices in hand]
-    reach = float(np.vstack(near).mean(axis=0) @ right) if any(map(len, near)) else 0.0
+    nearby = [vertices[np.linalg.norm(vertices, axis=1) < 3.0 * size] for vertices in hand]
+    reach = float(np.vstack(nearby).mean(axis=0) @ right) if any(map(len, nearby)) else 0.0
     aside = -1.0 if reach >= 0.0 else 1.0
     foot = middle + size * (aside * _ASIDE * right + _BEFORE * before)
     foot += (float((corners @ up).min()) - foot @ up) * up
@@ -133,15 +133,15 @@ def with_bearings(
         foot = foot + max(behind, 0.0) / (normal @ along) * along
     start = foot + _HEIGHT * size * up
     meshes, marks = [], []
-    ways = dict(zip("xyz", _ARM * np.eye(3), strict=True))
+    vectors = dict(zip("xyz", _ARM * np.eye(3), strict=True))
     pull = np.zeros(3) if gravity is None else np.asarray(gravity, dtype=float)
     if pull.any():
-        ways["g"] = _DOWN * pull / np.linalg.norm(pull)
-    for name, way in ways.items():
+        vectors["g"] = _DOWN * pull / np.linalg.norm(pull)
+    for name, vector in vectors.items():
         role = Role.GRAVITY if name == "g" else Role.AXES
-        arrow = arrow_surface(start, size * way, _SHAFT * size)
+        arrow = arrow_surface(start, size * vector, _SHAFT * size)
         meshes.append(Mesh(f"{role}/{name}", role, *arrow))
-        beside = _LETTER * way if role is Role.AXES else 0.6 * way - 0.12 * right
+        beside = _LETTER * vector if role is Role.AXES else 0.6 * vector - 0.12 * right
         marks.append(Mark(name, role, read_only(start + size * beside)))
     return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
 
