@@ -43,7 +43,7 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
         (
             "corners",
             Status.LIMIT_REACHED,
-            f"{SMALL} # N (whether smaller is not proven), {RULE}",
+            f"{SMALL} # N (less is not ruled out), {RULE}",
         ),
         (
             "walls",

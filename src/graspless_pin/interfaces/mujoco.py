@@ -253,7 +253,7 @@ def tell_options(at: ModelState) -> None:
         "contact": (option.disableflags & disabled.mjDSBL_CONTACT, "contacts are disabled"),
         "actuation": (option.disableflags & disabled.mjDSBL_ACTUATION, "motors are disabled"),
         "actuatorgroupdisable": (option.disableactuator, "groups of motors are disabled"),
-        "override": (option.enableflags & enabled.mjENBL_OVERRIDE, "o_friction is for contacts"),
+        "override": (option.enableflags & enabled.mjENBL_OVERRIDE, "o_friction overrides contacts"),
     }
     for name, (is_set, message) in settings.items():
         if is_set:

@@ -22,7 +22,7 @@ from graspless_pin.planning.many_states import positions_of_one
 from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, read_only
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
-from graspless_pin.solution.tables import brief_figure
+from graspless_pin.solution.tables import brief_figure, counted
 
 PATH_REGULARIZATION = 1e-4
 """Enough to make torques continuous; costs the paper's cuboid 1e-5 N of 1.65 N of margin."""
@@ -128,8 +128,7 @@ class PathProfile(Brief):
         if self.found:
             largest = float(np.abs(self.margins).max())
             summary = f"smallest margin {brief_figure(self.smallest_margin, largest)} N"
-        count = len(self.times)
-        points = f"{count} waypoint{'s' * (count != 1)}"
+        points = counted(len(self.times), "waypoint")
         lines = [f"a path of {self.times[-1] - self.times[0]:g} s, {points}, {summary}"]
         for change in self.contact_changes:
             parts = [

@@ -163,7 +163,9 @@ _FEW_TO_A_SAMPLE = 4
 
 def _scale(axis: Any, table: Any, column: str) -> None:
     """Give an axis a logarithmic scale where a study varied its column so; else plain figures."""
-    study = getattr(table, "attrs", {}).get("graspless_pin", {}).get("entry", {})
+    from graspless_pin.studies.results import KEY  # who plots solutions alone needs no studies
+
+    study = getattr(table, "attrs", {}).get(KEY, {}).get("entry", {})
     for key, values in study.get("vary", {}).items():
         ending = column.removeprefix(key)
         if values.get("scale") == "log" and (ending == "" or ending in _UNITS):

@@ -114,7 +114,7 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held:
     if is_proven and bounds.smallest_margin >= solution.margin - _SAME_MARGIN * load:
         return f"{who} enforce that margin, {bounds.covers}."
     least = figure(bounds.smallest_margin, load)
-    unproven = "" if is_proven else " (whether smaller is not proven)"
+    unproven = "" if is_proven else " (less is not ruled out)"
     pressed = (
         ": a contact may be pressed so far beyond max_normal_force" if least.startswith("-") else ""
     )

@@ -23,7 +23,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.fields import SceneFields, place_of
-from graspless_pin.scene.stated import Accelerated, LoadAxes
+from graspless_pin.scene.stated import Accelerated, Acceleration, LoadAxes
 
 _SAME_MOTION = 1e-9
 """Of the largest velocity or acceleration, and of one SI unit: links that differ by less move as
@@ -174,21 +174,33 @@ def hand_motion(scene: SceneFields) -> HandMotions | None:
     Raises:
         SceneError: If the acceleration names what is no joint of the hand.
     """
-    acc, hand = scene.acceleration, scene.hand
-    if acc is None or hand is None or acc.of == Accelerated.OBJECT:
+    acceleration, hand = scene.acceleration, scene.hand
+    if acceleration is None or hand is None or acceleration.of == Accelerated.OBJECT:
         return None
     center = scene.object.center_of_mass_world
-    sources = acc, hand.positions, hand.tree, center.tobytes() if acc.at is None else b""
-    return scene._kept.made("hand motion", sources, lambda: _hand_motion(scene, hand, center))
+    sources = (
+        acceleration,
+        hand.positions,
+        hand.tree,
+        center.tobytes() if acceleration.at is None else b"",
+    )
+    return scene._kept.made(
+        "hand motion", sources, lambda: _hand_motion(scene, acceleration, hand, center)
+    )
 
 
 def _hand_motion(
-    scene: SceneFields, hand: Hand, center: FloatArray, kinematics: Kinematics | None = None
+    scene: SceneFields,
+    acceleration: Acceleration,
+    hand: Hand,
+    center: FloatArray,
+    kinematics: Kinematics | None = None,
 ) -> HandMotions:
-    acc, base = scene.acceleration, _frame_motion(scene, center)
-    assert acc is not None  # noqa: S101 - asked by its callers
+    base = _frame_motion(acceleration, center)
     try:
-        return hand_motions(hand, base, acc.joint_velocities, acc.joint_accelerations, kinematics)
+        return hand_motions(
+            hand, base, acceleration.joint_velocities, acceleration.joint_accelerations, kinematics
+        )
     except ArgumentError as error:
         place = place_of(scene, "acceleration").removesuffix(": acceleration")
         raise SceneError(f"{place}: acceleration.{error}") from error
@@ -213,17 +225,17 @@ def carried_loads(
     Raises:
         SceneError: See `hand_motion`.
     """
-    acc, nothing = scene.acceleration, np.zeros(())
-    if acc is None and not scene.loads:
+    acceleration, nothing = scene.acceleration, np.zeros(())
+    if acceleration is None and not scene.loads:
         return object_wrench(scene, STILL), nothing
     T_world_object = kinematics.T_world_joint[:, joint] @ T_joint_object
-    if acc is None:
+    if acceleration is None:
         return object_wrench(scene, STILL, T_world_object), nothing
     center = T_world_object[:, :3, :3] @ scene.object.center_of_mass + T_world_object[:, :3, 3]
-    if acc.of == Accelerated.OBJECT:
-        motion = _frame_motion(scene, center)
+    if acceleration.of == Accelerated.OBJECT:
+        motion = _frame_motion(acceleration, center)
         return object_wrench(scene, motion, T_world_object), nothing
-    motions = _hand_motion(scene, hand, center, kinematics)
+    motions = _hand_motion(scene, acceleration, hand, center, kinematics)
     torques = motions.joint_torques(hand) if scene.count_own_weight else nothing
     return object_wrench(scene, motions.of(joint), T_world_object), torques
 
@@ -247,11 +259,11 @@ def object_motion(scene: SceneFields) -> RigidMotion:
         SceneError: If the acceleration names what is no joint, no link touches the object or they
             do not move as one, or the object slides on a support and no motion says so.
     """
-    acc = scene.acceleration
-    if acc is None:
+    acceleration = scene.acceleration
+    if acceleration is None:
         return STILL
-    if not (acc.joint_velocities or acc.joint_accelerations):
-        return _frame_motion(scene, scene.object.center_of_mass_world)
+    if not (acceleration.joint_velocities or acceleration.joint_accelerations):
+        return _frame_motion(acceleration, scene.object.center_of_mass_world)
     place, motions = place_of(scene, "acceleration"), hand_motion(scene)
     if motions is None or scene.hand is None:
         raise SceneError(f"{place}: tells of joints, and the scene has no hand; leave these out")
@@ -280,24 +292,25 @@ def object_motion(scene: SceneFields) -> RigidMotion:
     return carried[0]
 
 
-def _frame_motion(scene: SceneFields, center: FloatArray) -> RigidMotion:
-    """Return the motion of the base, or of the object, that a scene's acceleration tells.
+def _frame_motion(acceleration: Acceleration, center: FloatArray) -> RigidMotion:
+    """Return the motion of the base, or of the object, that an acceleration states.
 
     Args:
-        scene: The scene.
+        acceleration: The acceleration.
         center: (..., 3) the object's centre of mass, which that is of unless another point is told.
 
     The point that the acceleration is of is at rest at this moment: a constant velocity of all
     changes no force.
     """
-    acc = scene.acceleration
-    assert acc is not None  # noqa: S101 - asked by its callers
-    point = center if acc.at is None else acc.at
-    v, a = np.cross(point, acc.angular_velocity), acc.linear + np.cross(point, acc.angular)
+    point = center if acceleration.at is None else acceleration.at
+    v, a = (
+        np.cross(point, acceleration.angular_velocity),
+        acceleration.linear + np.cross(point, acceleration.angular),
+    )
     return RigidMotion(
         *(
             np.concatenate([part, np.broadcast_to(turn, part.shape)], axis=-1)
-            for part, turn in ((v, acc.angular_velocity), (a, acc.angular))
+            for part, turn in ((v, acceleration.angular_velocity), (a, acceleration.angular))
         )
     )
 
