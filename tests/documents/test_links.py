@@ -1,6 +1,7 @@
 """The documentation site builds without a warning, has no dead link and fetches nothing."""
 
 import re
+import tomllib
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
@@ -95,3 +96,12 @@ def test_links_of_the_sources_exist(file):
             names = {name for _, page_of_it, name in API if target == DOCS / f"api/{page_of_it}.md"}
             known = {slugify(heading, "-") for heading in headings} | names
             assert parts.fragment in known, link
+
+
+def test_version_changelog_and_citation_are_of_one_version():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {project['version']}\n" in citation
+    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+    assert newest is not None
+    assert f"{project['version']}.".startswith(f"{newest[1]}.")
