@@ -67,22 +67,21 @@ def test_the_copy_buttons_copy_commands_and_nothing_else(page: Page, site: Path,
         assert page.locator("textarea").last.input_value() == "\n".join(commands)
 
 
-LOOKED_AT = (
-    ".",
-    "keys",
-    "model",
-    "notebook_paper_figures",
-)
+# In the light by all rules of axe-core; in the dark by that of contrast, which colours change.
+LOOKED_AT = {
+    "light": (".", "keys", "model", "notebook_paper_figures"),
+    "dark": (".", "model", "notebook_paper_figures"),
+}
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", LOOKED_AT)
 def test_pages_are_accessible_and_show_their_pictures(page: Page, site: Path, scheme):
     page.emulate_media(color_scheme=scheme)
     page.set_viewport_size({"width": 390, "height": 844})
-    for name in LOOKED_AT:
+    for name in LOOKED_AT[scheme]:
         page.goto((site / name / "index.html").as_uri())
         assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
-        assert serious_violations(page) == [], name
+        assert serious_violations(page, *(["color-contrast"] * (scheme == "dark"))) == [], name
         shown = page.locator(".md-content img").evaluate_all(
             "items => items.filter((item) => getComputedStyle(item).display !== 'none')"
             ".map((item) => [item.getAttribute('src'), item.naturalWidth])"

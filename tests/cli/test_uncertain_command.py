@@ -68,8 +68,8 @@ def test_the_answer_is_the_torques_for_the_whole_set(
     assert "The nominal scene under these torques: holds" in said
     assert f"graspless-pin tolerances {cuboid}" in said
     answer = robust_answer(scene, "torque", **options)
-    assert answer.held is not None
-    np.testing.assert_allclose(answer.held.torques, robust.torques, atol=1e-8)
+    assert answer.at_torques is not None
+    np.testing.assert_allclose(answer.at_torques.torques, robust.torques, atol=1e-8)
     for name, torque in robust.torques_by_joint.items():
         assert name in said and f"{torque:+.4f}" in said
 

@@ -81,6 +81,7 @@ def test_how_far_each_may_be_off(tmp_path, monkeypatch):
     titles = [one.text for one in section.all("title")]
     assert len(titles) == 3 and titles[0].startswith("How far the centre of mass may be off")
     assert "the level region in which it may lie" in page.section("scene").text
+    monkeypatch.setattr("graspless_pin.cli.tolerances.ATTAINABLE_TIME", 0.1)
     assert run(ball, "-o", target, *options).exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
     assert "with constant torques" in page.section("off").text

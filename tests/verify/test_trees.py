@@ -201,7 +201,7 @@ def test_leaves_without_objective_prove_that_there_are_no_forces():
 def test_a_selected_contact_has_every_pair_of_signs_but_no_sliding(floor):
     problem = floor[1]
     every = State.every_mode(problem, free=False)
-    whole = replace(every, left=np.ones_like(every.left))
+    whole = replace(every, allowed_pairs=np.ones_like(every.allowed_pairs))
     split = {"kind": "contact", "contact": FINGER}
     for root, parts in ((every, 5), (whole, 9)):
         assert (

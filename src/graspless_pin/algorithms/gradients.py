@@ -279,7 +279,7 @@ def _wider_round_cones(
 ) -> FloatArray:
     """(M,) of |f_t| <= mu f_n - sqrt(1 + mu^2) e; where it is active e is the distance to it."""
     mu = problem.friction
-    distance = problem.cone_model.room(local, mu, problem.cone_edges)
+    distance = problem.cone_model.surface_distances(local, mu, problem.cone_edges)
     turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * distance
     return -found["round_cones"][:, 0] * turned
 

@@ -42,11 +42,11 @@ class ModePart:
     """All modes in which contacts have certain signs, each whatever the others have.
 
     Attributes:
-        left: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1 and t2;
-            the pair (0, 0) stands for contacts that are not selected.
+        allowed_pairs: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1
+            and t2; the pair (0, 0) stands for contacts that are not selected.
     """
 
-    left: NDArray[np.bool_]
+    allowed_pairs: NDArray[np.bool_]
 
     @classmethod
     def every_mode(cls, problem: QuasistaticProblem, rules: Rules) -> ModePart:
@@ -68,7 +68,7 @@ class ModePart:
     @cached_property
     def selected(self) -> NDArray[np.bool_]:
         """(M,) contacts that each of the modes selects."""
-        return ~self.left[:, 1, 1]
+        return ~self.allowed_pairs[:, 1, 1]
 
     @cached_property
     def released(self) -> NDArray[np.bool_]:
@@ -78,12 +78,12 @@ class ModePart:
     @cached_property
     def allowed_signs(self) -> NDArray[np.bool_]:
         """(M, 2, 3) whether a contact, if selected, may have the sign -1, 0, 1 along t1, t2."""
-        chosen = self.left & ~_RELEASED
+        chosen = self.allowed_pairs & ~_RELEASED
         return np.stack([chosen.any(axis=2), chosen.any(axis=1)], axis=1)
 
     def decides(self, contact: int) -> bool:
         """Whether all its modes agree on a contact: released, or selected with the same signs."""
-        return np.count_nonzero(self.left[contact]) == 1
+        return np.count_nonzero(self.allowed_pairs[contact]) == 1
 
     def signs(self, contact: int) -> tuple[int, int]:
         """Signs of a contact that all its modes have; 0 where there are several, or zero is."""
@@ -111,7 +111,7 @@ class ModePart:
             contact: Its index.
             pairs: (3, 3) whether each is among them.
         """
-        allowed = self.left.copy()
+        allowed = self.allowed_pairs.copy()
         allowed[contact] &= pairs
         return ModePart(allowed) if allowed[contact].any() else None
 

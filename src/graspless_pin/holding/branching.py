@@ -148,7 +148,7 @@ class UnprovenSet:
     """Whether kinematics force no more than is known already."""
     patch: PatchSlip | None = None
     """What is known of the patch that its parent was split at."""
-    left: list[int] = field(default_factory=list)
+    remaining: list[int] = field(default_factory=list)
     """Under a declared motion, the goals that are not proven yet."""
     sides: list[tuple[int, DualBound]] = field(default_factory=list)
     """And those that are."""
@@ -211,7 +211,7 @@ class Searched:
             where it is not finished.
         motion: (M, 3) scaled forces of an outcome that does, where one was met.
         nodes: Sets of which linear programs were asked for.
-        left: Sets that were left.
+        remaining: Sets that were left.
         programs: Linear programs solved.
         resisting: Under a declared motion, the states of the contacts in the first set that was
             left, where one was.
@@ -220,7 +220,7 @@ class Searched:
     tree: OutcomeSet | None
     motion: FloatArray | None
     nodes: int
-    left: int
+    remaining: int
     programs: int
     resisting: tuple[ContactState, ...] = ()
 

@@ -240,7 +240,7 @@ def other_motion(
     """
     programs, goals = KeptPrograms(dynamics), point_goals(dynamics)
     count = dynamics.contact_count
-    root = UnprovenSet(-1, States.unknown(count), left=list(range(1, len(goals))))
+    root = UnprovenSet(-1, States.unknown(count), remaining=list(range(1, len(goals))))
     search, unproven, nodes = TreeSearch([root]), list[UnprovenSet](), 0
     for _, node in search:
         if is_over(nodes):
@@ -257,7 +257,9 @@ def other_motion(
             motion = polish(dynamics, forces)
             if motion is not None:
                 return Searched(None, motion, nodes, len(search), programs.programs)
-        node.children = [UnprovenSet(contact, states, left=list(node.left)) for states in parts]
+        node.children = [
+            UnprovenSet(contact, states, remaining=list(node.remaining)) for states in parts
+        ]
         if not parts:
             unproven.append(node)
         search.add(reversed(node.children))
@@ -276,7 +278,7 @@ def _bounded(
     """Prove what can be proven of a node; return y and forces of the first goal that is left."""
     states = node.states
     programs.set(states)
-    for index in (0, *node.left):
+    for index in (0, *node.remaining):
         answer = programs.largest(goals[index], states)
         if answer is None:
             return np.zeros(len(dynamics.load)), np.zeros((dynamics.contact_count, 3))
@@ -288,7 +290,7 @@ def _bounded(
             if not index:
                 return None
         elif index:
-            node.left = node.left[node.left.index(index) :]
+            node.remaining = node.remaining[node.remaining.index(index) :]
             return y, forces
         else:
             programs.keep_load()

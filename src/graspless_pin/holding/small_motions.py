@@ -75,7 +75,7 @@ class LinearizedMotion:
         """Return K_geo (d, d) under contact forces (M, 3), N, world axes."""
         return self.constant_stiffness + np.einsum("mi,miab->ab", forces, self.force_stiffness)
 
-    def held(self, stiffness: FloatArray) -> FloatArray:
+    def total_stiffness(self, stiffness: FloatArray) -> FloatArray:
         """Return K_geo + N_q^T K N_q (d, d) under the controller."""
         return stiffness + self.feedback(self.gains)
 
@@ -144,7 +144,7 @@ class LinearizedMotion:
         if not len(stiffness):
             return np.zeros((len(self.velocities), 0))
         unit = np.sqrt(np.diag(self.inertia))
-        _, values, turns = np.linalg.svd(self.held(stiffness) / np.outer(unit, unit))
+        _, values, turns = np.linalg.svd(self.total_stiffness(stiffness) / np.outer(unit, unit))
         still = values <= GROWTH_LIMIT**2
         return self.velocities @ (turns[still].T / unit[:, None])
 

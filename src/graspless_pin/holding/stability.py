@@ -377,7 +377,7 @@ def _searched(
         if forces is None:
             resists = state_words(found.resisting) or "no contact's state is known"
             what = f"; what resists: {resists}" if sliding_friction else ""
-            return _unproven(known, limits, f"{found.left} left{what}")
+            return _unproven(known, limits, f"{found.remaining} left{what}")
     return _weak(known, outcome_record(known.problem, dynamics, forces))
 
 

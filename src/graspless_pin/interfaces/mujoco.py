@@ -97,7 +97,7 @@ def supports_of(at: ModelState, friction: PairFriction) -> tuple[Support, ...]:
             except RobotError as error:
                 message = str(error).removeprefix(f"{source.path}: ")
                 advice = "it is left out as a support: approximate it by several geoms"
-                at.tell(_geom_name(at, geom), message, advice)
+                at.emit(_geom_name(at, geom), message, advice)
                 continue
         groups.setdefault((body, mu, geom if is_plane or body == 0 else -1), []).append(placed)
     taken = {source.body(body) for body in np.flatnonzero(~others).tolist()}
@@ -112,7 +112,7 @@ def supports_of(at: ModelState, friction: PairFriction) -> tuple[Support, ...]:
         supports.append(Support(name, shape, at.pose_of(body) @ T, friction=mu))
     for name in dict.fromkeys(source.body(body) for body, *_ in groups if model.body_weldid[body]):
         message = f"body {name!r} can move in MuJoCo, and is a support here"
-        at.tell(name, message, "what is said holds as long as it stands still")
+        at.emit(name, message, "what is said holds as long as it stands still")
     return tuple(supports)
 
 
@@ -161,12 +161,12 @@ def _compare(at: ModelState, hand: Hand) -> None:
     }
     name = max(apart, key=lambda one: apart[one], default="")
     if name and apart[name] > _LINK_OFF:
-        at.tell(name, f"link {name!r} is {1e3 * apart[name]:.2g} mm or mrad from where "
+        at.emit(name, f"link {name!r} is {1e3 * apart[name]:.2g} mm or mrad from where "
               "MuJoCo has it", "its joints are past their limits, or do not follow the joints "
               "that they are coupled to")  # fmt: skip
     if at.hand and at.is_free(at.hand):
         name = source.body(at.hand)
-        at.tell(name, f"body {name!r}, the hand's base, has a free joint",
+        at.emit(name, f"body {name!r}, the hand's base, has a free joint",
               "the hand is held where it is")  # fmt: skip
 
 
@@ -181,10 +181,10 @@ def friction_of_links(at: ModelState, friction: PairFriction) -> dict[str, float
         each = [friction.of_geom(geom) for geom in geoms]
         known = [mu for mu in each if mu is not None]
         if len(known) < len(each):
-            at.tell(name, f"MuJoCo lets no geom of the object touch {len(each) - len(known)}"
+            at.emit(name, f"MuJoCo lets no geom of the object touch {len(each) - len(known)}"
                   f" of the geoms of {name!r}", "here all of them touch")  # fmt: skip
         if len(set(known)) > 1:
-            at.tell(name, f"the geoms of {name!r} have the coefficients of friction "
+            at.emit(name, f"the geoms of {name!r} have the coefficients of friction "
                   f"{', '.join(f'{mu:g}' for mu in sorted(set(known)))} against the object",
                   "the smallest counts")  # fmt: skip
         found[name] = min(known, default=0.0)
@@ -198,13 +198,13 @@ def weight_counts(at: ModelState) -> bool:
     share = model.body_gravcomp
     for body in np.flatnonzero(at.in_object & (share != 0.0)).tolist():
         name = source.body(body)
-        at.tell(name, f"the object's body {name!r} has gravcomp {share[body]:g}",
+        at.emit(name, f"the object's body {name!r} has gravcomp {share[body]:g}",
               "its whole weight counts here: change its mass or gravity")  # fmt: skip
     heavy = at.in_hand & (model.body_mass > 0.0) & (model.body_weldid != 0)
     compensated = share[heavy] == 1.0
     if len(compensated) and not compensated.all() and (share[heavy] != 0.0).any():
         name = source.body(int(np.flatnonzero(heavy & (share != 0.0))[0]))
-        at.tell(name, f"body {name!r} has gravcomp, and others of the hand have not",
+        at.emit(name, f"body {name!r} has gravcomp, and others of the hand have not",
               "the weight of all links counts here")  # fmt: skip
     return not (len(compensated) and compensated.all())
 
@@ -215,10 +215,10 @@ def loads_of(at: ModelState) -> tuple[Load, ...]:
     applied = np.array(state.xfrc_applied)
     for body in np.flatnonzero(applied.any(axis=1) & ~at.in_object).tolist():
         name = source.body(body)
-        at.tell(name, f"xfrc_applied pushes body {name!r}",
+        at.emit(name, f"xfrc_applied pushes body {name!r}",
               "it is left out: loads are on the object")  # fmt: skip
     if state.qfrc_applied.any():
-        at.tell("qfrc_applied", "qfrc_applied has forces",
+        at.emit("qfrc_applied", "qfrc_applied has forces",
               "they are left out: state them as loads")  # fmt: skip
     own = np.flatnonzero(at.in_object)
     if not applied[own].any():
@@ -230,7 +230,7 @@ def loads_of(at: ModelState) -> tuple[Load, ...]:
     return (Load("xfrc_applied", force=forces.sum(axis=0), moment=moments.sum(axis=0)),)
 
 
-def tell_equalities(at: ModelState) -> None:
+def emit_equalities(at: ModelState) -> None:
     """Tell of constraints that hold the object."""
     model, kinds = at.model, at.source.mujoco.mjtEq
     for index in np.flatnonzero(model.eq_active0).tolist():
@@ -241,11 +241,11 @@ def tell_equalities(at: ModelState) -> None:
             ends = model.site_bodyid[ends[0]], model.site_bodyid[ends[1]]
         if at.in_object[list(ends)].any():
             name = model.equality(index).name or f"no. {index + 1}"
-            at.tell(name, f"the equality {name!r} holds the object",
+            at.emit(name, f"the equality {name!r} holds the object",
                   "it is left out: contacts and loads alone hold it here")  # fmt: skip
 
 
-def tell_options(at: ModelState) -> None:
+def emit_options(at: ModelState) -> None:
     """Tell of options of the whole model that switch off or override what counts here."""
     option, mujoco = at.model.opt, at.source.mujoco
     disabled, enabled = mujoco.mjtDisableBit, mujoco.mjtEnableBit
@@ -257,7 +257,7 @@ def tell_options(at: ModelState) -> None:
     }
     for name, (is_set, message) in settings.items():
         if is_set:
-            at.tell(name, f"{message} ({name})",
+            at.emit(name, f"{message} ({name})",
                     "it is left out: contacts and motors count as they are given")  # fmt: skip
 
 
@@ -352,9 +352,9 @@ def _scene(
     friction = PairFriction(at)
     supports = supports_of(at, friction)
     by_link = friction_of_links(at, friction)
-    friction.tell()
-    tell_equalities(at)
-    tell_options(at)
+    friction.emit()
+    emit_equalities(at)
+    emit_options(at)
     gravity = np.array(at.model.opt.gravity)
     if at.model.opt.disableflags & at.source.mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         gravity = np.zeros(3)

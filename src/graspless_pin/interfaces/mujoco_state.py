@@ -98,7 +98,7 @@ class ModelState:
             touches[geom] = True
         return np.flatnonzero(inside[model.geom_bodyid] & touches).tolist()
 
-    def tell(
+    def emit(
         self,
         subject: str,
         message: str,
@@ -169,7 +169,7 @@ class ModelState:
         if not motor_joints(source):
             jointed = np.flatnonzero(self.model.body_jntnum).tolist()
             if not all(self.is_free(body) for body in jointed):
-                self.tell(
+                self.emit(
                     "hand",
                     "no joint has a motor, so the scene has no hand, and no torque counts",
                     "add motors under <actuator>, or name the hand's first body as hand_body and "
@@ -255,18 +255,18 @@ class PairFriction:
             self._differ[self._name(geom)] = sorted(set(known))
         return min(known, default=None)
 
-    def tell(self) -> None:
+    def emit(self) -> None:
         """Tell what of the pairs that were asked for is left out."""
         for name, values in self._differ.items():
             figures = ", ".join(f"{mu:g}" for mu in values)
-            self._at.tell(
+            self._at.emit(
                 name,
                 f"the object's geoms have the coefficients of friction {figures} against {name!r}",
                 "the smallest counts",
             )
         if self._beyond_sliding:
             names = sorted(self._beyond_sliding)
-            self._at.tell(
+            self._at.emit(
                 ", ".join(names),
                 f"contacts with {first_of(names, _MOST_NAMED)} have torsional or rolling "
                 "friction (condim above 3)",

@@ -45,7 +45,7 @@ class AttachedConfigurations(Configurations):
     Attributes:
         link: Name of the link.
         joint: The Pinocchio joint that carries it.
-        held: Names of the independent joints behind it.
+        fixed_joints: Names of the independent joints behind it.
         touching: M contacts in the scene, all of the hand.
     """
 
@@ -73,7 +73,7 @@ class AttachedConfigurations(Configurations):
         leaders = np.array(tree.coupling.leaders, dtype=np.intp)
         self._free = np.flatnonzero(~behind[leaders])
         self._start = self.hand.positions[leaders]
-        self.held = tuple([self.joint_names[k] for k in np.flatnonzero(behind[leaders])])
+        self.fixed_joints = tuple([self.joint_names[k] for k in np.flatnonzero(behind[leaders])])
         self._refuse_followers(np.flatnonzero(behind))
         self.joint_names = tuple([self.joint_names[k] for k in self._free])
         self.joint_units = tuple([self.joint_units[k] for k in self._free])
@@ -201,7 +201,7 @@ class AttachedConfigurations(Configurations):
 
     def _named(self, q: Mapping[str, float]) -> dict[str, float]:
         for name in q:
-            if name in self.held:
+            if name in self.fixed_joints:
                 raise ArgumentError(
                     "q",
                     f"joint {name!r} holds the object, which moves with link {self.link!r} "

@@ -88,7 +88,7 @@ class Section:
         columns /= np.sqrt(1.0 + slopes[..., None, :] ** 2)
         return columns
 
-    def room(self, forces: FloatArray, friction: FloatArray) -> FloatArray:
+    def surface_distances(self, forces: FloatArray, friction: FloatArray) -> FloatArray:
         """Return the distance of forces to the nearest face of their cones, min of -h_m^T f, N.
 
         Args:
@@ -149,9 +149,9 @@ class ConeModel(ABC):
             return ""
         return f"undecided: a verdict needs Coulomb's law, and the cone '{self.name}' is another"
 
-    def room(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
-        """Return the distance of forces to the surface of their cones, see `Section.room`."""
-        return self.section(edges).room(forces, friction)
+    def surface_distances(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
+        """Return distances of forces to the surfaces of their cones, as of a `Section`."""
+        return self.section(edges).surface_distances(forces, friction)
 
     def friction_sizes(self, friction: FloatArray, edges: int) -> FloatArray:
         """Return (c,) sizes of friction (c, 2) along t1 and t2, N: mu f_n is the most there is."""

@@ -105,7 +105,7 @@ class RoundCone(Pyramid):
         """Return the name: the edges of pictures do not count."""
         return self.name
 
-    def room(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
+    def surface_distances(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
         """Return (c,) (mu f_n - |f_t|) / sqrt(1 + mu^2), negative outside."""
         friction_size = np.sqrt(np.einsum("ij,ij->i", forces[:, 1:], forces[:, 1:]))
         return (friction * forces[:, 0] - friction_size) / np.sqrt(1.0 + friction**2)

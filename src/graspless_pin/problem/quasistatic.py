@@ -385,7 +385,7 @@ class QuasistaticProblem:
         edges = np.where(self.has_cone, len(self.cone_section.corners), 1)
         return read_only(np.diag(np.repeat((~self.has_cone).astype(np.float64), edges)))
 
-    def room_in_cones(self, forces: FloatArray) -> FloatArray:
+    def cone_distances(self, forces: FloatArray) -> FloatArray:
         """Return the distance of contact forces to the surface of their friction cones, N.
 
         Args:
@@ -395,7 +395,7 @@ class QuasistaticProblem:
             (M,), negative outside; inf where there is no cone.
         """
         local = (forces[:, None, :] @ self.frames)[:, 0]
-        distances = self.cone_model.room(local, self.friction, self.cone_edges)
+        distances = self.cone_model.surface_distances(local, self.friction, self.cone_edges)
         return np.where(self.has_cone, distances, np.inf)
 
     def margin_of(self, forces: ArrayLike) -> float:
@@ -409,7 +409,7 @@ class QuasistaticProblem:
         """
         f = real_array("forces", forces, (self.contact_count, 3))
         normal = np.einsum("ij,ij->i", self.normals, f)
-        sides = self.room_in_cones(f)
+        sides = self.cone_distances(f)
         return float(np.minimum.reduce((normal, self.max_normal_force - normal, sides), axis=None))
 
 

@@ -212,7 +212,7 @@ def _proofs(
     for name, one in models.items():
         motion = one.motion
         lyapunov = lyapunov_matrix(
-            motion.inertia, motion.held(one.stiffness), motion.drag, GROWTH_LIMIT
+            motion.inertia, motion.total_stiffness(one.stiffness), motion.drag, GROWTH_LIMIT
         )
         if lyapunov is None:
             return {}

@@ -38,8 +38,8 @@ class RobustAnswer(Brief):
         uncertainty: What the scene says.
         robust: What was found for the whole set.
         nominal: The solution of the nominal scene.
-        held: The same scene under the torques for the set: the forces of the largest margin. None
-            where nothing was found.
+        at_torques: The same scene under the torques for the set: the forces of the largest margin.
+            None where nothing was found.
         served_share: The largest share of the set that is served: 1 where torques were found, NaN
             where it is not known or there is none.
         unserved_share: The smallest share for which no torques were found: it is farther from
@@ -51,7 +51,7 @@ class RobustAnswer(Brief):
     uncertainty: Uncertainty
     robust: RobustSolution
     nominal: TorqueSolution
-    held: TorqueSolution | None
+    at_torques: TorqueSolution | None
     served_share: float
     unserved_share: float = math.nan
     with_feedback: RobustSolution | None = None
@@ -65,10 +65,10 @@ class RobustAnswer(Brief):
     @property
     def solution(self) -> TorqueSolution:
         """That under the torques; where there are none, that of the joined problem, not found."""
-        if self.held is None or not self.found:
+        if self.at_torques is None or not self.found:
             why = str(self.robust) if self.nominal.found else self.nominal.explanation
             return changed(self.robust.solution, "explanation", _explanation=why)
-        return self.held
+        return self.at_torques
 
 
 def robust_answer(

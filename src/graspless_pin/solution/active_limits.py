@@ -46,7 +46,7 @@ def contact_rooms(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray
     """
     normal = np.einsum("ij,ij->i", problem.normals, forces)
     return np.column_stack(
-        (normal, problem.max_normal_force - normal, problem.room_in_cones(forces))
+        (normal, problem.max_normal_force - normal, problem.cone_distances(forces))
     )
 
 

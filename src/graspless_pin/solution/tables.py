@@ -60,7 +60,7 @@ def contact_states(problem: QuasistaticProblem, forces: FloatArray) -> list[str]
 
     It is ``sliding``, ``frictionless``, ``at its limit`` (on its cone) or ``sticking``.
     """
-    at_limit = problem.room_in_cones(forces) <= _AT_LIMIT * force_sizes(problem)
+    at_limit = problem.cone_distances(forces) <= _AT_LIMIT * force_sizes(problem)
     known = [problem.is_sliding, ~problem.has_cone, at_limit]
     return np.select(known, ["sliding", "frictionless", "at its limit"], "sticking").tolist()
 

@@ -38,12 +38,12 @@ class State:
     """A part of all modes: what each contact may do in it, whatever the others do.
 
     Attributes:
-        left: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1 and t2;
-            the pair (0, 0) stands for contacts that are not selected.
+        allowed_pairs: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1
+            and t2; the pair (0, 0) stands for contacts that are not selected.
         free: Whether friction needs no virtual sliding at all.
     """
 
-    left: np.ndarray
+    allowed_pairs: np.ndarray
     free: bool = False
 
     @classmethod
@@ -66,12 +66,12 @@ class State:
     @property
     def selected(self) -> np.ndarray:
         """(M,) contacts that every mode of it selects."""
-        return ~self.left[:, 1, 1]
+        return ~self.allowed_pairs[:, 1, 1]
 
     @property
     def signs(self) -> np.ndarray:
         """(M, 2, 3) whether the signs -1, 0, 1 along t1 and t2 are left."""
-        return np.stack([self.left.any(axis=2), self.left.any(axis=1)], axis=1)
+        return np.stack([self.allowed_pairs.any(axis=2), self.allowed_pairs.any(axis=1)], axis=1)
 
     @property
     def friction(self) -> np.ndarray:
@@ -85,9 +85,9 @@ class State:
             contact: Its index.
             pairs: (3, 3) whether each is among them.
         """
-        allowed = self.left.copy()
+        allowed = self.allowed_pairs.copy()
         allowed[contact] &= pairs
-        return replace(self, left=allowed) if allowed[contact].any() else None
+        return replace(self, allowed_pairs=allowed) if allowed[contact].any() else None
 
 
 def pairs_with(component: int, sign: int) -> np.ndarray:
