@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from graspless_pin import Hand
+from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.simulation.protocol import load_mujoco
 
 mujoco = load_mujoco()
@@ -56,6 +57,35 @@ def test_a_tendon_bounds_its_own_tension(tmp_path: Path) -> None:
     lower, upper = (ends[column] for ends in hand.effort_limits)
     assert (lower, upper) == (-5.0, 4.0)
     np.testing.assert_allclose(most_torques(path), upper * 3 * np.array([0.01, 0.02]))
+
+
+@pytest.mark.parametrize("ends", ["-10 10", "0 10", "-10 0"])
+def test_one_number_bounds_a_tendon_the_ways_that_its_motor_acts(tmp_path: Path, ends: str) -> None:
+    path, own = tmp_path / "finger.xml", FINGER.replace('actuatorfrcrange="-5 4"', "")
+    own = own.replace("ARMS", BEND + CURL)
+    path.write_text(own.replace("MOTORS", PULL.replace("-10 10", ends)))
+    hand = Hand.from_urdf(path, effort_limits={"pull": 2.0})
+    column = hand.actuated_joint_names.index("pull")
+    path.write_text(own.replace("MOTORS", PULL.replace("ctrl", 'forcerange="-2 2" ctrl')))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for limits, command in zip(hand.effort_limits, map(float, ends.split()), strict=True):
+        data.ctrl[:] = command
+        mujoco.mj_forward(model, data)
+        assert limits[column] == pytest.approx(data.actuator_force[0])
+    (tmp_path / "robot.yaml").write_text(
+        "name: r\nurdf: finger.xml\neffort_limits: {pull: {limit: 2, source: me}}\n"
+    )
+    path.write_text(own.replace("MOTORS", PULL.replace("-10 10", ends)))
+    said = Hand.assemble([Mount(tmp_path / "robot.yaml")])
+    np.testing.assert_array_equal(said.effort_limits, hand.effort_limits)
+
+
+def test_a_tendon_that_pulls_one_way_has_a_known_limit(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    pull = PULL.replace("-10 10", "-3 0")
+    path.write_text(FINGER.replace("ARMS", BEND + CURL).replace("MOTORS", pull))
+    assert not Hand.from_urdf(path).findings
 
 
 def test_a_joint_that_follows_bounds_what_motors_do_at_itself_alone(tmp_path: Path) -> None:

@@ -196,15 +196,17 @@ def expand_overrides(
     fingers: Mapping[str, FingerSpec],
     overrides: Mapping[str, EffortLimit],
     tendons: Mapping[str, Mapping[str, float]],
+    tensions: Mapping[str, tuple[float, float]],
 ) -> dict[str, tuple[float, float]]:
     """Spread overrides by finger, joint or tendon name over joints and tendons.
 
     Args:
         tree: The kinematic tree.
         fingers: The checked fingers.
-        overrides: Limit by finger, joint or tendon; a joint's own one wins over its finger's. A
-            tendon only pulls, so that one number F means (0, F) there.
+        overrides: Limit by finger, joint or tendon; a joint's own one wins over its finger's. One
+            number F means (-F, F), without the sign that a tendon cannot have.
         tendons: The joints that each tendon pulls.
+        tensions: (lower, upper) of tendons, N; others only pull.
 
     Returns:
         (lower, upper) by independent joint or tendon.
@@ -220,7 +222,9 @@ def expand_overrides(
     }
     for name in tendons:
         if name in expanded and np.ndim(overrides[name]) == 0:
-            expanded[name] = (0.0, expanded[name][1])
+            lower, upper = tensions.get(name, (0.0, np.inf))
+            least, most = expanded[name]
+            expanded[name] = (least if lower < 0.0 else 0.0, most if upper > 0.0 else 0.0)
     return expanded
 
 
@@ -320,7 +324,7 @@ def resolve_effort_limits(
             lower[row], upper[row] = urdf_lower[index], urdf_upper[index]
         if name in unknown:
             noted.setdefault(unknown[name], []).append(limit_words(name, upper[row]))
-        elif is_placeholder(upper[row], on_arm=name in arm_joints):
+        elif is_placeholder(max(-lower[row], upper[row]), on_arm=name in arm_joints):
             doubtful[name] = limit_words(name, upper[row])
     unsure = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
     declared = [name for name in actuation.names if name in unknown and name not in overrides]

@@ -211,6 +211,7 @@ def _add(
         name: tendon for name, tendon in model.tendons.items() if declared.isdisjoint(tendon.arms)
     }
     tendons |= {name: dict(tendon.arms) for name, tendon in drawn.items()}
+    tensions = {name: (tendon.lower, tendon.upper) for name, tendon in drawn.items()}
     try:
         palms = [prefix + palm for palm in robot.palms]
         structure = discover_hands(tree, model.root, palms, prefix)
@@ -220,7 +221,7 @@ def _add(
         for arms in tendons.values():
             check_known("tendons", "joint", arms, tree.joint_index)
         limits = {prefix + name: limit for name, limit in robot.effort_limits.items()}
-        expanded = expand_overrides(tree, fingers, limits, tendons)
+        expanded = expand_overrides(tree, fingers, limits, tendons, tensions)
         notes = {prefix + name: note for name, note in robot.effort_unknown.items()}
         unknown = {
             target: notes[name]
@@ -241,7 +242,7 @@ def _add(
         held_joints=(*joined.held_joints, *(outer if structure.palms else ())),
         outer_joints=(*joined.outer_joints, *outer),
         tendons=joined.tendons | tendons,
-        tensions=joined.tensions | {name: (one.lower, one.upper) for name, one in drawn.items()},
+        tensions=joined.tensions | tensions,
         effort_limits=joined.effort_limits | expanded,
         effort_unknown=joined.effort_unknown | unknown,
     )
@@ -359,7 +360,7 @@ class AssembledMounts:
             given: Limits by finger, joint or tendon that replace those of robot files and URDFs.
         """
         joined = self.joined
-        own = expand_overrides(joined.tree, joined.fingers, given, joined.tendons)
+        own = expand_overrides(joined.tree, joined.fingers, given, joined.tendons, joined.tensions)
         with capture() as found:
             limits = resolve_effort_limits(
                 joined.tree,
