@@ -350,5 +350,11 @@ def test_the_list_covers_tendons_models_and_failures(tmp_path):
     assert re.search(r"hinge +revolute .* - +pulled by tendons", shown)
     assert re.search(r"t +tendon +- +0 \.\. 9 +driven", shown)
     assert shown.endswith("  me")
+    file.write_text(
+        "name: r\nurdf: robot.urdf\ncouplings: {far: {follows: hinge, multiplier: 0}}\n"
+    )
+    write_urdf(tmp_path, TWO + link("c") + joint("hinge", "a", "b") + joint("far", "b", "c"))
+    (still,) = list_robots([str(file)])
+    assert re.search(r"far +revolute .* - +locked", robot_text(still))
     assert "no such file" in str(missing.problem)
     assert "unknown robot 'nope'" in str(unknown.problem)

@@ -212,6 +212,8 @@ def test_limits_efforts_and_couplings(claw: Path) -> None:
         # MuJoCo's: q - ref of the one is a polynomial of q - ref of the other.
         ('<joint joint1="curl" joint2="bend" polycoef="0.1 0.5 0 0 0"/>', "curl", {"bend": 0.5},
          0.1 - 0.5 * np.radians(15)),
+        # Without another joint it stays where it is put; of the rest MuJoCo takes no notice.
+        ('<joint joint1="curl" polycoef="0.1 7 7 0 0"/>', "curl", {}, 0.1),
         ('<tendon tendon1="wire" polycoef="0.2 0 0 0 0"/>', "roll", {"spread": -0.25}, 0.05),
     ],
 )  # fmt: skip

@@ -259,6 +259,22 @@ def test_tendons_and_couplings_come_back() -> None:
     )
 
 
+@pytest.mark.parametrize("factors", ["0.05 0", "0.05 0.8"])
+def test_a_coupling_comes_back_whatever_its_factor(factors: str) -> None:
+    text = TENDONS.replace('polycoef="0.05 0.8', f'polycoef="{factors}')
+    with capture():
+        scene = scene_from_mjcf(model_of(text))
+        back = scene_from_mjcf(model_of(scene_to_mjcf(scene)))
+    positions = []
+    for hand in (scene.hand, back.hand):
+        assert hand is not None
+        moved = hand.with_configuration({"c1": 0.3, "a1": -0.1})
+        positions.append(dict(zip(hand.joint_names, moved.positions.tolist(), strict=True)))
+    assert positions[0] == pytest.approx(positions[1], abs=1e-12)
+    offset, factor = map(float, factors.split())
+    assert positions[1]["c2"] == pytest.approx(offset + factor * 0.3)
+
+
 TWO_GEOMS = """
 <mujoco><worldbody>
   <geom name="floor" type="plane" size="1 1 0.1" {floor}/>

@@ -56,7 +56,8 @@ class JointRecord:
         offset: Its position when those stand at zero, rad or m.
         effort: Its effort limit; None if it follows others, hangs on tendons or is locked.
         is_held: Whether it is position-controlled unless asked otherwise.
-        is_locked: Whether its limits leave it no room: it holds whatever it feels.
+        is_locked: Whether its limits or a coupling of factor 0 leave it no room: it holds whatever
+            it feels.
     """
 
     name: str
@@ -173,7 +174,7 @@ def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]
         offset=float(coupling.offset[index]),
         effort=efforts.get(name),
         is_held=name in joined.held_joints,
-        is_locked=name in tree.locked,
+        is_locked=name in tree.locked or not (leads or follows),
     )
 
 

@@ -180,10 +180,10 @@ def _write_followers(document: Mjcf, hand: Hand) -> None:
             if factor
         }
         offset = float(coupling.offset[index])
-        if len(factors) == 1:
-            [(leader, factor)] = factors.items()
-            add(document.section("equality"), "joint", joint1=names[index], joint2=leader,
-                polycoef=[offset, factor, 0.0, 0.0, 0.0])  # fmt: skip
+        if len(factors) < 2:  # without a leader it stays at the offset
+            ends = dict(zip(("joint1", "joint2"), (names[index], *factors), strict=False))
+            add(document.section("equality"), "joint", **ends,
+                polycoef=[offset, *factors.values(), 0.0, 0.0, 0.0])  # fmt: skip
             continue
         arms = {names[index]: 1.0} | {leader: -factor for leader, factor in factors.items()}
         add_tendon(document, f"coupling/{names[index]}", arms)

@@ -231,13 +231,14 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
                     "leave it out and couple the joints instead"
                 )
         elif kind == kinds.mjEQ_JOINT and inside[model.jnt_bodyid[first]]:
-            if second < 0 or data[2:5].any():
+            follows = {second: float(data[1])} if second >= 0 else {}
+            if follows and data[2:5].any():
                 raise RobotError(
                     f"{where} of joint {source.joint(first)!r} is not linear in one other joint"
                 )
-            start = model.qpos0[model.jnt_qposadr[[first, second]]]
-            offset = data[0] + start[0] - data[1] * start[1]
-            found[first] = {second: float(data[1])}, float(offset)
+            start = {joint: model.qpos0[model.jnt_qposadr[joint]] for joint in (first, *follows)}
+            led = sum(factor * start[leader] for leader, factor in follows.items())
+            found[first] = follows, float(data[0] + start[first] - led)
         elif kind == kinds.mjEQ_TENDON and _is_of(source, where, first, inside):
             _couple(source, where, *_tendon_equality(source, where, int(index)), found)
     for tendon in map(int, np.flatnonzero(model.tendon_limited)):
