@@ -271,6 +271,10 @@ def test_a_changed_file_of_the_scene_is_another_study(tmp_path, suffix):
         ("tip.obj", "v 0.02 ", "v 0.03 "),
         ("pincher.srdf", 'value="0.1"', 'value="0.2"'),
         ("other.urdf", 'name="other"', 'name="another"'),
+        ("parts.xacro", 'mass value="0.03"', 'mass value="0.04"'),
+        ("figures.yaml", "reach: 1", "reach: 2"),
+        ("arm.xml", 'range="-1 1"', 'range="-1 2"'),
+        ("shell.obj", "v 0.02 ", "v 0.03 "),
     ],
 )
 def test_files_that_files_of_the_scene_name_are_the_studys_too(tmp_path, name, old, new):
@@ -291,13 +295,28 @@ def test_files_that_files_of_the_scene_name_are_the_studys_too(tmp_path, name, o
         "pincher.srdf": '<robot name="pincher"><group name="all"><joint name="hinge"/></group>'
         f"{state}</robot>",
         "pincher.yaml": "name: pincher\nurdf: pincher.urdf\n",
+        "parts.xacro": robot,
+        "figures.yaml": "reach: 1\n",
+        "made.urdf.xacro": '<robot name="made" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="parts.xacro"/><xacro:property name="figures" '
+        "value=\"${xacro.load_yaml('figures.yaml')}\"/><link name=\"${figures['reach']}\"/>"
+        '<joint name="last" type="fixed"><parent link="tip"/>'
+        "<child link=\"${figures['reach']}\"/></joint></robot>",
+        "arm.xml": '<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody><body>'
+        '<joint name="hinge" range="-1 1"/><geom type="mesh" mesh="shell" contype="0" '
+        'conaffinity="0"/></body></worldbody><actuator><motor joint="hinge" ctrlrange="-1 1"/>'
+        "</actuator></mujoco>",
+        "shell.obj": corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
         "other.yaml": "name: other\nurdf: other.urdf\n",
+        "made.yaml": "name: made\nurdf: made.urdf.xacro\n",
+        "arm.yaml": "name: arm\nurdf: arm.xml\n",
         "scene.yaml": "friction: {default: 0.5}\nhand: {robot: pincher.yaml}\n"
         "object: {shape: {type: sphere, radius: 0.01}, mass: 0.1}\n",
     }
     for file, text in files.items():
         (tmp_path / file).write_text(text, encoding="utf-8")
-    vary = {"hand.robot": {"values": ["pincher.yaml", "other.yaml"]}}
+    robots = ["pincher.yaml", "other.yaml", "made.yaml", "arm.yaml"]
+    vary = {"hand.robot": {"values": robots}}
 
     def fingerprint():
         return Study.from_data({"scene": "scene.yaml", "vary": vary}, tmp_path).fingerprint

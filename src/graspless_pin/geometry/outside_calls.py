@@ -32,8 +32,10 @@ def run_coacd(vertices: Any, faces: Any, concavity: float, most: int) -> list[An
     return [np.array(corners, dtype=np.float64) for corners, _ in cut]
 
 
-def run_xacro(path: str, packages: Mapping[str, str], arguments: Mapping[str, str]) -> str:
-    """Return the URDF that a xacro file makes; change the current folder.
+def run_xacro(
+    path: str, packages: Mapping[str, str], arguments: Mapping[str, str]
+) -> tuple[str, list[Path]]:
+    """Return the URDF that a xacro file makes, and what it includes; change the current folder.
 
     Args:
         path: The file.
@@ -43,13 +45,15 @@ def run_xacro(path: str, packages: Mapping[str, str], arguments: Mapping[str, st
     Raises:
         ValueError: xacro cannot expand it.
     """
+    import xacro
     from xacrodoc import XacroDoc
     from xacrodoc import packages as finder
 
     os.chdir(Path(path).parent)  # xacrodoc looks there for files that are included by their path
     finder.update_package_cache(dict(packages))
+    xacro.all_includes.clear()
     try:
         document = XacroDoc.from_file(path, subargs=dict(arguments), resolve_packages=False)
     except Exception as error:  # whatever an expression in the file raises
         raise ValueError(f"{type(error).__name__}: {error}") from None
-    return document.to_urdf_string()
+    return document.to_urdf_string(), [Path(one).resolve() for one in xacro.all_includes]

@@ -439,10 +439,7 @@ def _check_algorithm(
 
 
 def _fingerprint(entry: StudyEntry, scene: YamlSource, variables: tuple[Variable, ...]) -> str:
-    """Hash what is varied and computed, the scene, and files: what it names, and what these name.
-
-    What xacro includes and the meshes of an MJCF are read by others, and not included.
-    """
+    """Hash what is varied and computed, the scene, and files: those that it or these name."""
     stated = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
     folder, tree = scene.path.parent, scene.data
     found: dict[str, Path] = {}

@@ -18,7 +18,7 @@ from graspless_pin.geometry.bodies.shape import Hull
 from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, MeshShape, Shape, Sphere
 from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape, is_flat
 from graspless_pin.geometry.poses import invert, rigid
-from graspless_pin.intake.files import FileKind, is_file, read_bytes
+from graspless_pin.intake.files import FileKind, is_file, note_read, read_bytes
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -84,6 +84,8 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
             )
         )
     _note_included(path)
+    for mesh in filter(is_file, (_file_of(model, mesh) for mesh in range(model.nmesh))):
+        note_read(mesh, mesh.stat())
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited == 1)
     widest = float(np.rad2deg(np.ptp(model.jnt_range[hinges], axis=1)).max(initial=0.0))
     if spec.compiler.degree and 0.0 < widest <= 2.0 * np.pi:
@@ -100,7 +102,7 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
 
 
 def _note_included(path: Path) -> None:
-    """Read the files that MuJoCo has included, for `files_read` to know them."""
+    """Read the files that MuJoCo has included or attached, for `files_read` to know them."""
     pending, known = [path], {path}
     while pending:
         for name in _INCLUDED.findall(read_bytes(pending.pop(), _MODEL)):
@@ -110,7 +112,7 @@ def _note_included(path: Path) -> None:
                 pending.append(file)
 
 
-_INCLUDED = re.compile(rb"""<include\s+file\s*=\s*["']([^"']+)["']""")
+_INCLUDED = re.compile(rb"""<(?:include|model)\s[^>]*?\bfile\s*=\s*["']([^"']+)["']""")
 _MODEL = FileKind("MuJoCo model", 64, RobotError)
 
 
@@ -247,9 +249,14 @@ def _mesh(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatArray]:
     # MuJoCo's vertex is R_m^T (S R_ref^T (v - p_ref) - p_m) of the file's v.
     T_file = invert(T_ref)
     T_file[:3, 3] *= scale
-    # Folders of meshes may be those of attached models, and strippath leaves out those of a mesh.
-    file = Path(model.paths[model.mesh_pathadr[mesh] :].partition(b"\0")[0].decode()).resolve()
+    file = _file_of(model, mesh)
     x, y, z = scale.tolist()
     own = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
     found = file if is_file(file) else None
     return LinkMesh(str(file), found, (file,), (x, y, z)), invert(own) @ T_file
+
+
+def _file_of(model: Any, mesh: int) -> Path:
+    """Return the file of a mesh; the current folder for one that the model holds itself."""
+    # Folders of meshes may be those of attached models, and strippath leaves out those of a mesh.
+    return Path(model.paths[model.mesh_pathadr[mesh] :].partition(b"\0")[0].decode()).resolve()

@@ -27,6 +27,7 @@ from graspless_pin.intake.files import (
     errors_of_text,
     is_file,
     kind_of_file,
+    note_read,
     read_bytes,
     refuse_other_kind,
 )
@@ -126,7 +127,7 @@ def _expanded(described: RobotDescription) -> bytes:
         )
     try:
         with ChildProcess() as child:
-            text = child.call(
+            text, included = child.call(
                 run_xacro,
                 str(path.resolve()),
                 _packages(path, described.package_dirs),
@@ -143,6 +144,8 @@ def _expanded(described: RobotDescription) -> bytes:
         ) from None
     except CrashError as error:
         raise RobotError(f"{path}: xacro ended over this file ({error})") from None
+    for file in filter(is_file, included):
+        note_read(file, file.stat())
     return text.encode()
 
 
