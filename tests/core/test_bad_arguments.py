@@ -68,6 +68,8 @@ BAD_PROBLEMS = {
     "positions as a vector": ("positions", [0.0, 0.0, 1.0], ["(3,)"]),
     "no contact": ("positions", np.zeros((0, 3)), ["at least one contact"]),
     "positions that are words": ("positions", [["a", "b", "c"]] * 2, ["array of real numbers"]),
+    "positions with a flag": ("positions", [[0.0, 0.0, True]] * 2, ["array of real numbers"]),
+    "flags as friction": ("friction", np.array([True, False]), ["array of real numbers"]),
     "ragged positions": ("positions", [[0.0, 0.0], [0.0, 0.0, 1.0]], ["array of real numbers"]),
     "too few normals": ("normals", [[0.0, 0.0, 1.0]], ["(1, 3)", "(2, 3)"]),
     "a long normal": (

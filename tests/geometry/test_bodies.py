@@ -58,10 +58,14 @@ NEITHER = (float("nan"), float("inf"))
 @pytest.mark.parametrize(
     ("argument", "values", "message"),
     [
-        ("mass", (0.0, -1.0, *NEITHER), "mass: object 'brick' needs a positive mass in kg, got"),
+        (
+            "mass",
+            (0.0, -1.0, True, "1", *NEITHER),
+            "mass: object 'brick' needs a positive mass in kg, got",
+        ),
         (
             "center_of_mass",
-            ((0, 0), (0, 0, np.nan), ("a", "b", "c")),
+            ((0, 0), (0, 0, np.nan), ("a", "b", "c"), (True, False, True)),
             "center_of_mass: ",
         ),
         ("T_world_object", NOT_RIGID, "T_world_object"),

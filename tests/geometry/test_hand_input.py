@@ -42,6 +42,28 @@ def test_a_named_mimic_joint_must_agree(coupled):
     assert hand.q == {"lead": 0.5, "follow": 0.25, "free": 40.0}
 
 
+FLAGS = [True, *[0.0] * 15]
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda hand: hand.with_configuration(FLAGS), "q: needs numbers, got"),
+        (lambda hand: hand.with_configuration(np.array(FLAGS, bool)), "q: needs numbers, got"),
+        (lambda hand: hand.with_configuration({"joint_0.0": False}), r"q\['joint_0.0'\]: is False"),
+        (lambda hand: hand.with_configuration({"joint_0.0": "0"}), r"not text; write 0"),
+        (lambda hand: hand.with_base_at(np.eye(4, dtype=bool)), "T_world_base: needs numbers"),
+        (
+            lambda _: Hand.assemble([Mount("allegro_right")], effort_limits={"index": [0, True]}),
+            r"effort_limits\['index'\]: needs a number or a pair, got \[0, True\]",
+        ),
+    ],
+)
+def test_true_and_false_are_no_numbers(allegro, ask, message):
+    with pytest.raises(ArgumentError, match=message):
+        ask(allegro)
+
+
 def test_limits_come_from_urdf_robot_file_and_caller_in_rising_order(allegro):
     urdf = Hand.from_model_name("allegro_right_hand")
     np.testing.assert_array_equal(urdf.effort_limits[1], np.full(16, 15.0))

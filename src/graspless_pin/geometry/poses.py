@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, as_floats, read_only
 
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
@@ -181,10 +181,10 @@ def as_numbers(name: str, values: ArrayLike, wanted: str = "numbers") -> FloatAr
     Raises:
         ArgumentError: If they are none; with the name.
     """
-    try:
-        return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(name, f"needs {wanted}, got {values!r:.200}") from error
+    array = as_floats(values)
+    if array is None:
+        raise ArgumentError(name, f"needs {wanted}, got {values!r:.200}")
+    return array
 
 
 def finite_numbers(name: str, values: ArrayLike) -> FloatArray:

@@ -46,17 +46,12 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
         ArgumentError: If the value is not numeric, has another shape, a NaN, an entry that is too
             large, or a mask.
     """
-    array: FloatArray | None = None
-    if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        array = np.array(value)
-        if type(value) is np.ndarray and array.shape == shape and all_within((array,)):
+    array = as_floats(value)
+    if type(value) is np.ndarray and array is not None:
+        if array.shape == shape and all_within((array,)):
             return read_only(array)
-        _refuse_masks(name, value)
     else:
         _refuse_masks(name, value)
-        with suppress(TypeError, ValueError):
-            raw = np.asarray(value)
-            array = np.array(value, dtype=np.float64) if raw.dtype.kind in "fiub" else None
     if array is None:
         text = next((one for one in _flat(value) if isinstance(one, str)), None)
         if knows_instead(name, value):
@@ -77,6 +72,18 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
             name, f"is {array[index]} at index {index}; it must be within ±{LARGEST:g}"
         )
     return read_only(array)
+
+
+def as_floats(value: ArrayLike) -> FloatArray | None:
+    """Return a copy of real numbers; None where text, true or false, or anything else is among."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return np.array(value)
+    with suppress(TypeError, ValueError):
+        # In a list that holds numbers as well, numpy makes numbers of true and false.
+        each = () if isinstance(value, np.ndarray) else np.asarray(value, dtype=object).flat
+        if np.asarray(value).dtype.kind in "fiu" and {bool, np.bool_}.isdisjoint(map(type, each)):
+            return np.array(value, dtype=np.float64)
+    return None
 
 
 def _fits(array: FloatArray, shape: tuple[int | None, ...]) -> bool:

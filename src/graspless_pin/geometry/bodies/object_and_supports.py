@@ -6,6 +6,7 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -156,7 +157,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         _check_name(self.name)
         if not self.shape.is_bounded:
             raise ArgumentError("shape", f"object '{self.name}' cannot be a half-space")
-        if not (math.isfinite(self.mass) and self.mass > 0.0):
+        if not _figure(self.mass) > 0.0:
             raise ArgumentError(
                 "mass", f"object '{self.name}' needs a positive mass in kg, got {self.mass!r}"
             )
@@ -184,7 +185,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         Raises:
             ArgumentError: If it is not positive.
         """
-        if not (math.isfinite(mass) and mass > 0.0):
+        if not _figure(mass) > 0.0:
             raise ArgumentError("mass", f"is {mass!r}; it must be positive, in kg")
         return changed(self, "own_inertia", mass=float(mass))
 
@@ -266,7 +267,7 @@ class Support(Brief, _PlacedShape):
         object.__setattr__(
             self, "T_world_support", as_pose("T_world_support", self.T_world_support)
         )
-        if self.friction is not None and not (math.isfinite(self.friction) and self.friction >= 0):
+        if self.friction is not None and not _figure(self.friction) >= 0.0:
             raise ArgumentError(
                 "friction",
                 f"support '{self.name}' needs a coefficient of zero or more, got {self.friction!r}",
@@ -291,6 +292,13 @@ def _check_name(name: str) -> None:
         raise ArgumentError("name", fault)
 
 
+def _figure(value: object) -> float:
+    """Return a finite number that is not negative; NaN for anything else."""
+    with suppress(ArgumentError):
+        return real_number("", value, 0.0)
+    return math.nan
+
+
 def _mass_or_density(mass: float | None, density: float | None) -> float:
     """Return the one of both that is given.
 
@@ -301,7 +309,7 @@ def _mass_or_density(mass: float | None, density: float | None) -> float:
     if value is None or None not in (mass, density):
         found = "neither" if value is None else "both"
         raise ArgumentError("mass", f"needs either a mass in kg or a density, found {found}")
-    if not (math.isfinite(value) and value > 0.0):
+    if not _figure(value) > 0.0:
         raise ArgumentError(name, f"needs a positive number of {unit}, got {value!r}")
     return value
 

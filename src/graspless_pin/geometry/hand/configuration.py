@@ -21,6 +21,7 @@ from graspless_pin.geometry.poses import as_numbers, finite_numbers
 from graspless_pin.problem.checks import (
     FloatArray,
     all_true,
+    as_floats,
     check_known,
     real_number,
 )
@@ -53,13 +54,10 @@ def joint_positions(
         leaders, (low, high) = np.array(coupling.leaders, dtype=int), tree.ranges
         some = low <= high  # else a joint and its followers contradict each other
         positions[leaders[some]] = np.clip(0.0, low[some], high[some])
-    if indices:
-        try:
-            positions[indices] = list(q.values())
-        except (TypeError, ValueError):
-            positions[indices] = [
-                real_number(f"q[{name!r}]", value, -np.inf) for name, value in q.items()
-            ]
+    values = as_floats([*q.values()])
+    if values is None or values.ndim != 1:
+        values = [real_number(f"q[{name!r}]", value, -np.inf) for name, value in q.items()]
+    positions[indices] = values
     if len(coupling.leaders) < len(positions):
         given = positions[indices].tolist()
         positions = coupling.all_positions(coupling.independent(positions))
