@@ -44,6 +44,12 @@ CASES = {
         "[0, -9.8]",
         f":1: gravity: found [0, -9.8]; needs a list of 3, each {NUMBER}",
     ),
+    "one number for three": (
+        "[0, 0, -9.8]",
+        "9.8",
+        f":1: gravity: found 9.8; needs a list of 3, each {NUMBER} within ±1e+12; with z upward "
+        "write [0, 0, -9.8]",
+    ),
     "zero quaternion of the hand": (
         "{position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}",
         "\n    quaternion: [0, 0, 0, 0]",

@@ -328,7 +328,8 @@ def _meant(found: Any, wanted: str, location: Location, kind: FileKind) -> str:
     share = _plain_figure(word) if "below 1" in wanted else None
     if share is not None and 1.0 <= share < 100.0:
         return f"; {share:g} % is {share / 100.0:g}"
-    if isinstance(word, str) and "number" in wanted and (advice := kind.advice(word, location)):
+    is_one = isinstance(word, str | int | float) and "number" in wanted
+    if is_one and (advice := kind.advice(str(word), location)):
         return advice
     nearest = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
     return "" if nearest is None else f"; did you mean {nearest!r}?"

@@ -153,7 +153,7 @@ def si_advice(found: str, location: Location) -> str:
     """Return what to write instead of a text that is a figure; empty if it is none.
 
     Args:
-        found: What stands at a key that takes a number.
+        found: What stands at a key that takes a number, or several.
         location: The key.
     """
     figure = FIGURE.fullmatch(found)
@@ -163,6 +163,8 @@ def si_advice(found: str, location: Location) -> str:
     if _THOUSANDS.fullmatch(figure[1]):
         unit = f" {written}" if written else ""
         return f"; write {value * 1000.0:.12g}{unit} or {value:.12g}{unit}, without the comma"
+    if location == ("gravity",) and written is None:
+        return f"; with z upward write [0, 0, {0.0 - abs(value):.12g}]"
     if written is None:  # with a point it is read as the figure that it is
         return f"; write {value:.12g}" if "," in figure[1] else ""
     name = re.sub(r"[\s*·]", "", written).replace("µ", "u").replace("²", "2").replace("³", "3")
