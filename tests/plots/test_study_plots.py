@@ -57,6 +57,8 @@ def test_several_results_at_one_place_make_a_band():
         ("friction.supports", "friction coefficient, supports"),
         ("object.mass", "mass of the object [kg]"),
         ("my_own", "my_own"),
+        ("hand.q.finger_1_proximal_deg", "hand.q.finger_1_proximal [°]"),
+        ("torque_finger_1_proximal_Nm", "torque finger_1_proximal [N m]"),
     ],
 )
 def test_labels_say_the_unit(value, label):

@@ -235,7 +235,9 @@ def quantity(column: str) -> str:
         return f"friction coefficient, {plain_text(rest)}"
     ending = max(filter(column.endswith, _UNITS), key=len, default=column)
     if name := column.removesuffix(ending):
-        return f"{plain_text(name.replace('_', ' '))} [{_UNITS[ending]}]"
+        # Names of joints and keys stay as they are, behind a word where one stands before them.
+        most = 1 if name.startswith("torque_") else 0 if "." in name else -1
+        return f"{plain_text(name.replace('_', ' ', most))} [{_UNITS[ending]}]"
     return plain_text(column)
 
 
