@@ -59,6 +59,37 @@ def test_a_tendon_bounds_its_own_tension(tmp_path: Path) -> None:
     np.testing.assert_allclose(most_torques(path), upper * 3 * np.array([0.01, 0.02]))
 
 
+def test_the_range_of_a_joint_bounds_the_tendon_that_pulls_it(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    robot = FINGER.replace("ARMS", BEND + CURL).replace("MOTORS", PULL)
+    path.write_text(robot.replace('name="curl"', 'name="curl" actuatorfrcrange="-0.06 0.12"'))
+    hand = Hand.from_urdf(path)
+    column = hand.actuated_joint_names.index("pull")
+    assert [ends[column] for ends in hand.effort_limits] == pytest.approx([-1.0, 2.0])
+    # What MuJoCo makes of more is cut at one joint alone, and no tension of the tendon.
+    assert most_torques(path) == pytest.approx([4.0 * 3.0 * 0.01, 0.12])
+
+
+def test_a_range_cuts_a_motor_beside_a_tendon_that_opposes_itself(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    tip = '<body><joint name="tip" axis="0 1 0"/><geom size="0.01"/></body>'
+    follow = "".join(f'<joint joint1="{name}" joint2="bend"/>' for name in ("curl", "tip"))
+    robot = FINGER.replace("ARMS", CURL + '<joint joint="tip" coef="-0.01"/>')
+    robot = robot.replace("MOTORS", '<motor joint="bend" ctrlrange="-3 3"/>' + PULL)
+    robot = robot.replace('"-5 4"', '"-4 4"').replace("</body>", f"{tip}</body>", 1)
+    robot = robot.replace("<tendon", f"<equality>{follow}</equality><tendon")
+    path.write_text(robot.replace('name="bend"', 'name="bend" actuatorfrcrange="-2 2"'))
+    (limit,) = Hand.from_urdf(path).effort_limits[1]
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    reached = []
+    for command in np.mgrid[-3:3:31j, -10:10:31j].reshape(2, -1).T:
+        data.ctrl[:] = command
+        mujoco.mj_forward(model, data)
+        reached.append(data.qfrc_actuator.sum())
+    assert limit == pytest.approx(max(reached))
+
+
 @pytest.mark.parametrize("ends", ["-10 10", "0 10", "-10 0"])
 def test_one_number_bounds_a_tendon_the_ways_that_its_motor_acts(tmp_path: Path, ends: str) -> None:
     path, own = tmp_path / "finger.xml", FINGER.replace('actuatorfrcrange="-5 4"', "")

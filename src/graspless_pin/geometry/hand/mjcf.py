@@ -105,18 +105,24 @@ def motors(
     }
     in_all: dict[int, float] = defaultdict(float)
     at_joint: dict[int, float] = defaultdict(float)
+    taken: dict[int, float] = defaultdict(float)
     for actuator, leaders in leaders_of.items():
-        force = _common_limit(_bounds(source, actuator)) if len(leaders) == 1 else np.inf
+        pull, alone = pulls[actuator], len(leaders) == 1
+        parts = [part for one in pull for part in _led({one: pull[one]}, mimics).values()]
+        opposes = alone and min(parts) < 0.0 < max(parts)  # what it does at one joint, at another
+        bears = _tension(source, actuator, pulls) if opposes else _bounds(source, actuator)
+        force = _common_limit(bears) if alone else np.inf
         for leader, ratio in leaders.items():
-            in_all[leader] += abs(ratio) * force
-        for joint, ratio in pulls[actuator].items():
-            at_joint[joint] += abs(ratio) * force if ratio else 0.0
+            in_all[leader] += abs(ratio) * force if opposes else 0.0
+        for joint, ratio in pull.items():
+            if leaders and ratio and (not opposes or force < np.inf):
+                (taken if opposes else at_joint)[joint] += abs(ratio) * force
     # MuJoCo bounds what all motors of a joint make at it, of one that follows as well.
-    bounded: dict[int, float] = defaultdict(float)
     for joint, torque in at_joint.items():
+        most = min(torque, bounds.get(joint, np.inf) - taken[joint])
         for leader, ratio in _led({joint: 1.0}, mimics).items():
-            bounded[leader] += abs(ratio) * min(torque, bounds.get(joint, np.inf))
-    limits = bounds | {leader: min(limit, bounded[leader]) for leader, limit in in_all.items()}
+            in_all[leader] += abs(ratio) * most
+    limits = bounds | in_all
     return {joint: limit for joint, limit in limits.items() if limit < np.inf}, tendons
 
 
@@ -141,7 +147,7 @@ def _driven_tendons(
             if independent:
                 own = f"{name}_tendon" if name in taken else name
                 pulled = {source.joint(joint): arm for joint, arm in pulls[one].items()}
-                found[own] = DrawnTendon(pulled, *_bounds(source, one))
+                found[own] = DrawnTendon(pulled, *_tension(source, one, pulls))
                 continue
             why = "other motors that pull the same way"
             if len(shared) < len(members):
@@ -157,6 +163,20 @@ def _driven_tendons(
             "acts through no joint and no fixed tendon: what it does depends on the pose",
         )  # fmt: skip
     return found
+
+
+def _tension(
+    source: MjcfSource, actuator: int, pulls: Mapping[int, dict[int, float]]
+) -> tuple[float, float]:
+    """Return the lowest and highest force of a tendon's motor that no joint's own range cuts."""
+    low, high = _bounds(source, actuator)
+    for joint, ratio in pulls[actuator].items():
+        if source.model.jnt_actfrclimited[joint]:
+            # MuJoCo cuts what all motors make at a joint; here each has an equal share.
+            count = sum(joint in pull for pull in pulls.values())
+            ends = np.sort(source.model.jnt_actfrcrange[joint] / (count * ratio))
+            low, high = max(low, float(ends[0])), min(high, float(ends[1]))
+    return low, high
 
 
 def _is_of_robot(source: MjcfSource, actuator: int, inside: NDArray[np.bool_]) -> bool:
