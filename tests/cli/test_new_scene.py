@@ -60,6 +60,26 @@ def test_limits_that_the_file_lacks_are_left_open_and_named() -> None:
     )
 
 
+@pytest.mark.parametrize(("ends", "most"), [("-3 10", 10), ("-10 0", 10), ("-10 10", 10)])
+def test_a_tendon_s_limits_are_written_as_the_file_has_them(ends: str, most: int) -> None:
+    pytest.importorskip("mujoco")
+    joints = "".join(f'<body><joint name="{name}"/><geom size="0.01"/></body>' for name in "ab")
+    arms = "".join(f'<joint joint="{name}" coef="0.01"/>' for name in "ab")
+    Path("hand.xml").write_text(
+        f'<mujoco><worldbody><body name="palm"><geom size="0.01"/>{joints}</body></worldbody>'
+        f'<tendon><fixed name="wire">{arms}</fixed></tendon>'
+        f'<actuator><motor name="pull" tendon="wire" ctrlrange="{ends}"/></actuator></mujoco>'
+    )
+    unknown = "effort_limits: {pull: {unknown: nobody has measured it}}\n"
+    Path("hand.yaml").write_text(f"name: hand\nurdf: hand.xml\n{unknown}")
+    assert run("new", "hand.yaml", "box:0.06,0.04,0.06", "-o", "unknown.yaml").exit_code == 0
+    hand = load_scene("unknown.yaml").hand
+    assert hand is not None
+    assert [limits[0] for limits in hand.effort_limits] == list(map(float, ends.split()))
+    told = run("new", "hand.xml", "box:0.06,0.04,0.06", "--effort", "5", "-o", "known.yaml")
+    assert f"theirs stay: pull ({most});" in told.stderr
+
+
 def test_the_scene_loads_and_says_what_comes_next() -> None:
     made = run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "0.4",
                "--effort", "finger_1=0.7", "--support", "slope:30deg", "--mass", "0.3")  # fmt: skip

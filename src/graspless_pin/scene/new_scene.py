@@ -237,7 +237,9 @@ def _efforts(
     """Return the lines of the limits, which are left open, and which of the files' stay."""
     lines = [f"    {flow_of(name)}: {limit:g}\n" for name, limit in efforts.items()]
     left_open = []
-    stated = dict(zip(hand.actuation.names, hand.effort_limits[1].tolist(), strict=True))
+    ends = np.transpose(hand.effort_limits).tolist()
+    ranges = dict(zip(hand.actuation.names, ends, strict=True))
+    stated = {name: max(-low, high) for name, (low, high) in ranges.items()}
     doubted = [
         name for one in hand.findings if one.code in _LIMITS for name in one.subject.split(", ")
     ]
@@ -245,7 +247,9 @@ def _efforts(
         if effort is not None:
             lines.append(f"    {flow_of(name)}: {effort:g} # {_stated_limit(stated[name])}\n")
         elif not is_placeholder(stated[name]):
-            lines.append(f"    {flow_of(name)}: {stated[name]:g} # the file's, of unknown origin\n")
+            low, high = ranges[name]
+            limit = f"{high:g}" if high == -low else f"[{low:g}, {high:g}]"
+            lines.append(f"    {flow_of(name)}: {limit} # the file's, of unknown origin\n")
         else:
             lines.append(f"    {flow_of(name)}: # fill in; {_stated_limit(stated[name])}\n")
             left_open.append(name)
