@@ -279,7 +279,8 @@ class HandEntry(MountEntry):
     )
     effort_limits: ByName[NotNegative | tuple[Signed, Signed]] = Field(
         default={},
-        description="[N m, N] by joint or finger; a number means -x to x",
+        description="[N m, N] by joint, finger or tendon; a number means -x to x, of a tendon that "
+        "only pulls 0 to x",
     )
     armature: NotNegative | ByName[NotNegative] | None = Field(
         default=None,
