@@ -329,7 +329,7 @@ class AttainableSearch:
             return AttainableTolerance(quantity, found.served, inf, served, in_time=False)
         failing, conflict = sets.wide * found.failing, found.conflict
         if sets.figure == "tilt" and np.isfinite(failing):
-            # The prism around the tilts is wider: of what fails, gravity is turned by so much.
+            # The frustum around the tilts is wider: of what fails, gravity is turned by so much.
             turned = self._largest(replace(sets, members=self._tilted), found.served)
             failing, conflict = turned.failing, turned.conflict
         return AttainableTolerance(

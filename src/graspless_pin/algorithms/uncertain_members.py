@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from math import cos, pi, prod, sin
+from math import cos, pi, prod, sin, tan
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -260,11 +260,11 @@ def scaled_member(
     beside = np.copysign(beside, before.mass)
     mass = scaled("mass", before.mass - beside) + scaled("mass_offset", beside)
     down, tilt = before.down, float(scaled("tilt", uncertainty.tilt))
-    if uncertainty.tilt > 0.0:  # to the prism around the other circle of tilts
+    if uncertainty.tilt > 0.0:  # to the frustum around the other circle of tilts
         along = float(down @ weight.down)
-        height = 1.0 if along > cos(0.5 * uncertainty.tilt) else cos(tilt)
-        across = sin(tilt) / sin(uncertainty.tilt) * (down - along * weight.down)
-        down = height * weight.down + across
+        ring = int(along > cos(0.5 * uncertainty.tilt))
+        (height, reach), (_, whole) = _rings(tilt)[ring], _rings(uncertainty.tilt)[ring]
+        down = height * weight.down + reach / whole * (down - along * weight.down)
     # Static friction counts with its lower end, kinetic friction with both.
     off = np.where(problem.is_sliding, before.kinetic, -friction)
     more = scaled("friction", off)
@@ -397,7 +397,9 @@ def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
 
 
 def gravities(weight: Weight, tilt: float) -> FloatArray:
-    """Return corners of a prism around gravity's unit vector tilted to all sides, (K, 3).
+    """Return corners of a frustum around gravity's unit vector tilted to all sides, (K, 3).
+
+    Its slanting faces touch the unit sphere where gravity is tilted most.
 
     Args:
         weight: What weighs.
@@ -416,8 +418,13 @@ def gravities(weight: Weight, tilt: float) -> FloatArray:
             "tilt", "turns the links' weight, which arrays do not tell; ask it of a scene"
         )
     across = np.linalg.svd(down[None])[2][1:]
-    ring = (sin(tilt) / cos(pi / _SIDES)) * polygon(_SIDES) @ across
-    return np.concatenate([ring + height * down for height in (cos(tilt), 1.0)])
+    ring = polygon(_SIDES) @ across / cos(pi / _SIDES)
+    return np.concatenate([reach * ring + height * down for height, reach in _rings(tilt)])
+
+
+def _rings(tilt: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return how far along gravity, and how far across it, both ends of that frustum are."""
+    return (cos(tilt), sin(tilt)), (1.0, tan(0.5 * tilt))
 
 
 def _ends(halves: FloatArray) -> FloatArray:
