@@ -105,6 +105,17 @@ def test_two_parameters():
     axes = margin_heat_map(table, "a", "b")
     cells = np.asarray(axes.collections[0].get_array())
     np.testing.assert_allclose(cells, [[2.5, 7.0]])
+    assert axes.figure.axes[-1].get_ylabel() == "mean margin e [N]"
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_map_of_equal_figures_shows_no_rounding(sign):
+    """All cells have one colour, of a bar that begins or ends at zero."""
+    table = {"a": [0.0, 0.0, 1.0, 1.0], "b": [0.0, 1.0, 0.0, 1.0],
+             "margin_N": [sign * (0.02 + 1e-15 * one) for one in range(4)]}  # fmt: skip
+    (mesh,) = margin_heat_map(table, "a", "b").collections
+    assert sorted(map(abs, mesh.get_clim())) == pytest.approx([0.0, 0.02])
+    assert len({mesh.cmap(one) for one in mesh.norm(mesh.get_array().ravel())}) == 1
 
 
 def test_scattered_samples_are_points():

@@ -122,6 +122,9 @@ LOADING = {
         "{values: [1], unit: g, key: object.mas}": (
             ".key: object.mas: unknown key; did you mean 'mass'?"
         ),
+        "{values: [1], set: [{key: object.mass, factor: 2}, {key: solve.margin, factor: 2}]}": (
+            ": solve.margin is no option of the algorithm 'margin' and would change nothing here"
+        ),
         "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}": (
             "set: its keys are measured in different units: object.mass (mass), gravity.0 "
             "(acceleration)"

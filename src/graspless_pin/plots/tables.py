@@ -118,9 +118,9 @@ def margin_heat_map(
         value: Column of the result; not a number where nothing was found.
 
     Returns:
-        The axes. Cells without any result are hatched; several in one cell are averaged. Of
-        scattered samples, which fill few cells, coloured points are drawn instead, and crosses
-        where nothing was found.
+        The axes. Cells without any result are hatched; several in one cell are averaged, as the
+        colour bar says, which begins at zero where all are equal. Of scattered samples, which fill
+        few cells, coloured points are drawn instead, and crosses where nothing was found.
 
     Raises:
         ArgumentError: If a column is missing or not of numbers.
@@ -134,7 +134,7 @@ def margin_heat_map(
         1
     """
     columns, rows = number_column(table, "x", x), number_column(table, "y", y)
-    values = number_column(table, "value", value)
+    values, label = number_column(table, "value", value), quantity(value)
     axes = axes_for(ax, size=(6.4, 4.8))
     across, up = np.unique(columns), np.unique(rows)
     if len(across) * len(up) > _FEW_TO_A_SAMPLE * len(columns):
@@ -148,8 +148,13 @@ def margin_heat_map(
         # The hatched background shows through the cells that have no colour.
         axes.patch.set(hatch="///", edgecolor=LIGHT.text, alpha=0.25)
         mesh = axes.pcolormesh(across, up, cells, shading="nearest", cmap="viridis")
+        if np.unique(np.column_stack([columns, rows]), axis=0).shape[0] < len(values):
+            label = f"mean {label}"
+    low, high = mesh.get_clim()
+    if low is not None and high - low < _CONSTANT * max(abs(low), abs(high)):
+        mesh.set_clim(0.0, high) if high > 0.0 else mesh.set_clim(low, 0.0)
     bar = axes.figure.colorbar(mesh, ax=axes)
-    bar.set_label(quantity(value))
+    bar.set_label(label)
     plain_axis(bar.ax.yaxis)
     axes.set(xlabel=quantity(x), ylabel=quantity(y))
     _scale(axes.xaxis, table, x)
@@ -157,6 +162,8 @@ def margin_heat_map(
     return axes
 
 
+_CONSTANT = 1e-6
+"""Of the largest value: where all differ by less, colours would show rounding."""
 _FEW_TO_A_SAMPLE = 4
 """Cells of a map for each sample: where there are more, samples are scattered."""
 

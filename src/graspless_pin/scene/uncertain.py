@@ -332,7 +332,9 @@ def weight_of(scene: SceneFields, links: int) -> Weight:
     target, size = scene.object, float(np.linalg.norm(scene.gravity))
     motion = object_motion(scene)
     if motion.velocity[3:].any() or motion.acceleration[3:].any():
-        raise ArgumentError("uncertainty", "is of scenes that do not turn as they accelerate")
+        raise ArgumentError(
+            "scene", "turns as it moves: what is not known of a mass counts where nothing turns"
+        )
     fields = sum((load.field for load in scene.loads), np.zeros(3))
     steady = target.mass * (fields - motion.acceleration[:3])
     payloads = [one for one in acting_forces(scene, STILL) if one.of_gravity]

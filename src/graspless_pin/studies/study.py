@@ -435,7 +435,10 @@ def _check_algorithm(
     algorithm = tree["solve"].get("algorithm", "margin")
     for key in (*options, *varied):
         if why := useless(str(key), algorithm):
-            raise fail(("compute", key) if key in options else ("vary", varied[key]), why)
+            if key in options:
+                raise fail(("compute", key), why)
+            name, own = varied[key], f"solve.{key}"
+            raise fail(("vary", name), why if name == own else f"{own} {why}")
 
 
 def _fingerprint(entry: StudyEntry, scene: YamlSource, variables: tuple[Variable, ...]) -> str:
