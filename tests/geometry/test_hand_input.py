@@ -1,6 +1,7 @@
 """Configurations, control modes, effort limits: defaults and the messages for mistakes."""
 
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,6 +44,7 @@ def test_a_named_mimic_joint_must_agree(coupled):
 
 
 FLAGS = [True, *[0.0] * 15]
+LIMITS: dict[str, Any] = {"index": [0, True]}
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ FLAGS = [True, *[0.0] * 15]
         (lambda hand: hand.with_configuration({"joint_0.0": "0"}), r"not text; write 0"),
         (lambda hand: hand.with_base_at(np.eye(4, dtype=bool)), "T_world_base: needs numbers"),
         (
-            lambda _: Hand.assemble([Mount("allegro_right")], effort_limits={"index": [0, True]}),
+            lambda _: Hand.assemble([Mount("allegro_right")], effort_limits=LIMITS),
             r"effort_limits\['index'\]: needs a number or a pair, got \[0, True\]",
         ),
     ],

@@ -114,8 +114,9 @@ def test_a_map_of_equal_figures_shows_no_rounding(sign):
     table = {"a": [0.0, 0.0, 1.0, 1.0], "b": [0.0, 1.0, 0.0, 1.0],
              "margin_N": [sign * (0.02 + 1e-15 * one) for one in range(4)]}  # fmt: skip
     (mesh,) = margin_heat_map(table, "a", "b").collections
+    assert isinstance(mesh, QuadMesh)
     assert sorted(map(abs, mesh.get_clim())) == pytest.approx([0.0, 0.02])
-    assert len({mesh.cmap(one) for one in mesh.norm(mesh.get_array().ravel())}) == 1
+    assert len(np.unique(mesh.to_rgba(np.asarray(mesh.get_array()).ravel()), axis=0)) == 1
 
 
 def test_scattered_samples_are_points():

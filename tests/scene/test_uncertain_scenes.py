@@ -167,7 +167,7 @@ def test_a_stated_stiffness_is_the_feedback(tmp_path: Path) -> None:
 
 def test_what_may_be_off_is_told_of_what_does_not_turn():
     scene = load_scene(EXAMPLES / "panda_stop_with_board.yaml")
-    with pytest.raises(ArgumentError, match="^scene: turns as it moves: what is not known of"):
+    with pytest.raises(ArgumentError, match=r"^scene: turns as it moves: what is not known of"):
         scene.tolerances(scene.solve().torques)
 
 

@@ -84,8 +84,9 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
             )
         )
     _note_included(path)
-    for mesh in filter(is_file, (_file_of(model, mesh) for mesh in range(model.nmesh))):
-        note_read(mesh, mesh.stat())
+    meshes = [_file_of(model, mesh) for mesh in range(model.nmesh)]
+    for file in [one for one in meshes if is_file(one)]:
+        note_read(file, file.stat())
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited == 1)
     widest = float(np.rad2deg(np.ptp(model.jnt_range[hinges], axis=1)).max(initial=0.0))
     if spec.compiler.degree and 0.0 < widest <= 2.0 * np.pi:

@@ -144,7 +144,7 @@ def _expanded(described: RobotDescription) -> bytes:
         ) from None
     except CrashError as error:
         raise RobotError(f"{path}: xacro ended over this file ({error})") from None
-    for file in filter(is_file, included):
+    for file in [one for one in included if is_file(one)]:
         note_read(file, file.stat())
     return text.encode()
 
