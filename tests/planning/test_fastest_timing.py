@@ -210,6 +210,10 @@ def test_what_is_wrong_is_said() -> None:
         timed(scene, PATH, velocity_limits=0.0)
     with pytest.raises(ArgumentError, match=r"path\[1\]: .*is 60, outside the joint's limits"):
         timed(scene, [{}, {"panda_joint1": 60.0}], velocity_limits=1.0)
+    near = 2.8973 - 0.001  # rad; the spline swings beyond the limit between the two
+    path = [{}, {"panda_joint1": near}, {"panda_joint1": near, "panda_joint2": 0.4}]
+    with pytest.raises(ArgumentError, match=r"path: the spline .* limit: q\['panda_joint1"):
+        timed(scene, path, velocity_limits=1.0)
     with pytest.raises(ArgumentError, match=r"torques\['panda_finger_joint1'\]: is -200, outside"):
         timed(scene, PATH, velocity_limits=1.0, torques=[-200.0])
     with pytest.raises(ArgumentError, match="unknown joint 'gripper'; known: panda_finger_joint1"):

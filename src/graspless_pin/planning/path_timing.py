@@ -114,10 +114,10 @@ def fastest_timing(
     """Find the shortest time along an arm's path in which what the hand holds stays in it.
 
     The path is a cubic spline through the configurations; it begins and ends at rest. The object
-    moves with a link, with the contacts that it has in the scene. Contact forces
-    have to exist that keep the margin under plain Coulomb friction: any force inside the cones is
-    believed, whether or not a virtual sliding calls for it. Loads of the scene count. Obstacles do
-    not: `Evaluator.first_invalid` looks for collisions.
+    moves with a link, with the contacts that it has in the scene. Contact forces have to exist that
+    keep the margin under plain Coulomb friction: any force inside the cones is believed, whether or
+    not a virtual sliding calls for it; of round cones, any inside their pyramids. Loads of the
+    scene count. Obstacles do not: `Evaluator.first_invalid` looks for collisions.
 
     Args:
         scene: A scene at rest in which a hand alone holds the object.
@@ -138,9 +138,9 @@ def fastest_timing(
         The timing, or why there is none.
 
     Raises:
-        ArgumentError: If a joint is unknown or outside its limits, a number out of range, a torque
-            beyond its limits or a shape wrong; if the object cannot move with the link, as a
-            support touches it or the scene declares a motion.
+        ArgumentError: If a joint is unknown or, at a point of the spline, outside its limits, a
+            number out of range, a torque beyond its limits or a shape wrong; if the object cannot
+            move with the link, as a support touches it or the scene declares a motion.
         SceneError: If the scene states an acceleration.
         StateError: If nothing touches the object.
         GrasplessPinError: If TOPP-RA is not installed.
@@ -324,7 +324,7 @@ def _points(
         limits: Of joints.
     """
     scene, hand, joint = at.scene, at.hand, at.joint
-    places = [at.hand_at(q).positions for q in path[0]]
+    places = _places(at, path[0], "path", "the spline through it leaves a limit: ")
     T, J = (np.array(part) for part in zip(*map(hand.tree.kinematics, places), strict=True))
     kinematics = Kinematics(T[:, None], J[:, None])
     T_world_object = T[:, joint] @ at.T_joint_object
@@ -430,16 +430,25 @@ def _fastest_speeds(
 def _waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
     """Return (K, a) positions of different configurations that follow each other."""
     points = np.array([at.array(q) for q in path], dtype=float)
-    for k, q in enumerate(points):
-        try:
-            at.hand_at(q)
-        except ArgumentError as error:
-            raise ArgumentError(f"path[{k}]", str(error)) from error
+    _places(at, points, "path[{}]")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1) if len(points) > 1 else np.zeros(0)
     if not len(steps) or not steps.all():
         found = "two that follow each other and are the same" if len(steps) else str(len(points))
         raise ArgumentError("path", f"needs two configurations or more, found {found}")
     return points
+
+
+def _places(
+    at: AttachedConfigurations, points: FloatArray, argument: str, what: str = ""
+) -> list[FloatArray]:
+    """Return positions of all joints at points (K, a); an error is that of the argument."""
+    places = list[FloatArray]()
+    for k, q in enumerate(points):
+        try:
+            places.append(at.hand_at(q).positions)
+        except ArgumentError as error:
+            raise ArgumentError(argument.format(k), f"{what}{error}") from error
+    return places
 
 
 def _by_joint(
