@@ -50,7 +50,7 @@ class Evaluator:
     What does not depend on the state is made once: kinematic models, collision shapes, and, in the
     solver, the structure of the programs. The active constraints, the mode and the virtual motion
     of the last answer with the same contacts are tried first, and proven like any answer; the
-    margin does not depend on them, but where several sets of torques are equally good, which of
+    optimum does not depend on them, but where several sets of torques are equally good, which of
     them is returned may.
 
     A state in which the object cannot be held, touches nothing, overlaps with something or is
@@ -270,8 +270,8 @@ class Evaluator:
     ) -> EvaluatedStates:
         """Solve for K states, in any order: what `evaluate` finds of each, as arrays.
 
-        Neither the order of the states nor the number of processes changes the margins; where many
-        torques are equally good, which of them comes out may.
+        Neither the order of the states nor the number of processes changes the optima; where many
+        torques are equally good, which of them comes out may, and under Algorithm 2 their margin.
 
         Args:
             q: (K, a) positions of `joint_names`, rad or m, or K mappings; or what `evaluate` takes,
