@@ -1,5 +1,7 @@
 """Forces affine in what is unknown: against a study's figures, corners, drawn members, modes."""
 
+import re
+
 import numpy as np
 import pytest
 from tests.analysis.test_uncertain_torques import CORNERS, contacts_alone
@@ -139,6 +141,20 @@ def few_joints():
         np.vstack([tips, floor]), np.vstack([-ring, np.tile([0.0, 0.0, 1.0], (3, 1))]),
         [0.4, 0.2, -4.0, 0.0, 0.0, 0.0], jacobian, friction=0.7, cone_edges=8,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("corners", "pattern"),
+    [
+        ({"mass": 0.1}, r"mass [+-]10 %(, force \[.*\] N)?"),
+        ({}, r"nominal|force \[.*\] N"),
+    ],
+)
+def test_members_of_a_ball_are_named_by_their_corner_and_their_push(corners, pattern):
+    problem = contacts_alone("paper/cuboid_at_rest")
+    words = [one.words for one in solved(problem, Uncertainty(force_radius=0.3, **corners)).members]
+    assert any("force" in one for one in words)
+    assert all(re.fullmatch(pattern, one) for one in words)
 
 
 @pytest.mark.parametrize(

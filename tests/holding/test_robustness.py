@@ -97,6 +97,13 @@ def test_each_change_of_a_weak_grip_was_tried() -> None:
     assert 2.0 * GRAVITY / 9.0 - 1.0 <= rubbed.problem.friction[4] / 0.5 <= 3.0
 
 
+def test_torques_beyond_their_limits_are_not_made_larger() -> None:
+    """Nor smaller under that name: others that are within them hold."""
+    problem = hybrid_on_wall().with_changes(torque_limits=(0.0, 25.0))
+    words = [str(change) for change in what_would_hold(problem, [30.0], node_limit=40).changes]
+    assert words == ["torques of maximize_margin with stability='strong'"]
+
+
 @pytest.mark.parametrize("columns", [1, 2])
 def test_all_joints_behind_a_contact_are_held_where_they_are_several(
     columns: int, monkeypatch: pytest.MonkeyPatch

@@ -24,6 +24,13 @@ def test_a_forgery_is_refused(forgery: Forgery):
     assert forgery.is_refused()
 
 
+def test_a_coarse_resolution_is_refused_for_what_it_is():
+    """Whatever else of the proof it breaks."""
+    (coarse,) = [one for one in FORGERIES if one.name == "resolution_just_too_coarse"]
+    checks = {one.name: one.passed for one in verify_document(coarse.made()).checks}
+    assert checks["the resolution is fine enough"] is False
+
+
 def test_a_key_that_stands_twice_is_refused(tmp_path):
     """Readers differ in which of the two they take."""
     text = json.dumps(base("tree"))

@@ -391,7 +391,7 @@ def _by_pivots(
     tolerance = np.zeros(len(program.rows))
     tolerance[balance.at] = _NEAR
     simplex = Simplex(program.c, lb, ub)
-    simplex.add_rows(program.rows, lows[0] - tolerance, highs[0] + tolerance)
+    simplex.add_rows(program.rows, *program.sides)
     every = np.arange(len(program.rows), dtype=np.int32)
     found = np.zeros((len(loads), len(program.c)))
     for number in range(len(loads)):
