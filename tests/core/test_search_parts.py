@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scenes import scene, structured_arguments
 from graspless_pin import (
     QuasistaticProblem,
     Status,
+    enumerate_modes,
     maximize_margin,
 )
 from graspless_pin.algorithms import branch_and_bound as searching
@@ -232,6 +234,25 @@ def test_two_sets_of_forces_that_oppose_each_other_split_that_contact():
         split = tree.split(every, x, None)
         assert split is not None and split[0] == ContactSplit(contact)
         assert len(split[1]) == 5  # released, or one of four pairs of signs
+
+
+@pytest.mark.parametrize("sets", [1, 2])
+@pytest.mark.parametrize("sign", ["strict", "nonzero", "exact"])
+def test_friction_along_one_tangent_has_a_mode_behind_it_that_opposes_it(sign, sets):
+    """Signs along the other tangent are open, and any mode that is listed has some."""
+    problem, rules = scene("rest"), Rules.parse(sign)
+    one = formulate(problem, Margin())
+    size, cones = len(one.program.c), one.coordinates.layout.cones
+    oracle = ModeOracle(replace(one, layers=tuple(size * k for k in range(sets))), rules)
+    for listed in islice(enumerate_modes(problem, sign_rule=sign), 0, 300, 10):
+        for component in (0, 1):
+            friction = -0.1 * listed.signs[cones, component]
+            x = np.zeros(size)
+            x[one.cone_columns[0][:, component]] = friction
+            found = oracle.mode_for(np.tile(x, sets))
+            assert isinstance(found, FoundMode)
+            opposed = found.mode.signs[cones, component] == -np.sign(friction)
+            assert opposed[friction != 0.0].all()
 
 
 def test_what_is_left_of_a_time_limit_goes_to_the_searches_that_follow():
