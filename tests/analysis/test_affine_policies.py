@@ -21,6 +21,9 @@ from graspless_pin import (
 from graspless_pin.algorithms import uncertain_members
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.errors import ArgumentError
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem.members import joined
+from graspless_pin.solvers.conic_backends import SparseConic
 
 STUDIED = [
     # name, affine over a box of wrenches, affine with a push of 5 %, sampled members of that
@@ -127,6 +130,22 @@ def test_the_policy_is_what_it_says(most_errors, monkeypatch):
     assert policy.residual() < 1e-9
     assert "affine" in str(found)
     assert f"{found.bound:.6g}" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"force_radius": 0.4, "mass": 0.1}, "mass +10 %, force ["),
+        ({"force_radius": 0.4}, "force ["),
+    ],
+)
+def test_the_member_that_needs_the_torques_most_comes_first_and_says_what_it_is(given, words):
+    """Here it needs nearly all of them by itself."""
+    found = solved(contacts_alone("paper/cuboid_at_rest"), Uncertainty(**given), 0.02)
+    first = found.policy.critical(1)[0]
+    assert first.words.startswith(words)
+    alone = minimize_torque(joined([first]), 0.02, static_friction="coulomb")
+    assert alone.max_torque == pytest.approx(found.max_torque, rel=1e-2)
 
 
 def few_joints():
@@ -262,6 +281,26 @@ def test_other_rules_need_one_mode():
     assert (np.max(signs, axis=0) - np.min(signs, axis=0)).max() < 2.0
     coulomb = solved(problem, unknown, 0.02)
     assert found.max_torque >= coulomb.max_torque * (1.0 - 1e-6)
+
+
+def test_an_answer_to_the_program_of_another_mode_is_refused(monkeypatch):
+    """Forces that balance inside all cones, with friction along the sliding instead of against."""
+    problem = contacts_alone("paper/cuboid_at_rest")
+    unknown = Uncertainty(mass=0.05, force_radius=0.05)
+    mode = minimize_torque(problem, 0.02).mode
+    honest, answers = SparseConic.solve, []
+
+    def solve(program, time_limit=None):
+        answers.append(honest(program, time_limit))
+        return answers[0]
+
+    monkeypatch.setattr(SparseConic, "solve", solve)
+    assert minimize_torque(problem, 0.02, mode=mode, uncertainty=unknown).policy is not None
+    turned = SlidingMode(mode.selection, -mode.signs)
+    found = minimize_torque(problem, 0.02, mode=turned, uncertainty=unknown)
+    assert len(answers) == 2
+    assert found.policy is None
+    assert not found.found
 
 
 def test_cones_shares_and_modes_of_balls():

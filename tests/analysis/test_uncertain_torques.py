@@ -336,6 +336,17 @@ def test_margins_of_members_are_those_of_a_solve_of_each(name, size, feedback):
     assert (found[~served] < 0.0).all()
 
 
+def test_members_that_differ_in_their_loads_alone_need_no_solve_of_their_own(monkeypatch):
+    """A few pivots lead from one to the next."""
+    problem = contacts_alone("paper/cuboid_at_rest", 8)
+    torques = minimize_torque(problem, 0.1, static_friction="coulomb").torques
+    options = SolveOptions.parse(static_friction="coulomb")
+    monkeypatch.setattr(joined_optimum, "solve_problem", None)
+    members = members_of(problem, Uncertainty(mass=0.01))
+    assert len(members) > 1
+    assert (member_margins(members, torques, options, NO_LIMITS) > 0.0).all()
+
+
 def test_no_program_is_made_of_members_for_which_there_is_no_time(monkeypatch):
     """Errors of torques leave thousands of members with a program of their own."""
     monkeypatch.setattr(joined_optimum, "formulate", None)
