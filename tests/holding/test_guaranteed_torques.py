@@ -35,14 +35,14 @@ from graspless_pin import (
     stability,
 )
 from graspless_pin.algorithms import guaranteed_torques
-from graspless_pin.algorithms.guaranteed_torques import half_space
+from graspless_pin.algorithms.guaranteed_torques import half_space, weaker_supports
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.small_motions import RestModel
 from graspless_pin.holding.stability import undecided_verdict
 from graspless_pin.programs.analysis_objectives import InsideHalfSpaces
-from graspless_pin.programs.objectives import Torque
+from graspless_pin.programs.objectives import Margin, Objective, Torque
 from graspless_pin.report import read_solution, solution_document
 
 CUBOID = "examples/paper/cuboid_at_rest.yaml"
@@ -123,6 +123,22 @@ def test_a_finger_has_to_press_with_the_weight_where_the_far_wall_may_not(
     assert is_strong(problem, found)
     assert found.guarantee is not None
     assert found.guarantee.gap >= 0.0
+
+
+@pytest.mark.parametrize("objective", [Margin(), Torque(0.1)])
+def test_each_guess_is_made_once_and_the_margin_is_among_them(objective: Objective) -> None:
+    """With less and less friction at both walls, down to none, and all of the finger's."""
+    problem = pressed_in_slot()
+    guesses = list(weaker_supports(problem, objective))
+    frictions = np.array([weaker.friction for weaker, _ in guesses])
+    made = {(aim, *friction) for (_, aim), friction in zip(guesses, frictions, strict=True)}
+    assert len(made) == len(guesses)
+    assert [aim for aim, *_ in made if aim == Margin()]
+    assert (frictions[:, 4] == problem.friction[4]).all()
+    walls = np.delete(frictions, 4, axis=1)
+    for aim in (objective, Margin()):
+        own = np.array([one == aim for _, one in guesses])
+        assert walls[own].min() == walls[own][-1].max() == 0.0
 
 
 def test_less_than_the_weight_needs_luck_and_the_best_case_asks_for_little() -> None:
