@@ -60,6 +60,16 @@ def test_placeholders_of_normal_force_limits_change_nothing(name, limit):
         assert told == (reach < limit)
 
 
+@pytest.mark.parametrize("seed", [2, 6])
+def test_round_cones_are_proven_under_placeholders_of_normal_force_limits(seed):
+    """Rounding over so far a box left more of the bound than is a gap elsewhere."""
+    plain = QuasistaticProblem(**structured_arguments(seed, "slab", 4), cone="round")
+    problem = plain.with_changes(max_normal_force=1e12)
+    smallest = minimize_torque(problem, 0.1, static_friction="coulomb")
+    assert smallest.status is Status.OPTIMAL
+    assert verify_document(solution_document(smallest)).passed
+
+
 def test_a_large_limit_makes_nothing_feasible():
     """A margin of -1.5 N with 1.3 N of weight unbalanced was said to be optimal."""
     problem = scene("rest")

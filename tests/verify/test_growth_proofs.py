@@ -16,6 +16,16 @@ from graspless_pin.report import solution_document, write_document
 from graspless_pin.report.verify import verify_document
 
 BALL, BOX = EXAMPLES / "allegro_sphere_on_slope.yaml", EXAMPLES / "box_between_walls.yaml"
+TUMBLER = """
+name: A ball that is heavy below, on a floor
+friction: 0.5
+max_normal_force: 30
+object:
+  shape: {type: sphere, radius: 0.05}
+  mass: 0.5
+  center_of_mass: [0, 0, -0.02]
+supports: [{name: floor, shape: {type: half_space}, pose: {position: [0, 0, -0.05]}}]
+"""
 
 
 def made(path: Path, stiffness: float | dict[str, float], tmp_path: Any) -> dict[str, Any]:
@@ -162,6 +172,17 @@ def test_the_gains_are_those_of_the_controller(held_ball, forge) -> None:
     forged = copy.deepcopy(held_ball)
     forge(forged["holding"])
     assert "the controller is that of the proof (facets)" in failed(forged)
+
+
+def test_a_proof_without_joints_is_of_no_gain(tmp_path) -> None:
+    file = tmp_path / "tumbler.yaml"
+    file.write_text(TUMBLER)
+    document = made(file, 0.0, tmp_path)
+    holding = document["holding"]
+    assert holding["status"] == "holds" and holding["proofs"]["facets"]["joints"] == []
+    assert failed(document) == []
+    holding["stable_stiffness"] = [[0.5, None]]
+    assert failed(document) == ["the controller is that of the proof (facets)"]
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])

@@ -1,10 +1,21 @@
 """Verdicts under a declared motion are checked from documents alone; no tampering passes."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rest_documents import G, StatedBody, document, failures, is_refused, rest_lines, zeroed
+from rest_documents import (
+    FEET,
+    G,
+    StatedBody,
+    document,
+    failures,
+    is_refused,
+    pushed,
+    rest_lines,
+    zeroed,
+)
 from tests.oracles.kept_cases import kept_problem
 
 from graspless_pin import stability
@@ -86,3 +97,27 @@ def test_bounds_hold_for_what_happens(number):
         assert bound >= goal @ y - 1e-7 * (1.0 + size)
         tight = min(tight, bound - goal @ y)
     assert tight < 5.0
+
+
+def test_frictions_that_take_each_other_away_bound_no_outcome_away():
+    """Two contacts of a finger stick, one above the other: rounding is all that these leave."""
+    one = pushed()
+    two = one.with_changes(
+        positions=[*FEET, [-0.05, 0.0, 0.01], [-0.05, 0.0, -0.01]],
+        normals=[*one.normals, [1, 0, 0]], tangents=[*one.tangents, one.tangents[-1]],
+        sliding=[*one.sliding, [0, 0, 0]], friction=[*one.friction, 0.4], max_normal_force=50.0,
+        jacobian=[*one.jacobian, *one.jacobian[-3:]],
+    )  # fmt: skip
+    case = SimpleNamespace(
+        external_wrench=two.external_wrench, object_inertia=two.object_inertia,
+        joint_inertia=two.joint_inertia, torques=(0.5 * G, 0.0),
+    )  # fmt: skip
+    body = StatedBody(case, two, static_friction="coulomb")
+    dynamics, states = body.dynamics(body.load), KnownStates.unknown(5)
+    for contact in (3, 4):
+        states = states.changed(contact, Kind.CLOSED).changed(contact, Kind.STICKING)
+    motion, normal, tangential = np.zeros(8), np.zeros(5), np.zeros((5, 2))
+    tangential[3:, 0] = 1e20, -1e20
+    multipliers = RestMultipliers(motion, normal, tangential)
+    # The block slides on as it does, and nothing accelerates.
+    assert kept_goal(dynamics, states, multipliers, np.zeros(8), 10.0) >= 0.0
