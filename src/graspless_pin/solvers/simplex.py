@@ -182,9 +182,8 @@ class _Highs:
         self._highs.changeColsCost(self._size, self._all, cost)
 
     def solve(self) -> tuple[int, FloatArray, FloatArray]:
-        # Rows that HiGHS does not take, for numbers above 1e15, leave another program.
         if not self._is_whole:
-            return _FAILED, np.zeros(0), np.zeros(0)
+            raise ArithmeticError("HiGHS leaves out rows with numbers above 1e15")
         answer = self._run()
         if answer[0] == _FAILED:
             self._highs.clearSolver()

@@ -229,7 +229,7 @@ class TreeWalk:
         """Return whether a combination (M, 3) proves that no motion counts for any mode."""
         chosen, allowed = state.selected[:, None], state.signs
         known = chosen & (allowed.sum(axis=2) == 1)
-        signs = np.where(known, allowed.argmax(axis=2) - 1, 0)
+        signs = allowed.argmax(axis=2) - 1  # of those that are known: the others have no v
         along = signs * v[:, 1:]
         if (v[~np.hstack([chosen, known])] != 0.0).any() or (along < 0.0).any():
             return False
