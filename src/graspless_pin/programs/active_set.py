@@ -1,11 +1,10 @@
-"""The optimum of one program, as a warm start for another of slightly different numbers.
+"""Warm start of a program from the active set of a similar program's optimum.
 
-A warm start by the active set: where the same constraints are active in both, the second optimum
-follows from the first by the KKT conditions, two linear systems with one matrix: the active rows
-E x = e, and E^T w = -c for their multipliers. Of
-all solutions those nearest to the first optimum are taken, so that forces which are not unique
-change as little as they can. Nothing is presumed: what comes out is an answer like a solver's, to
-be checked like one, and where other constraints have become active it fails that check.
+If the same constraints are active in both programs, the second optimum follows from the first by
+the KKT conditions: two linear systems with one matrix, the active rows E x = e, and E^T w = -c for
+their multipliers. Among their solutions the nearest to the first optimum is taken, so that forces
+that are not unique change as little as possible. The result is checked like a solver's answer, and
+fails the check if other constraints have become active.
 """
 
 from __future__ import annotations
@@ -20,29 +19,29 @@ from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.programs.answers import Answer, Outcome, proven
 from graspless_pin.programs.program import Program
 
-# Stands in for ranks: relative to the rows' squares, far above their rounding. What it falsifies
-# the corrections take back, and the check judges the rest.
+# Regularises rank-deficient systems: relative to the trace of the Gram matrix, far above its
+# rounding. The corrections remove the error that it causes, and the check detects what remains.
 DAMPING = 1e-13
 CORRECTIONS = 2
-# Linear systems are solved to rounding: an answer that is worse, though it would pass, met
-# constraints that contradict each other by a hair, and a solver should say what that means.
+# Linear systems are solved to rounding. A larger error, though it would pass the check, means that
+# the constraints contradict each other slightly: that is left to a solver.
 EXACT = 1e-9
 
 _potrf, _potrs = get_lapack_funcs(("potrf", "potrs"))
 
 
 class ActiveSet(NamedTuple):
-    """An optimum and the constraints that are active there.
+    """An optimum and the constraints active at it.
 
     Attributes:
         x: (n,) the solution.
         sizes: Numbers of rows of A and G.
-        rows: (r,) the active rows among those of A and G.
-        at_bounds: (h,) variables at a bound that is imposed.
-        unit: (h, n) rows that pick them.
-        upper: (r + h,) whether it is the upper side, or bound, that is active.
+        rows: (r,) indices of the active rows among those of A and G.
+        at_bounds: (h,) indices of the variables at an imposed bound.
+        unit: (h, n) unit rows that select these variables.
+        upper: (r + h,) whether the upper side, or upper bound, is the active one.
         weights: (r + h,) multipliers, positive at upper sides and bounds.
-        solver: The solver that it comes from.
+        solver: Name of the solver that gave the optimum.
     """
 
     x: FloatArray
@@ -56,10 +55,10 @@ class ActiveSet(NamedTuple):
 
 
 def active_set_of(program: Program, answer: Answer) -> ActiveSet | None:
-    """Return a solved answer with what is active, None for a program that is not linear.
+    """Return a solved answer with its active constraints; None if the program is not linear.
 
-    A constraint is active if its multiplier exceeds what is left to its side: interior points end
-    with one of them near zero.
+    A constraint is active if its multiplier exceeds its slack: interior-point solvers end with one
+    of the two near zero.
     """
     if not program.is_polyhedral:
         return None
@@ -88,42 +87,44 @@ def active_set_of(program: Program, answer: Answer) -> ActiveSet | None:
 
 
 def solved_on(program: Program, near: ActiveSet, cutoff: float) -> tuple[Answer, ActiveSet] | None:
-    """Return what is optimal in a program if the same constraints are active as in another.
+    """Return the optimum of a program on the active set of a similar program.
 
     Args:
         program: The program.
-        near: An optimum of a similar one.
+        near: An optimum of the similar program.
         cutoff: As in `checked_answer`.
 
     Returns:
-        A checked answer, solved or above the cutoff, and the optimum to carry on from; None if
-        other constraints are active, or the programs differ in size.
+        A checked answer, solved or above the cutoff, and its active set for the next warm start;
+        None if other constraints are active, or the programs differ in size.
     """
     n, sizes = len(program.c), (len(program.b), len(program.l))
     if not program.is_polyhedral or len(near.x) != n or near.sizes != sizes:
         return None
-    found = _refined(program, near)
-    if found is None:
+    refined = _kkt_solution(program, near)
+    if refined is None:
         return None
-    x, weights, multipliers = found
-    split = multipliers[: sizes[0]], multipliers[sizes[0] :]
-    answer = proven(program, (x, *split), near.solver, cutoff)
+    x, weights, multipliers = refined
+    duals = multipliers[: sizes[0]], multipliers[sizes[0] :]
+    answer = proven(program, (x, *duals), near.solver, cutoff)
     if answer.outcome is Outcome.FAILED:
         return None
-    exact = EXACT * max(1.0, abs(answer.value))
-    if answer.outcome is Outcome.SOLVED and max(answer.residual, abs(answer.gap)) > exact:
+    tolerance = EXACT * max(1.0, abs(answer.value))
+    if answer.outcome is Outcome.SOLVED and max(answer.residual, abs(answer.gap)) > tolerance:
         return None
     return answer, ActiveSet(
         x, sizes, near.rows, near.at_bounds, near.unit, near.upper, weights, near.solver
     )
 
 
-def _refined(program: Program, kept: ActiveSet) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Solve the two linear systems: x, multipliers of what is active, and of all rows.
+def _kkt_solution(
+    program: Program, active_set: ActiveSet
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return x, the active constraints' multipliers and those of all rows; None if not solvable.
 
-    None if they cannot be solved.
+    They are the solutions of the two linear systems.
     """
-    E, sides = _active(program, kept)
+    E, sides = _active_rows_and_sides(program, active_set)
     wide = len(E) <= len(program.c)
     gram = E @ E.T if wide else E.T @ E
     diagonal = gram.reshape(-1)[:: len(gram) + 1]
@@ -131,29 +132,31 @@ def _refined(program: Program, kept: ActiveSet) -> tuple[FloatArray, FloatArray,
     factor, failed = _potrf(gram, lower=1)
     if failed or not all_finite((sides,)):
         return None
-    x, weights = kept.x, kept.weights
+    x, weights = active_set.x, active_set.weights
     for _ in range(CORRECTIONS):
-        beyond, slope = sides - E.dot(x), program.c + weights.dot(E)
+        residual, slope = sides - E.dot(x), program.c + weights.dot(E)
         if wide:
-            x = x + _potrs(factor, beyond, lower=1)[0].dot(E)
+            x = x + _potrs(factor, residual, lower=1)[0].dot(E)
             weights = weights - _potrs(factor, E.dot(slope), lower=1)[0]
         else:
-            x = x + _potrs(factor, beyond.dot(E), lower=1)[0]
+            x = x + _potrs(factor, residual.dot(E), lower=1)[0]
             weights = weights - E.dot(_potrs(factor, slope, lower=1)[0])
-    count = len(kept.rows)
-    x[kept.at_bounds] = sides[count:]
-    multipliers = np.zeros(sum(kept.sizes))
-    multipliers[kept.rows] = weights[:count]
+    row_count = len(active_set.rows)
+    x[active_set.at_bounds] = sides[row_count:]
+    multipliers = np.zeros(sum(active_set.sizes))
+    multipliers[active_set.rows] = weights[:row_count]
     return x, weights, multipliers
 
 
-def _active(program: Program, kept: ActiveSet) -> tuple[FloatArray, FloatArray]:
-    """Return the (r + h, n) rows that were active and the sides that they were at."""
-    rows, at_bounds = kept.rows, kept.at_bounds
+def _active_rows_and_sides(
+    program: Program, active_set: ActiveSet
+) -> tuple[FloatArray, FloatArray]:
+    """Return the (r + h, n) active rows, bounds included, and their active sides."""
+    rows, at_bounds = active_set.rows, active_set.at_bounds
     low, high = program.sides
-    upper = kept.upper
+    upper = active_set.upper
     sides = np.where(upper[: len(rows)], high[rows], low[rows])
     if not len(at_bounds):
         return program.rows[rows], sides
     bounds = np.where(upper[len(rows) :], program.ub[at_bounds], program.lb[at_bounds])
-    return np.concatenate((program.rows[rows], kept.unit)), np.concatenate((sides, bounds))
+    return np.concatenate((program.rows[rows], active_set.unit)), np.concatenate((sides, bounds))

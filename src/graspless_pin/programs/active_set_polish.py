@@ -1,12 +1,12 @@
-"""A solver's answer brought to rounding: the system of what is active at it, solved again.
+"""Solution polishing: a solver's answer refined to rounding by the KKT system of its active set.
 
-Interior points end some 1e-10 away from optimality. Where a limit is far above the load, that
-slack times the limit is more than a proof may leave. The KKT conditions on the active set,
-E x = e and P x + c + E^T w = 0, are linear: their solution nearest to the answer leaves rounding
-only. OSQP calls this solution polishing (Stellato et al., Math. Prog. Comp. 12, 2020, Sec. 5.2).
+Interior-point solvers end some 1e-10 away from optimality. If a limit is far above the load, that
+slack times the limit exceeds the gap that a proof may leave. The KKT conditions on the active set,
+E x = e and P x + c + E^T w = 0, are linear: their solution nearest to the answer is exact up to
+rounding. OSQP calls this polishing (Stellato et al., Math. Prog. Comp. 12, 2020, Sec. 5.2).
 
-Multipliers are refined further where a proof needs it: where limits are far, the last digit of a
-large multiplier times the limit may be more than a bound may lose.
+Multipliers are refined further if a proof needs it: with large limits, the last digit of a large
+multiplier times the limit may be more than a bound may lose.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from graspless_pin.programs.program import Program
 _RANK_TOLERANCE = 1e-11
 _RESIDUAL_CORRECTIONS = 2
 _MOST_SIGN_ROUNDS = 4
-Found = tuple[FloatArray, FloatArray, FloatArray]
+PrimalDual = tuple[FloatArray, FloatArray, FloatArray]
 
 
-def polished(program: Program, found: Found) -> Found | None:
-    """Return the solution and multipliers nearest to an answer that meet what is active exactly.
+def polished(program: Program, answer: PrimalDual) -> PrimalDual | None:
+    """Return the solution of the KKT system of an answer's active set, nearest to the answer.
 
     Args:
         program: The program.
-        found: x, y and z as a solver left them.
+        answer: x, y and z as a solver returned them.
 
     Returns:
-        x, y and z; None where the active constraints contradict each other, or there are cones.
-        Nothing is presumed: it is an answer to be checked like any other.
+        x, y and z, to be checked like a solver's; None if the active constraints contradict each
+        other, or there are cones.
     """
-    x, weights = found[0], np.concatenate(found[1:])
+    x, weights = answer[0], np.concatenate(answer[1:])
     if program.cone_count or not (np.isfinite(x).all() and np.isfinite(weights).all()):
         return None
     count, (low, high) = len(program.b), program.sides
@@ -47,15 +47,15 @@ def polished(program: Program, found: Found) -> Found | None:
     at_bound = np.abs(slope) > np.abs(bound - x)
     weights[:count] = without_cancelling(program.A, weights[:count], slope, at_bound)
     for _ in range(_MOST_SIGN_ROUNDS):
-        solved = _solved(program, x, weights, active, at_bound, side, bound)
-        if solved is None:
+        solution = _active_set_solution(program, x, weights, active, at_bound, side, bound)
+        if solution is None:
             return None
-        nearer, turned = solved
-        # Multipliers of one sign only: those that would need the other have no part.
-        wrong = active & (turned * weights < 0.0)
+        x_polished, multipliers = solution
+        # Constraints whose multiplier changes sign are not active.
+        wrong = active & (multipliers * weights < 0.0)
         wrong[:count] = False
         if not wrong.any():
-            return nearer, turned[:count], turned[count:]
+            return x_polished, multipliers[:count], multipliers[count:]
         active &= ~wrong
         weights = np.where(wrong, 0.0, weights)
     return None
@@ -64,10 +64,10 @@ def polished(program: Program, found: Found) -> Found | None:
 def without_cancelling(
     A: FloatArray, y: FloatArray, slope: FloatArray, held: NDArray[np.bool_]
 ) -> FloatArray:
-    """(m,) multipliers of A x = b with little that cancels between rows which depend on each other.
+    """(m,) multipliers of A x = b, less the part that cancels between dependent rows.
 
-    Such rows may contradict each other by rounding, and the bound multiplies that by what cancels.
-    The slope of variables that are not held stays, and that of held ones keeps its sign.
+    Such rows may contradict each other by rounding, which the bound multiplies by the part that
+    cancels. The slope of variables that are not held stays, and that of held ones keeps its sign.
     """
     independent, sizes, _ = np.linalg.svd(A[:, ~held], full_matrices=False)
     independent = independent[:, sizes > _RANK_TOLERANCE * sizes.max(initial=0.0)]
@@ -78,7 +78,7 @@ def without_cancelling(
     return y + min(1.0, step_lengths.min(initial=1.0)) * step
 
 
-def _solved(
+def _active_set_solution(
     program: Program,
     x: FloatArray,
     weights: FloatArray,
@@ -100,123 +100,125 @@ def _solved(
         inverse = np.linalg.pinv(system, rcond=_RANK_TOLERANCE, hermitian=True)
     except np.linalg.LinAlgError:
         return None
-    # Residuals in a longer format: what is left is then the rounding of the result.
+    # Residuals in extended precision: the remaining error is then the rounding of the result.
     long = np.longdouble
     matrix, c, P = rows.astype(long), program.c.astype(long), program.P[free].astype(long)
-    target, at, by = side[active].astype(long), x.astype(long), w.astype(long)
+    target, x_long, w_long = side[active].astype(long), x.astype(long), w.astype(long)
     for _ in range(_RESIDUAL_CORRECTIONS):
-        off = np.concatenate([
-            -(P * at[free] + c[free] + by @ matrix[:, free]), target - matrix @ at,
+        residual = np.concatenate([
+            -(P * x_long[free] + c[free] + w_long @ matrix[:, free]), target - matrix @ x_long,
         ]).astype(np.float64)  # fmt: skip
-        step = inverse @ off
-        at[free] += step[:n]
-        by += step[n:]
+        step = inverse @ residual
+        x_long[free] += step[:n]
+        w_long += step[n:]
     multipliers = np.zeros(len(weights))
-    multipliers[active] = by.astype(np.float64)
-    return at.astype(np.float64), multipliers
+    multipliers[active] = w_long.astype(np.float64)
+    return x_long.astype(np.float64), multipliers
 
 
 _LEAST_MULTIPLIER = 1e-12
-"""Of the largest multiplier: smaller ones take no part."""
+"""Relative to the sum of the multipliers' sizes: smaller multipliers are set to zero."""
 _SLOPE_NOISE = 1e-9
-"""Of what makes a slope: smaller ones are rounding."""
+"""Relative to the size of a slope's terms: a smaller slope is rounding."""
 _LEAST_LOSS = 1e-9
-"""Rounding that may cost a bound less needs no care."""
+"""Rounding that lowers a bound by less than this is ignored."""
 _MOST_BOUND_ROUNDING = 1e-2
-"""Of a bound, scaled: rounding costs no more than that."""
+"""Largest error of a bound by rounding, scaled units."""
 _SLOPE_REFINEMENTS = 3
 _LONG = np.longdouble
 _EPSILON = float(np.finfo(float).eps)
 
 
 def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return multipliers near the given ones whose dual bound is highest.
+    """Return multipliers near the given ones with the highest dual bound.
 
-    It is worked out in extended precision, less its rounding error. Two changes are tried:
+    The bound is computed in extended precision, less its rounding error. Two changes are tried:
     components that cancel between dependent rows are removed, and reduced costs that are zero up to
     rounding are given the sign whose box bound is zero.
 
     Args:
         program: The program.
-        y: Of the equalities.
-        z: Of the rows.
+        y: Multipliers of the equalities.
+        z: Multipliers of the rows of G.
 
     Returns:
-        The given ones where rounding does not matter, or where none are better.
+        The given ones if rounding does not matter, or if no others are better.
     """
     count, weights = len(y), np.concatenate((y, z))
-    first, last = program.reach
-    largest, total = np.maximum(np.abs(first), np.abs(last)), float(np.abs(weights).sum())
-    lost = _EPSILON * float((np.abs(weights) @ np.abs(program.rows)) @ largest)
-    if not program.is_polyhedral or not np.isfinite(lost) or lost < _LEAST_LOSS:
+    lowest, highest = program.reach
+    largest, total = np.maximum(np.abs(lowest), np.abs(highest)), float(np.abs(weights).sum())
+    rounding_loss = _EPSILON * float((np.abs(weights) @ np.abs(program.rows)) @ largest)
+    if not program.is_polyhedral or not np.isfinite(rounding_loss) or rounding_loss < _LEAST_LOSS:
         return y, z
     low, high = program.sides
     weights = np.where(np.isfinite(np.where(weights > 0.0, high, low)), weights, 0.0)
     weights[np.abs(weights) <= _LEAST_MULTIPLIER * total] = 0.0
     slope = program.c + weights @ program.rows
     at_bound = np.abs(slope) > _SLOPE_NOISE * (np.abs(weights) @ np.abs(program.rows))
-    smaller = weights.copy()
-    # Rows of one side only are equalities, too: fixed torques cancel against the balance.
+    reduced = weights.copy()
+    # Rows whose sides coincide are equalities, too: fixed torques cancel against the balance.
     fixed = low == high
-    smaller[fixed] = without_cancelling(program.rows[fixed], weights[fixed], slope, at_bound)
-    tried = [np.concatenate((y, z))]
-    for multipliers in (weights, smaller):
-        tried += _with_signed_reduced_costs(program, multipliers)
-    best = max(tried, key=lambda one: _bound(program, one))
-    # An optimum at the end of its box, such as torques of zero, needs no multiplier at all. What
-    # zeros gain beyond rounding is no gain: then the multipliers are of forces in another box.
-    none = np.zeros_like(weights)
-    if 0.0 < _bound(program, none) - _bound(program, best) < _MOST_BOUND_ROUNDING:
-        best = none
+    reduced[fixed] = without_cancelling(program.rows[fixed], weights[fixed], slope, at_bound)
+    candidates = [np.concatenate((y, z))]
+    for multipliers in (weights, reduced):
+        candidates += _with_signed_reduced_costs(program, multipliers)
+    best = max(candidates, key=lambda candidate: _safe_bound(program, candidate))
+    # An optimum at the end of its box, such as zero torques, needs no multipliers. If zeros improve
+    # the bound by more than rounding, the multipliers belong to forces in another box.
+    zeros = np.zeros_like(weights)
+    if 0.0 < _safe_bound(program, zeros) - _safe_bound(program, best) < _MOST_BOUND_ROUNDING:
+        best = zeros
     return best[:count], best[count:]
 
 
 def certain_bound(program: Program, y: FloatArray, z: FloatArray) -> float:
-    """Return the bound that multipliers prove less what rounding may hide of it, as documents do.
+    """Return the bound that multipliers prove, less its rounding error, as in documents.
 
     Args:
         program: The program.
-        y: Of the equalities.
-        z: Of the rows.
+        y: Multipliers of the equalities.
+        z: Multipliers of the rows of G.
     """
     if not program.is_polyhedral:
         return program.dual_bound(y, z)
-    return _bound(program, np.concatenate((y, z)))
+    return _safe_bound(program, np.concatenate((y, z)))
 
 
 def _with_signed_reduced_costs(program: Program, weights: FloatArray) -> list[FloatArray]:
-    """Return multipliers whose reduced costs have no sign that rounding gave them, step by step."""
-    (first, last), tried = program.reach, [weights]
-    part = weights != 0.0
+    """Return given and refined multipliers; refined reduced costs have no sign by rounding."""
+    (lowest, highest), refinements = program.reach, [weights]
+    active = weights != 0.0
     low, high = program.sides
-    part |= low == high
-    rows = program.rows[part]
-    sign = np.where(first == 0.0, 1.0, np.where(last == 0.0, -1.0, 0.0))
+    active |= low == high
+    rows = program.rows[active]
+    sign = np.where(lowest == 0.0, 1.0, np.where(highest == 0.0, -1.0, 0.0))
     for _ in range(_SLOPE_REFINEMENTS):
         weights = weights.copy()
-        slope, size = _slope(program, weights)
-        noise = (np.abs(slope) < _SLOPE_NOISE * size) & (first < last)
+        slope, size = _slope_and_size(program, weights)
+        noise = (np.abs(slope) < _SLOPE_NOISE * size) & (lowest < highest)
         wanted = (4.0 * _EPSILON * size * sign - slope)[noise]
-        weights[part] += np.linalg.lstsq(rows[:, noise].T, wanted, rcond=_RANK_TOLERANCE)[0]
-        tried.append(weights)
-    return tried
+        weights[active] += np.linalg.lstsq(rows[:, noise].T, wanted, rcond=_RANK_TOLERANCE)[0]
+        refinements.append(weights)
+    return refinements
 
 
-def _slope(program: Program, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slope of the Lagrangian by each variable, and the size of what makes it."""
+def _slope_and_size(program: Program, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) gradient of the Lagrangian, and (n,) sums of the sizes of its terms."""
     slope = program.c + weights.astype(_LONG) @ program.rows.astype(_LONG)
     return slope.astype(float), np.abs(weights) @ np.abs(program.rows) + np.abs(program.c)
 
 
-def _bound(program: Program, weights: FloatArray) -> float:
-    """Return the proven bound less what rounding may hide of it in the longer format."""
+def _safe_bound(program: Program, weights: FloatArray) -> float:
+    """Return the proven dual bound, less its rounding error in extended precision."""
     low, high = program.sides
     side = np.where(weights > 0.0, high, low)
-    there = np.isfinite(side)
-    kept, side = np.where(there, weights, 0.0), np.where(there, side, 0.0)
-    slope = program.c + kept.astype(_LONG) @ program.rows.astype(_LONG)
-    first, last = program.reach
-    smallest = slope @ np.where(slope >= 0.0, first, last) - kept.astype(_LONG) @ side
-    largest = np.maximum(np.abs(first), np.abs(last))
-    size = _slope(program, kept)[1] @ largest + np.abs(kept) @ np.abs(side)
-    return float(smallest - 4.0 * np.finfo(_LONG).eps * size)
+    is_finite = np.isfinite(side)
+    finite_weights, side = np.where(is_finite, weights, 0.0), np.where(is_finite, side, 0.0)
+    slope = program.c + finite_weights.astype(_LONG) @ program.rows.astype(_LONG)
+    lowest, highest = program.reach
+    bound = slope @ np.where(slope >= 0.0, lowest, highest) - finite_weights.astype(_LONG) @ side
+    largest = np.maximum(np.abs(lowest), np.abs(highest))
+    size = _slope_and_size(program, finite_weights)[1] @ largest + np.abs(finite_weights) @ np.abs(
+        side
+    )
+    return float(bound - 4.0 * np.finfo(_LONG).eps * size)

@@ -1,7 +1,7 @@
 """Objectives of the analyses: trade-off, force sets of given torques (32), disturbances, relief.
 
-And those of the search for guaranteed torques: torques given, and torques in half-spaces; and of
-windows of squeeze: torques that change least.
+Also those of the search for guaranteed torques (given torques, torques in half-spaces), and of
+windows of squeeze (torques of least change).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.scales import bears_contacts
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.forces import ForceCoordinates, ForceRows
-from graspless_pin.programs.objectives import Objective, Torque, add_largest
+from graspless_pin.programs.objectives import Objective, Torque, add_largest_torque
 from graspless_pin.programs.program import FARTHEST, Program
 
 
@@ -24,7 +24,7 @@ class Tradeoff(Objective):
     """Algorithms 1 and 2 as one program: t and e/F >= 0 as variables, t minimised; see `aimed`.
 
     Attributes:
-        base: What the torques are measured by.
+        base: The objective that measures the torques.
     """
 
     base: Torque
@@ -33,7 +33,7 @@ class Tradeoff(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add t and e/F."""
         forces = program.forces
-        add_largest(program, self.base.sides(forces.problem, forces.coordinates))
+        add_largest_torque(program, self.base.sides(forces.problem, forces.coordinates))
         e = program.columns(
             "margin",
             low=0.0,
@@ -66,7 +66,7 @@ class ForceSet(Objective):
 
     Attributes:
         torques: (L,) motors' torques, N m.
-        farthest: Whether normal forces are looked at up to `FARTHEST`, not `largest_force_sought`.
+        farthest: Whether normal forces are bounded by `FARTHEST`, not by `largest_force_sought`.
     """
 
     torques: FloatArray
@@ -74,7 +74,7 @@ class ForceSet(Objective):
     name = "force set"
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add the balance, the torques and the cones."""
+        """Add the balance, the given torques and the cones."""
         reach = FARTHEST if self.farthest else largest_force_sought(program.forces, self.torques)
         program.set_proof_box(program.forces.cone_box(reach))
         program.balance()
@@ -85,7 +85,7 @@ class ForceSet(Objective):
 
 @dataclass(frozen=True)
 class FreeRays(Objective):
-    """Directions of forces that make no wrench and no torques and stay in the cones; no cost yet.
+    """Directions of forces inside the cones with zero wrench and zero torques; no cost yet.
 
     Their normal components are at most 1.
     """
@@ -93,7 +93,7 @@ class FreeRays(Objective):
     name = "free rays"
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add the balance and the torques of nothing, and the cones."""
+        """Add the homogeneous balance and torque rows, and the cones."""
         forces = program.forces
         program.set_proof_box(forces.cone_box(1.0))
         program.equal("balance", forces.balance_rows, np.zeros(len(forces.balance_rows)))
@@ -104,9 +104,9 @@ class FreeRays(Objective):
 
 @dataclass(frozen=True, eq=False)
 class ForceBesideRay(Objective):
-    """A force set beside its own rays: x in the set, and d so that x + s d is for every s >= 0.
+    """A force x of a force set and a ray d of it: x + s d is in the set for every s >= 0.
 
-    The columns of d are those of x over again.
+    The columns of d have the layout of those of x.
 
     Attributes:
         base: The force set.
@@ -145,9 +145,9 @@ class HeldMargin(Objective):
     maximizes = True
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add e/F; the forces stay in their cones whatever it is beyond the normal-force limit.
+        """Add e/F, and keep the forces inside their cones for any e.
 
-        Forces are looked for as far as `largest_force_sought`.
+        The box of forces is that of `largest_force_sought`, enlarged by the normal-force limit.
         """
         forces = program.forces
         largest = float(forces.limit.max())
@@ -169,13 +169,13 @@ class HeldMargin(Objective):
 
 @dataclass(frozen=True, eq=False)
 class Disturbance(Objective):
-    """The largest multiple s of a disturbance wrench that the contacts still balance.
+    """The largest multiple s of a disturbance wrench that the contacts can balance.
 
     W f = -(w_ext + s direction), forces inside cones and normal-force limits.
 
     Attributes:
         direction: (P,) wrench per newton of disturbance.
-        torques: (L,) motors' torques that stay, N m; None: any within their limits.
+        torques: (L,) fixed motor torques, N m; None: any within their limits.
     """
 
     direction: FloatArray
@@ -186,22 +186,22 @@ class Disturbance(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add s over F."""
         forces = program.forces
-        push = forces.weight * self.direction
-        largest = int(np.argmax(np.abs(push)))
-        most = []
+        direction_rows = forces.weight * self.direction
+        row = int(np.argmax(np.abs(direction_rows)))
+        largest_multiples = []
         for box in forces.boxes:
-            reach = np.abs(forces.balance_rows[largest]) @ np.abs(box).max(axis=0)
-            reach += abs(forces.wrench[largest])
-            most.append(float(reach / abs(push[largest])) + 1.0)
+            reach = np.abs(forces.balance_rows[row]) @ np.abs(box).max(axis=0)
+            reach += abs(forces.wrench[row])
+            largest_multiples.append(float(reach / abs(direction_rows[row])) + 1.0)
         s = program.columns(
             "multiple",
             low=0.0,
-            box=(0.0, most[0]),
-            whole_box=(0.0, most[-1]),
+            box=(0.0, largest_multiples[0]),
+            whole_box=(0.0, largest_multiples[-1]),
             cost=-1.0,
             unit=forces.coordinates.force_scale,
         )
-        program.balance({s: push})
+        program.balance({s: direction_rows})
         if self.torques is None:
             program.torque_limits()
         else:
@@ -218,15 +218,15 @@ class Disturbance(Objective):
 class LimitRelief(Objective):
     """The smallest change s >= 0 of some limits that makes a required margin feasible.
 
-    It is given to the limits of some joints (in the largest of their joint scales), to all
-    normal-force limits (in F), and as an extra external wrench (in F, the largest component of a
+    It relaxes the limits of some joints (in the largest of their joint scales), all normal-force
+    limits (in F), and the balance by an extra external wrench (in F, the largest component of a
     wrench with moments over the length scale).
 
     Attributes:
         required_margin: N.
-        joints: The joints whose limits give way, by the same amount.
-        normal: Whether the normal-force limits give way.
-        wrench: Whether the balance is helped.
+        joints: The joints whose limits are relaxed, all by the same amount.
+        normal: Whether the normal-force limits are relaxed.
+        wrench: Whether the balance is relaxed.
     """
 
     required_margin: float
@@ -236,15 +236,15 @@ class LimitRelief(Objective):
     name = "limit relief"
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add s, and rows that give way by it."""
+        """Add s, and the rows that it relaxes."""
         forces = program.forces
         margin = self.required_margin / forces.coordinates.force_scale
-        most = _at_hand(forces, margin)
+        most = _largest_relief(forces, margin)
         if self.normal:
             program.set_proof_box(forces.cone_box(float(forces.limit.max()) + most))
-        # More than that is no help, and the box holds of every solution as the limit is imposed.
+        # More relief does not help; and as this bound is imposed, the box holds for every solution.
         s = program.columns("relief", low=0.0, high=most, box=(0.0, most), cost=1.0)
-        up, down = self._given(forces)
+        up, down = self._torque_limit_relief(forces)
         program.cones(margin)
         program.rows("torque_upper", forces.torque_rows, forces.upper, {s: -up})
         program.rows("torque_lower", -forces.torque_rows, -forces.lower, {s: -down})
@@ -257,33 +257,33 @@ class LimitRelief(Objective):
             )
         program.bound_normals(np.where(forces.held_above_zero, margin, -np.inf), np.inf)
 
-    def _given(self, forces: ForceRows) -> tuple[FloatArray, FloatArray]:
-        """(L,) by how much the upper and the lower torque limits give way."""
-        joints, given = list(self.joints), np.zeros(len(forces.torque_rows))
+    def _torque_limit_relief(self, forces: ForceRows) -> tuple[FloatArray, FloatArray]:
+        """(L,) coefficients of s in the upper and in the lower torque limits."""
+        joints, relief = list(self.joints), np.zeros(len(forces.torque_rows))
         scale = forces.coordinates.joint_scale[joints]
-        given[joints] = scale.max(initial=0.0) / scale
-        # A limit of zero beside a nonzero one is a direction that cannot be pushed: it stays.
+        relief[joints] = scale.max(initial=0.0) / scale
+        # A zero limit opposite a nonzero one is a direction without drive: it is not relaxed.
         problem = forces.problem
         zero_low, zero_high = problem.lower_torque == 0.0, problem.upper_torque == 0.0
-        return given * ~(zero_high & ~zero_low), given * ~(zero_low & ~zero_high)
+        return relief * ~(zero_high & ~zero_low), relief * ~(zero_low & ~zero_high)
 
 
-def _at_hand(forces: ForceRows, margin: float) -> float:
-    """Ten times everything at hand, scaled: as much as any limit may have to give."""
+def _largest_relief(forces: ForceRows, margin: float) -> float:
+    """Upper bound on the relief that any limit may need: ten times the sum of scaled figures."""
     finite = np.concatenate([forces.lower, forces.upper])
-    most = 10.0 * (
+    relief = 10.0 * (
         2.0 + margin + float(np.abs(forces.boxes[-1]).sum() + np.abs(forces.wrench).sum())
     )
-    most += float(np.abs(finite[np.isfinite(finite)]).max(initial=0.0))
-    return most + float(np.abs(forces.torque_rows).sum())
+    relief += float(np.abs(finite[np.isfinite(finite)]).max(initial=0.0))
+    return relief + float(np.abs(forces.torque_rows).sum())
 
 
 _FORCES_SOUGHT = 1e3
-"""Forces without a limit are looked for up to so many times what bears on the contacts."""
+"""Bound on forces without a limit, as a multiple of the largest given scaled figure."""
 
 
 def largest_force_sought(forces: ForceRows, torques: FloatArray) -> float:
-    """Return up to which normal force, over F, forces without a limit are looked for.
+    """Return the largest normal force, over F, considered where forces have no limit.
 
     A thousand times the largest of load, normal-force limits, and torques over their joint's scale.
     """
@@ -292,22 +292,22 @@ def largest_force_sought(forces: ForceRows, torques: FloatArray) -> float:
 
 
 def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
-    """Return (L,) torques that the contacts make beside gravity, over the joint scale.
+    """Return the (L,) torques of the contacts, motor torque minus gravity, over the joint scale.
 
-    Of joints that move no contact they are zero: what carries their links is their own.
+    They are zero for joints that move no contact: their motors carry only their links.
     """
     problem = forces.problem
-    made = np.where(bears_contacts(problem.jacobian), torques - problem.gravity_torques, 0.0)
-    return made / forces.coordinates.joint_scale
+    net = np.where(bears_contacts(problem.jacobian), torques - problem.gravity_torques, 0.0)
+    return net / forces.coordinates.joint_scale
 
 
-_MARGIN_BESIDE = 0.1
-"""What a margin of one load counts beside a depth of one joint scale."""
+_MARGIN_WEIGHT = 0.1
+"""Weight of a margin of one load relative to a depth of one joint scale."""
 
 
 @dataclass(frozen=True, eq=False)
 class AtTorques(Objective):
-    """Another objective with the motors' torques given.
+    """An objective with the motors' torques given.
 
     Attributes:
         base: The objective.
@@ -319,17 +319,17 @@ class AtTorques(Objective):
     name = "at given torques"
 
     def __post_init__(self) -> None:
-        """Take over what the objective says of its program."""
+        """Copy the attributes of the objective."""
         for name in ("maximizes", "required_margin", "regularization"):
             object.__setattr__(self, name, getattr(self.base, name))
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add what the objective does, and hold the torques."""
+        """Build the objective, and fix the torques."""
         self.base.build(program)
         program.held_torques(contact_torques(program.forces, self.torques))
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
-        """Return the objective's."""
+        """Return the unit of the objective."""
         return self.base.unit(problem, coordinates)
 
     @property
@@ -338,23 +338,23 @@ class AtTorques(Objective):
         return self.base.of_margin
 
     def with_figure(self, name: str, value: float) -> AtTorques:
-        """Return it with another figure of the objective."""
+        """Return it with a figure of the objective replaced."""
         return replace(self, base=self.base.with_figure(name, value))
 
     @property
     def cutoff(self) -> float:
-        """A value of the program from which on there is no solution."""
+        """Program value above which there is no solution."""
         return self.base.cutoff
 
 
 @dataclass(frozen=True, eq=False)
 class InsideHalfSpaces(Objective):
-    """Torques well inside half-spaces, up to a depth; of these, those with the largest margin.
+    """Torques deep inside half-spaces, up to a given depth; a larger margin is the second aim.
 
     Attributes:
         normals: (K, L) per N m; torques with normals @ torques <= sides are inside.
         sides: (K,).
-        depth: In joint scales: deeper counts no more.
+        depth: Upper bound on the depth, in joint scales.
         required_margin: N.
     """
 
@@ -371,15 +371,15 @@ class InsideHalfSpaces(Objective):
         size = np.linalg.norm(self.normals * scale, axis=1)
         rows = (self.normals * scale / size[:, None]) @ forces.torque_rows
         sides = (self.sides - self.normals @ forces.problem.gravity_torques) / size
-        most = [np.abs(rows) @ np.abs(box).max(axis=0) + np.abs(sides) for box in forces.boxes]
-        depths = [float(reach.max(initial=0.0)) + self.depth for reach in most]
+        reaches = [np.abs(rows) @ np.abs(box).max(axis=0) + np.abs(sides) for box in forces.boxes]
+        depths = [float(reach.max(initial=0.0)) + self.depth for reach in reaches]
         d = program.columns(
             "depth", high=self.depth, cost=-1.0,
             box=(-depths[0], self.depth), whole_box=(-depths[-1], self.depth),
         )  # fmt: skip
         low = self.required_margin / unit
         highest = max(low, 0.5 * float(forces.limit.min()))
-        e = program.columns("margin", low=low, box=(low, highest), cost=-_MARGIN_BESIDE, unit=unit)
+        e = program.columns("margin", low=low, box=(low, highest), cost=-_MARGIN_WEIGHT, unit=unit)
         program.balance()
         program.cones(e)
         program.normal_limits(e)
@@ -389,11 +389,11 @@ class InsideHalfSpaces(Objective):
 
 @dataclass(frozen=True)
 class LeastChange(Objective):
-    """The torques of balance that are nearest to given ones, in squares of shares of limits.
+    """The balancing torques nearest to given ones: least sum of squared changes over limits.
 
     Attributes:
-        torques: L given ones, N m (N).
-        direction: L, along which nothing changes, in the norm scaled by the limits.
+        torques: L given torques, N m (N).
+        direction: L components; no change along it, in the norm scaled by the limits.
     """
 
     name = "least change"
@@ -403,8 +403,8 @@ class LeastChange(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add the changes, whose squares are summed, and the rows of Algorithm 2.
 
-        Their sum of squares has one least point, which moves on evenly where the squeeze does; the
-        largest of them alone would leave the others open, and torques would jump.
+        The minimum of the sum of squares is unique, and continuous in the squeeze; the largest
+        change alone would leave the others undetermined, and torques would jump.
         """
         forces, scale = program.forces, program.forces.coordinates.joint_scale
         limits = np.minimum(
@@ -412,20 +412,20 @@ class LeastChange(Objective):
             1e3 * scale,
         )
         share = scale / np.where(limits > 0.0, limits, scale)
-        rest = forces.gravity - np.array(self.torques) / scale
-        most = [
-            share * (np.abs(forces.torque_rows) @ box[1] + np.abs(rest)) for box in forces.boxes
+        offset = forces.gravity - np.array(self.torques) / scale
+        reach = [
+            share * (np.abs(forces.torque_rows) @ box[1] + np.abs(offset)) for box in forces.boxes
         ]
         changes = program.columns(
-            "changes", len(share), curvature=1.0, box=(-most[0], most[0]),
-            whole_box=(-most[-1], most[-1]),
+            "changes", len(share), curvature=1.0, box=(-reach[0], reach[0]),
+            whole_box=(-reach[-1], reach[-1]),
         )  # fmt: skip
         is_change = {changes: -np.eye(len(share))}
-        program.equal("changes", share[:, None] * forces.torque_rows, -share * rest, is_change)
-        # No change along the direction: the squeeze is as it is asked for.
-        along = share**2 * np.array(self.direction) / scale
-        along = along / np.linalg.norm(along)
-        program.equal("squeeze", (along @ forces.torque_rows)[None], np.array([-along @ rest]))
+        program.equal("changes", share[:, None] * forces.torque_rows, -share * offset, is_change)
+        # No change along the direction: the squeeze is the given one.
+        row = share**2 * np.array(self.direction) / scale
+        row = row / np.linalg.norm(row)
+        program.equal("squeeze", (row @ forces.torque_rows)[None], np.array([-row @ offset]))
         program.balance()
         program.cones(0.0)
         program.normal_limits(0.0)

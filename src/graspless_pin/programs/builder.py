@@ -1,12 +1,12 @@
 """Build a program on contact forces: named columns, named blocks of rows, and an objective.
 
-An objective (see `objectives`) calls the methods it needs, in any order. The balance, the cones,
-the limits of normal forces and of torques are at hand, in scaled units: forces over F, moments over
+An objective (see `objectives`) calls the methods it needs, in any order. The balance, the cones and
+the limits of normal forces and torques are available in scaled units: forces over F, moments over
 F times the length scale, torques over each joint's scale.
 
-Here is the one way, too, from the multipliers of a scaled program to those of the problem, by
-name, and back. The Lagrangian is the same in both: a multiplier in the problem's units is the
-scaled one times the unit of the objective, over the unit of its row.
+`marginals` converts the multipliers of a scaled program to those of the problem, by name, and
+`scaled_weights` converts them back. The Lagrangian is the same in both: a multiplier in the
+problem's units is the scaled one times the unit of the objective, over the unit of its row.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ Ends = tuple[ArrayLike, ArrayLike]
 
 
 _UNPLACED = slice(0)
-"""Where rows stand that are not stacked yet."""
+"""Row indices of a block that is not stacked yet."""
 
 
-class _Rows(NamedTuple):
+class _BlockRows(NamedTuple):
     """Rows of one block before they are stacked."""
 
     block: Block
@@ -51,17 +51,17 @@ class ProgramBuilder:
     """
 
     def __init__(self, forces: ForceRows) -> None:
-        """Begin with the forces alone: no rows, no bounds, no objective."""
+        """Start with the force columns only: no rows, no bounds, no objective."""
         self.forces = forces
         size = forces.size
-        self._bounds = [_ends((-np.inf, np.inf), size)]
+        self._bounds = [_bounds_array((-np.inf, np.inf), size)]
         self._boxes = [[box] for box in forces.boxes]
         self._linear: list[FloatArray] = [np.zeros(size)]
         self._curved: list[FloatArray] = [np.zeros(size)]
         self._size = size
-        self._equalities: list[_Rows] = []
-        self._rows: list[_Rows] = []
-        self._cones: list[_Rows] = []
+        self._equalities: list[_BlockRows] = []
+        self._rows: list[_BlockRows] = []
+        self._cones: list[_BlockRows] = []
         self._bounded: list[Block] = []
 
     def columns(
@@ -80,23 +80,23 @@ class ProgramBuilder:
         """Add columns.
 
         Args:
-            name: What they are.
-            count: How many.
-            box: Finite lower and upper bounds that every optimum keeps: proofs assume them. They
+            name: Name of their block.
+            count: Number of columns.
+            box: Finite lower and upper bounds that every optimum obeys: proofs assume them. They
                 are not imposed; an optimum outside is an `ArgumentError`.
-            whole_box: The same for all forces where `ForceRows.boxes` has a second box; None: the
-                same as for the first.
-            low: Lower bounds to be imposed.
-            high: Upper bounds to be imposed.
+            whole_box: The same over the second box of `ForceRows.boxes`, if there is one; None: as
+                `box`.
+            low: Imposed lower bounds.
+            high: Imposed upper bounds.
             cost: Coefficient of each in the objective, which is minimised.
             curvature: Coefficient of half the square of each in the objective, at least 0.
-            unit: What one of each is in the problem's units.
+            unit: Problem units per scaled unit of each column.
         """
         added = Columns(self._size, count)
         self._size += count
-        self._bounds.append(_ends((low, high), count))
+        self._bounds.append(_bounds_array((low, high), count))
         for parts, ends in zip(self._boxes, (box, whole_box or box), strict=False):
-            parts.append(_ends(ends, count))
+            parts.append(_bounds_array(ends, count))
         self._linear.append(np.full(count, cost))
         self._curved.append(np.full(count, curvature))
         self._bounded.append(Block(name, added.at, unit, Sign.EITHER, (count,)))
@@ -114,7 +114,7 @@ class ProgramBuilder:
         """Add equalities ``forces @ x + terms = side``; the arguments are those of `rows`."""
         size = len(side)
         block = Block(name, _UNPLACED, unit, Sign.ANY, (size,))
-        self._equalities.append(_Rows(block, forces, terms or {}, side, side, size))
+        self._equalities.append(_BlockRows(block, forces, terms or {}, side, side, size))
 
     def rows(
         self,
@@ -132,23 +132,23 @@ class ProgramBuilder:
         """Add rows ``low <= forces @ x + terms <= high``.
 
         Args:
-            name: What they are.
-            forces: (k, n) coefficients of the forces; None: they have no part in it.
+            name: Name of their block.
+            forces: (k, n) coefficients of the forces; None: zeros.
             high: (k,) upper sides.
             terms: Coefficients of added columns.
             low: (k,) lower sides; None: there are none.
-            unit: What one of each scaled row is in the problem's units.
+            unit: Problem units per scaled unit of each row.
             shape: Shape of the multipliers by contact or joint; None: (k,).
-            places: (k,) flat places there; None: all.
-            strict: (k,) see `Program`; None: as other rows.
+            places: (k,) flat indices of the rows in that shape; None: all.
+            strict: (k,) see `Program`; None: ones.
         """
         size = len(forces) if forces is not None else len(np.atleast_1d(high))
         sign, least = (Sign.UPPER, -np.inf) if low is None else (Sign.EITHER, low)
         block = Block(name, _UNPLACED, unit, sign, shape or (size,), places)
-        self._rows.append(_Rows(block, forces, terms or {}, least, high, size, strict))
+        self._rows.append(_BlockRows(block, forces, terms or {}, least, high, size, strict))
 
     def balance(self, terms: Terms | None = None) -> None:
-        """Add W f + w_ext = 0 (19), with what added columns contribute: block ``balance``."""
+        """Add W f + w_ext = 0 (19), plus terms of added columns: block ``balance``."""
         forces = self.forces
         unit = forces.coordinates.force_scale / forces.weight
         self.equal("balance", forces.balance_rows, forces.wrench, terms, unit=unit)
@@ -167,9 +167,9 @@ class ProgramBuilder:
 
         Args:
             margin: A column, or the margin over F.
-            weights: (M,) what a contact's margin counts; None: 1 each.
-            name: Another name of the block.
-            of: Columns that stand for the forces; None: the forces' own.
+            weights: (M,) factors of the margin at each contact; None: ones.
+            name: Name of the block in place of the default.
+            of: Columns to use in place of the forces'; None: the forces' own.
         """
         forces, cones = self.forces, self.forces.cones
         level = cones.margin
@@ -184,24 +184,24 @@ class ProgramBuilder:
             side = -sign * margin * level
         if of is not None:
             terms[of] = cones.rows
-        unit, own = forces.coordinates.force_scale, None if of is not None else cones.rows
-        # Of a second-order cone the two sides are one: what is added to its rows.
+        unit, coefficients = forces.coordinates.force_scale, None if of is not None else cones.rows
+        # The two sides of a second-order cone are equal: the offset of its rows.
         kind = Sign.CONE if cones.second_order else Sign.UPPER
         low = side if cones.second_order else -np.inf
         block = Block(name or cones.name, _UNPLACED, unit, kind, cones.shape, cones.places)
-        part = _Rows(block, own, terms, low, side, len(cones.rows))
+        part = _BlockRows(block, coefficients, terms, low, side, len(cones.rows))
         (self._cones if cones.second_order else self._rows).append(part)
 
     def normal_limits(self, margin: Columns | float, weights: FloatArray | None = None) -> None:
-        """Keep normal forces a margin away from both ends (36).
+        """Keep normal forces a margin away from zero and from their limits (36).
 
         With a column: blocks ``normal_upper`` and, where there is no cone, ``normal_lower``; with a
-        number: bounds of the columns, named ``normal``. Narrow cones have lower bounds, too, which
-        boxes of proofs imply.
+        number: bounds of the columns, named ``normal``. Narrow cones also get lower bounds, which
+        the boxes of proofs imply.
 
         Args:
             margin: A column, or the margin over F.
-            weights: (M,) what a contact's margin counts; None: 1 each.
+            weights: (M,) factors of the margin at each contact; None: ones.
         """
         forces = self.forces
         level = 1.0 if weights is None else weights
@@ -227,11 +227,11 @@ class ProgramBuilder:
         """Bound the normal forces: bounds named ``normal``.
 
         Args:
-            low: (M,) over F.
-            high: (M,) over F.
+            low: (M,) lower bounds over F.
+            high: (M,) upper bounds over F.
         """
         columns = self.forces.coordinates.normal_columns
-        self._bounds[0][:, columns] = _ends((low, high), len(columns))
+        self._bounds[0][:, columns] = _bounds_array((low, high), len(columns))
         unit = self.forces.coordinates.force_scale
         self._bounded.append(Block("normal", columns, unit, Sign.EITHER, (len(columns),)))
 
@@ -245,7 +245,7 @@ class ProgramBuilder:
         )  # fmt: skip
 
     def held_torques(self, torque: FloatArray) -> None:
-        """Hold J^T f at given values (32): block ``held``.
+        """Fix J^T f at given values (32): block ``held``.
 
         Args:
             torque: (L,) torques that the contacts make, over the joint scale.
@@ -259,7 +259,7 @@ class ProgramBuilder:
             self._curved[0] = self.forces.coordinates.curvature(epsilon)
 
     def set_proof_box(self, box: FloatArray) -> None:
-        """Let proofs of bounds assume forces in another (2, n) box than `ForceRows.boxes`.
+        """Replace `ForceRows.boxes` by another (2, n) box of forces for proofs of bounds.
 
         Call it before columns are added.
         """
@@ -276,16 +276,16 @@ class ProgramBuilder:
         rows = np.zeros((total, self._size), order="F")
         low, high, blocks, first = np.empty(total), np.empty(total), [], 0
         strict = None if self.forces.coordinates.strictness is None else np.ones(total)
-        for block, forces, terms, least, most, size, closely in parts:
+        for block, forces, terms, low_sides, high_sides, size, strict_rows in parts:
             where = slice(first, first + size)
             if forces is not None:
                 rows[where, : self.forces.size] = forces
             for columns, values in terms.items():
-                wide = np.asarray(values)
-                rows[where, columns.at] = wide[:, None] if wide.ndim == 1 else wide
-            low[where], high[where] = least, most
-            if strict is not None and closely is not None:
-                strict[where] = closely
+                entries = np.asarray(values)
+                rows[where, columns.at] = entries[:, None] if entries.ndim == 1 else entries
+            low[where], high[where] = low_sides, high_sides
+            if strict is not None and strict_rows is not None:
+                strict[where] = strict_rows
             blocks.append(block._replace(at=where))
             first += size
         boxes = [np.concatenate(box, axis=1) for box in self._boxes]
@@ -310,19 +310,18 @@ class ProgramBuilder:
         )
 
 
-def _ends(ends: Ends, count: int) -> FloatArray:
+def _bounds_array(ends: Ends, count: int) -> FloatArray:
     """(2, count) lower and upper bounds."""
-    both = np.empty((2, count))
-    both[0], both[1] = ends
-    return both
+    bounds = np.empty((2, count))
+    bounds[0], bounds[1] = ends
+    return bounds
 
 
 Marginals = Mapping[str, FloatArray]
 """Multipliers by the name of their block, in the objective's unit over that of the constraint.
 
 Those of equalities have any sign, those of second-order cones are in such cones themselves. All
-others are at least 0; those of rows and bounds with two sides are told apart as NAME_lower and
-NAME_upper.
+others are at least 0; rows and bounds with two sides have separate ones, NAME_lower and NAME_upper.
 """
 _Blocks = tuple[Block, ...]
 
@@ -336,37 +335,37 @@ def marginals(
     """Return multipliers of a minimisation by name, in the units of the problem.
 
     Args:
-        blocks: Of the rows, and of the bounds.
-        multipliers: Of all rows, A above G, positive on their upper sides; and the reduced costs
-            of all columns, positive at their lower bounds.
-        unit: What one of the scaled objective is, positive.
-        signs: Multipliers whose signs tell the sides; None: the same. Others that differ from them
-            may have turned their signs.
+        blocks: Blocks of the rows, and of the bounds.
+        multipliers: Those of all rows, A above G, positive on their upper sides; and the reduced
+            costs of all columns, positive at their lower bounds.
+        unit: Factor from the scaled objective to its own unit, positive.
+        signs: Multipliers whose signs decide which side each belongs to; None: the multipliers
+            themselves, which may differ from these in sign.
     """
-    found: dict[str, FloatArray] = {}
+    by_name: dict[str, FloatArray] = {}
     weights, reduced = multipliers
-    own, own_reduced = signs or multipliers
+    signed, signed_reduced = signs or multipliers
     for block, values, sides in (
-        *((one, weights[one.at], own[one.at]) for one in blocks[0]),
+        *((block, weights[block.at], signed[block.at]) for block in blocks[0]),
         # A reduced cost is positive where the lower bound holds.
-        *((one, -reduced[one.at], -own_reduced[one.at]) for one in blocks[1]),
+        *((block, -reduced[block.at], -signed_reduced[block.at]) for block in blocks[1]),
     ):
         scaled = unit * values / block.unit
         if block.sign is Sign.ANY:
-            found[block.name] = read_only(block.spread(scaled))
+            by_name[block.name] = read_only(block.spread(scaled))
             continue
         if block.sign is Sign.CONE:
-            found[block.name] = read_only(block.spread(-scaled))
+            by_name[block.name] = read_only(block.spread(-scaled))
             continue
-        found[_upper(block)] = read_only(block.spread(np.where(sides > 0.0, scaled, 0.0)))
+        by_name[_upper_name(block)] = read_only(block.spread(np.where(sides > 0.0, scaled, 0.0)))
         if block.sign is Sign.EITHER:
             lower = np.where(sides < 0.0, -scaled, 0.0)
-            found[f"{block.name}_lower"] = read_only(block.spread(lower))
-    return found
+            by_name[f"{block.name}_lower"] = read_only(block.spread(lower))
+    return by_name
 
 
 def scaled_weights(blocks: _Blocks, found: Marginals, unit: float) -> FloatArray:
-    """Return the scaled multipliers of all rows from those by name; what `marginals` takes.
+    """Return the scaled multipliers of all rows from those by name: the inverse of `marginals`.
 
     Raises:
         KeyError: If a block is missing.
@@ -374,16 +373,16 @@ def scaled_weights(blocks: _Blocks, found: Marginals, unit: float) -> FloatArray
     """
     parts = []
     for block in blocks:
-        value = np.asarray(found[_upper(block)], dtype=float)
+        value = np.asarray(found[_upper_name(block)], dtype=float)
         if block.sign is Sign.EITHER:
             value = value - np.asarray(found[f"{block.name}_lower"], dtype=float)
         if block.sign is Sign.CONE:
             value = -value
         if value.shape != block.shape:
             raise ValueError(f"{block.name} has the shape {value.shape}, not {block.shape}")
-        parts.append(block.gathered(value) * block.unit / unit)
+        parts.append(block.row_entries(value) * block.unit / unit)
     return np.concatenate(parts)
 
 
-def _upper(block: Block) -> str:
+def _upper_name(block: Block) -> str:
     return f"{block.name}_upper" if block.sign is Sign.EITHER else block.name

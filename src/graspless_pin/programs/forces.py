@@ -1,4 +1,4 @@
-"""Contact forces as variables of programs: coordinates, and the constraints that all modes share.
+"""Contact forces as program variables: their coordinates, and constraints common to all modes.
 
 The unknown is not the edge weights k of (44) and (45) but the force itself, in contact
 coordinates: x_l = (n^T f, t1^T f, t2^T f) / F where there is a friction cone, and n^T f / F alone
@@ -6,9 +6,9 @@ where the direction is known (actual sliding, no friction). F is the load, see `
 Then C k with k >= 0 becomes H^T f <= 0, (27) fixes variables at zero and (31) bounds them
 (`Formulation.opposing`), so all modes of a problem differ in bounds only.
 
-A planner or a study asks for thousands of problems whose contacts have friction cones at the same
-places. Where their force coordinates stand among the columns is found once, and so are the rows
-that keep forces a margin away from the surface of their cones: they are shared, read-only.
+A planner or a study solves thousands of problems with friction cones at the same contacts. The
+layout of their force coordinates among the columns is computed once, and so are the rows that keep
+forces a margin away from the surface of their cones: they are shared, read-only.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from graspless_pin.problem.scales import Strictness, passive_levers
 from graspless_pin.programs.program import FARTHEST
 
 NARROW = 1e-3
-"""Friction below which the faces of a cone, met to a tolerance, let contacts pull too far."""
+"""Friction below which the tolerance of a cone's faces allows too negative normal forces."""
 _RIGHT_ANGLE = 1e-6
-"""Cosine up to which a direction of sliding is at a right angle to a tangent."""
+"""Largest cosine at which a sliding direction counts as orthogonal to a tangent."""
 _FRAME = np.arange(3)
 _LAYOUTS_KEPT = 16
 
 
 @dataclass(frozen=True, eq=False)
 class ForceLayout:
-    """Where the n force coordinates stand: three for a contact with a cone, one for another.
+    """Columns of the n force coordinates: three for a contact with a cone, one for any other.
 
     Attributes:
         size: n.
@@ -46,8 +46,8 @@ class ForceLayout:
         friction_columns: (c, 2) their columns of t1 and t2.
         without_cone: (M,) bool, contacts without one.
         owner: (n,) contact of each column.
-        axes: (n,) index of each column's axis among the contacts' n, t1, t2, one after the other.
-        places: (n, 3) places of each column's entries in the flat (3M, n) basis.
+        axes: (n,) index of each column's axis in the (3M,) sequence of the contacts' n, t1, t2.
+        places: (n, 3) flat indices of each column's entries in the (3M, n) basis.
         normal_rows: (M, n) with n^T f / F = normal_rows x.
     """
 
@@ -68,27 +68,27 @@ def layout_of(mask: bytes) -> ForceLayout:
     """Return the layout of the force coordinates of a problem.
 
     Args:
-        mask: Bytes of its `has_cone`.
+        mask: Bytes of the problem's `has_cone`.
     """
     has_cone = np.frombuffer(mask, dtype=np.bool_)
     widths = np.where(has_cone, 3, 1)
-    normal = np.cumsum(widths) - widths
+    normal_columns = np.cumsum(widths) - widths
     size = int(widths.sum())
     cones = np.flatnonzero(has_cone)
     owner = np.repeat(np.arange(len(widths)), widths)
     places = (3 * owner[:, None] + _FRAME) * size + np.arange(size)[:, None]
-    rows = np.zeros((len(widths), size))
-    rows[np.arange(len(widths)), normal] = 1.0
+    normal_rows = np.zeros((len(widths), size))
+    normal_rows[np.arange(len(widths)), normal_columns] = 1.0
     arrays = {
-        "normal_columns": normal,
-        "tangent_columns": np.where(has_cone[:, None], normal[:, None] + _FRAME[1:], -1),
+        "normal_columns": normal_columns,
+        "tangent_columns": np.where(has_cone[:, None], normal_columns[:, None] + _FRAME[1:], -1),
         "cones": cones,
-        "friction_columns": normal[cones, None] + _FRAME[1:],
+        "friction_columns": normal_columns[cones, None] + _FRAME[1:],
         "without_cone": ~has_cone,
         "owner": owner,
-        "axes": 3 * owner + np.arange(size) - normal[owner],
+        "axes": 3 * owner + np.arange(size) - normal_columns[owner],
         "places": places,
-        "normal_rows": rows,
+        "normal_rows": normal_rows,
     }
     arrays = {name: read_only(array) for name, array in arrays.items()}
     return ForceLayout(size, **arrays)
@@ -100,14 +100,14 @@ class ConeRows:
 
     Attributes:
         name: Name of their block.
-        second_order: Three rows a cone, whose first is to be at least the length of the two others
-            (rows x - margin e >= 0 in that order); otherwise each row is one side face,
-            rows x + margin e <= 0 (42).
+        second_order: Whether there are three rows per cone, the first of which must be at least the
+            length of the two others (rows x - margin e >= 0 in that order); otherwise each row is
+            one side face, rows x + margin e <= 0 (42).
         rows: (k, n) coefficients of the forces.
         margin: (k,) coefficients of the margin e.
         owner: (k,) contact of each row.
         shape: Shape of their multipliers by contact.
-        places: (k,) place of each row there, flat.
+        places: (k,) flat index of each row in that shape.
     """
 
     name: str
@@ -123,23 +123,23 @@ def face_rows(layout: ForceLayout, friction: FloatArray, section: Section) -> Co
     """Return the side faces of cones, h_m^T f + e <= 0 (42).
 
     Args:
-        layout: Where the force coordinates stand.
+        layout: Columns of the force coordinates.
         friction: (c,) coefficients of the contacts with a cone.
-        section: Of all cones.
+        section: Cross-section of all cones.
     """
     cones, edges = layout.cones, len(section.corners)
     faces = np.zeros((len(cones), edges, layout.size))
     columns = layout.normal_columns[cones, None] + _FRAME
     faces[np.arange(len(cones))[:, None], :, columns] = section.faces(friction)
     rows = np.asfortranarray(faces.reshape(-1, layout.size))
-    return _rows("faces", rows, np.ones(len(rows)), layout, edges)
+    return _stacked_cone_rows("faces", rows, np.ones(len(rows)), layout, edges)
 
 
 def round_cones(layout: ForceLayout, friction: FloatArray) -> ConeRows:
     """Return Coulomb's cones as second-order cones, |f_t| <= mu f_n - sqrt(1 + mu^2) e.
 
     Args:
-        layout: Where the force coordinates stand.
+        layout: Columns of the force coordinates.
         friction: (c,) coefficients of the contacts with a cone.
     """
     cones = layout.cones
@@ -150,21 +150,24 @@ def round_cones(layout: ForceLayout, friction: FloatArray) -> ConeRows:
     margin = np.zeros((len(cones), 3))
     margin[:, 0] = np.sqrt(1.0 + friction**2)
     flat = np.asfortranarray(rows.reshape(-1, layout.size))
-    return _rows("round_cones", flat, margin.ravel(), layout, 3, second_order=True)
+    return _stacked_cone_rows("round_cones", flat, margin.ravel(), layout, 3, second_order=True)
 
 
-def _rows(
+def _stacked_cone_rows(
     name: str,
     rows: FloatArray,
     margin: FloatArray,
     layout: ForceLayout,
-    each: int,
+    rows_per_cone: int,
     *,
     second_order: bool = False,
 ) -> ConeRows:
-    """Return the rows of a model that has as many for each cone."""
-    places = (layout.cones[:, None] * each + np.arange(each)).ravel()
-    owner, shape = np.repeat(layout.cones, each), (len(layout.normal_columns), each)
+    """Return the rows of a cone model with the same number of rows for each cone."""
+    places = (layout.cones[:, None] * rows_per_cone + np.arange(rows_per_cone)).ravel()
+    owner, shape = (
+        np.repeat(layout.cones, rows_per_cone),
+        (len(layout.normal_columns), rows_per_cone),
+    )
     return ConeRows(name, second_order, read_only(rows), read_only(margin), owner, shape, places)
 
 
@@ -173,7 +176,7 @@ def cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> Con
     """Return the rows of a problem's friction cones.
 
     Args:
-        model: Its `cone_model`.
+        model: The problem's `cone_model`.
         mask: Bytes of its `has_cone`.
         friction: Bytes of its `friction`.
         edges: Its `cone_edges`.
@@ -208,11 +211,11 @@ class ForceCoordinates:
     Attributes:
         directions: (M, 3, 3) rows n, t1, t2 of each contact; the first is the force per newton of
             normal force where there is no cone.
-        layout: Where the coordinates stand.
+        layout: Columns of the coordinates.
         force_scale: F, the load, N.
         joint_scale: (L,) torques that the load makes on each joint, N m, for the torque rows.
         length_scale: Size of the contact arrangement, m, for the moment rows.
-        strictness: How much more closely limits have to be kept; None: none has to.
+        strictness: Factors by which the tolerances of limits are smaller; None: none is.
     """
 
     directions: FloatArray
@@ -263,7 +266,7 @@ class ForceCoordinates:
 
 
 def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> ForceCoordinates:
-    """Choose coordinates for a problem, scaled by its load.
+    """Return the force coordinates of a problem, scaled by its load.
 
     Args:
         problem: The problem.
@@ -285,31 +288,31 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
 def component_row(
     problem: QuasistaticProblem, coordinates: ForceCoordinates, contact: int, component: int
 ) -> FloatArray:
-    """Return (n,) coefficients with which scaled coordinates give f_n, f_t1 or f_t2, over F.
+    """Return the (n,) row that maps scaled coordinates to f_n, f_t1 or f_t2, over F.
 
-    What rounding leaves of a right angle counts as nothing: without friction, or across the
-    sliding, there is no friction, however large the normal force is.
+    Without friction, or along a tangent orthogonal to the sliding, the friction is zero, however
+    large the normal force is: a cosine within rounding of zero counts as zero.
 
     Args:
         problem: The problem.
         coordinates: Its force coordinates.
-        contact: Which contact.
-        component: 0, 1 or 2.
+        contact: Index of the contact.
+        component: 0, 1 or 2 for f_n, f_t1, f_t2.
     """
-    row, at = np.zeros(coordinates.layout.size), coordinates.normal_columns[contact]
+    row, column = np.zeros(coordinates.layout.size), coordinates.normal_columns[contact]
     if component == 0 or problem.has_cone[contact]:
-        row[at + component] = 1.0
+        row[column + component] = 1.0
         return row
     kinetic = problem.kinetic_directions[contact] - problem.normals[contact]
     along = float(problem.tangents[contact, :, component - 1] @ kinetic)
     if abs(along) > _RIGHT_ANGLE * problem.friction[contact]:
-        row[at] = along
+        row[column] = along
     return row
 
 
 @dataclass(frozen=True, eq=False)
 class ForceRows:
-    """The constraints on scaled contact coordinates x that programs are made of.
+    """The constraints on scaled contact coordinates x from which programs are built.
 
     See the example of `Torque`.
 
@@ -318,7 +321,7 @@ class ForceRows:
         coordinates: Its force coordinates.
         cones: Rows of the friction cones.
         reach: (2, n) bounds of forces inside cones, in units of the normal-force limits.
-        limit: (M,) f_n,max / F.
+        limit: (M,) normal-force limits f_n,max / F.
         balance_rows: (P, n) W f / F, moment rows over the length scale.
         wrench: (P,) right-hand side of the balance (19).
         weight: (P,) scale of each balance row: 1, or 1 over the length scale.
@@ -327,8 +330,8 @@ class ForceRows:
         upper: (L,) upper torque limits less gravity, over the joint scale.
         gravity: (L,) g / joint scale.
         boxes: Bounds (2, n) implied by cones and limits, 0 <= n^T f <= limit and
-            |t^T f| <= mu limit; with a limit above 1e8 F two boxes: that cut at 1e8 F, over which
-            bounds are proven, and the uncut one, over which infeasibility is.
+            |t^T f| <= mu limit. With a limit above 1e8 F there are two boxes: one cut at 1e8 F, for
+            proofs of bounds, and the uncut one, for proofs of infeasibility.
     """
 
     problem: QuasistaticProblem
@@ -357,15 +360,15 @@ class ForceRows:
 
     @property
     def held_above_zero(self) -> NDArray[np.bool_]:
-        """(M,) contacts whose normal forces no cone keeps above zero, or a narrow one only nearly.
+        """(M,) contacts without a cone, or with a narrow one: they need the bound n^T f >= 0.
 
-        Its faces h^T f <= 0 are met to a tolerance, normal forces to that over the friction.
+        A tolerance of a cone's faces h^T f <= 0 is one of n^T f >= 0 divided by the friction.
         """
         return self.without_cone | (self.problem.friction < NARROW)
 
     @property
     def without_cone(self) -> NDArray[np.bool_]:
-        """(M,) contacts without a cone: there no cone implies n^T f >= e."""
+        """(M,) contacts without a cone, which would imply n^T f >= e."""
         return self.coordinates.layout.without_cone
 
     def cone_box(self, reach: float) -> FloatArray:
@@ -374,14 +377,14 @@ class ForceRows:
 
 
 def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
-    """Assemble the constraints of a problem in its force coordinates."""
+    """Return the constraints of a problem in its force coordinates."""
     mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
     reach = reach_of(mask, friction)
     force, joints = coordinates.force_scale, coordinates.joint_scale
     limit = problem.max_normal_force / force
     weight = 1.0 / passive_levers(problem.passive_units, coordinates.length_scale)
     passive = len(weight)
-    effects = _effects(problem, coordinates)
+    effects = _unit_force_effects(problem, coordinates)
     whole = reach * limit[coordinates.layout.owner]
     boxes = (whole,)
     if limit.max() > FARTHEST:
@@ -403,14 +406,14 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     )
 
 
-def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
-    """(n, P + L) wrench and joint torques of a unit of each coordinate: [W, J]^T basis."""
-    layout, local = coordinates.layout, contact_map(problem)
-    effects: FloatArray = local.reshape(-1, local.shape[2])[layout.axes]
-    if len(layout.cones) < len(local):
+def _unit_force_effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
+    """(n, P + L) wrench and joint torques per unit of each coordinate: [W, J]^T basis."""
+    layout, contact_maps = coordinates.layout, contact_map(problem)
+    effects: FloatArray = contact_maps.reshape(-1, contact_maps.shape[2])[layout.axes]
+    if len(layout.cones) < len(contact_maps):
         without_cone = layout.without_cone
         kinetic = problem.kinetic_directions[without_cone, None] @ problem.frames[without_cone]
-        effects[layout.normal_columns[without_cone]] = (kinetic @ local[without_cone])[:, 0]
+        effects[layout.normal_columns[without_cone]] = (kinetic @ contact_maps[without_cone])[:, 0]
     return effects
 
 

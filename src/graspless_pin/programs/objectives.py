@@ -1,8 +1,8 @@
-"""What is optimised: the paper's Algorithms 1 and 2, and the base class of any other objective.
+"""Objectives: the paper's Algorithms 1 and 2, and the base class of any other objective.
 
-An objective says its columns, its blocks, its unit and its sense; everything else (searches,
-checks, proofs, multipliers, gradients) goes by the names of its blocks. See `docs/objectives.md`
-for one of your own. From an objective to its program leads `scaled_program`.
+An objective defines its columns, its blocks, its unit and its sense; everything else (searches,
+checks, proofs, multipliers, gradients) uses the names of its blocks. See `docs/objectives.md` for
+one of your own. `scaled_program` returns the program of an objective.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, f
 from graspless_pin.programs.program import FARTHEST, Columns, Program
 
 _LARGEST_UNCHECKED = 1e6
-"""Figures from 0 up to this are in order; others are checked by `real_number`."""
+"""Figures from 0 up to this are valid; others are checked by `real_number`."""
 
 
 class Algorithm(StrEnum):
@@ -35,20 +35,19 @@ class Algorithm(StrEnum):
 
 
 class Objective(ABC):
-    """What is optimised over all contact forces that a sliding mode admits.
+    """An objective over all contact forces that a sliding mode admits.
 
     Subclasses are frozen dataclasses whose fields are the figures of the objective; two with equal
     figures are equal. See the example of `Torque`.
 
     Attributes:
-        name: What it is called in reports and documents.
-        maximizes: Whether its value is to be as large as possible; the program then minimises minus
-            its value.
+        name: Its name in reports and documents.
+        maximizes: Whether its value is maximised; the program then minimises minus its value.
         algorithm: Which of the paper's programs it is, if any.
         required_margin: Margin that the forces keep, N.
         regularization: The epsilon of (epsilon / 2) |f / F|^2 in the program.
-        by_limits: Whether torques count as shares of the joints' limits.
-        unit_text: The unit of its value as it is printed, such as ``N``; empty: it is not told.
+        by_limits: Whether torques are measured as shares of the joints' limits.
+        unit_text: The printed unit of its value, such as ``N``; empty: none is printed.
     """
 
     name: str
@@ -69,7 +68,7 @@ class Objective(ABC):
 
     @property
     def sign(self) -> float:
-        """-1 where it is maximised, 1 elsewhere: the program minimises its value times this."""
+        """-1 if it is maximised, else 1: the program minimises its value times this sign."""
         return -1.0 if self.maximizes else 1.0
 
     @property
@@ -79,12 +78,12 @@ class Objective(ABC):
 
     @property
     def cutoff(self) -> float:
-        """Program values above this mean that there is no solution."""
+        """Program value above which there is no solution."""
         return np.inf
 
     def with_figure(self, name: str, value: float) -> Objective:
-        """Return the objective with another figure; itself if it has none of that name."""
-        if is_dataclass(self) and any(one.name == name for one in fields(self)):
+        """Return the objective with a figure replaced; itself if it has no figure of that name."""
+        if is_dataclass(self) and any(field.name == name for field in fields(self)):
             return replace(self, **{name: value})
         return self
 
@@ -93,8 +92,8 @@ class Objective(ABC):
 class Margin(Objective):
     """Algorithm 1 (44): the largest margin e; the program minimises -e/F + (eps/2) |f/F|^2.
 
-    Without a regularisation e may become negative: then it says by how much the cones would have to
-    be widened, and its dual proves that no force set exists. See the example of `Torque`.
+    Without a regularisation e may become negative: then -e is the distance by which the cones would
+    have to be widened, and its dual proves that no force set exists. See the example of `Torque`.
     """
 
     name = "margin"
@@ -104,17 +103,17 @@ class Margin(Objective):
 
     def __post_init__(self) -> None:
         """Check the figures."""
-        _check(self, regularization=self.regularization)
+        _check_figures(self, regularization=self.regularization)
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add e/F, and keep all forces that far inside their cones and limits."""
-        least, epsilon = float(program.forces.limit.min()), self.regularization
-        # The boxes speak of forces inside their cones, that is of e >= 0: what they prove, they
-        # prove of those, and a proven bound above zero on -e proves that there are none.
+        """Add the column e/F, and keep all forces by the margin e inside their cones and limits."""
+        smallest_limit, epsilon = float(program.forces.limit.min()), self.regularization
+        # The boxes hold for forces inside their cones, that is for e >= 0. So do the bounds proven
+        # over them, and a proven bound above zero on -e proves that there are no such forces.
         e = program.columns(
             "margin",
-            box=(0.0, 0.5 * min(least, FARTHEST)),
-            whole_box=(0.0, 0.5 * least),
+            box=(0.0, 0.5 * min(smallest_limit, FARTHEST)),
+            whole_box=(0.0, 0.5 * smallest_limit),
             low=0.0 if epsilon > 0.0 else -np.inf,
             cost=-1.0,
             unit=program.forces.coordinates.force_scale,
@@ -131,17 +130,17 @@ class Margin(Objective):
 
     @property
     def cutoff(self) -> float:
-        """Program values above this mean that there is no solution: the margin is negative."""
+        """Program value above which there is no solution: the margin is negative."""
         return 0.0 if self.regularization == 0.0 else np.inf
 
 
 def key_of(figure: str) -> str:
-    """Return by which key a figure of an objective is asked for, and told of in messages."""
+    """Return the argument's name for a figure of an objective, as in documents and messages."""
     return figure.removeprefix("required_")
 
 
-def _check(objective: Objective, **figures: float) -> None:
-    """Make figures floats, and refuse those that are not numbers from 0 on."""
+def _check_figures(objective: Objective, **figures: float) -> None:
+    """Convert figures to floats, and raise an error for those that are not numbers >= 0."""
     for name, value in figures.items():
         if type(value) is not float or not 0.0 <= value <= _LARGEST_UNCHECKED:
             object.__setattr__(objective, name, real_number(key_of(name), value, 0.0))
@@ -152,7 +151,7 @@ class Side(NamedTuple):
 
     Attributes:
         sign: 1 or -1.
-        joints: (k,) joints that have such a row.
+        joints: (k,) indices of the joints that have such a row.
         unit: (k,) torque that is 1 in the row, N m.
         level: (k,) coefficients of t.
     """
@@ -163,17 +162,17 @@ class Side(NamedTuple):
     level: FloatArray
 
 
-def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
+def add_largest_torque(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
     """Add t, the largest of all torques or shares: blocks ``share_upper``, ``share_lower``.
 
-    They are called so whether torques or shares are compared: documents have them as keys.
+    The blocks have these names in both cases, since they are keys of documents.
     """
     forces = program.forces
     scale, count = forces.coordinates.joint_scale, len(forces.torque_rows)
     highest = []
     for box in forces.boxes:
-        most = (np.abs(forces.torque_rows) @ box[1] + np.abs(forces.gravity)) * scale
-        levels = [most[joints] / (unit * level) for _, joints, unit, level in sides]
+        largest_torques = (np.abs(forces.torque_rows) @ box[1] + np.abs(forces.gravity)) * scale
+        levels = [largest_torques[joints] / (unit * level) for _, joints, unit, level in sides]
         highest.append(float(np.concatenate(levels).max(initial=0.0)) + 1.0)
     t = program.columns(
         "largest", low=0.0, box=(0.0, highest[0]), whole_box=(0.0, highest[-1]), cost=1.0
@@ -215,14 +214,16 @@ class Torque(Objective):
 
     def __post_init__(self) -> None:
         """Check the figures."""
-        _check(self, required_margin=self.required_margin, regularization=self.regularization)
+        _check_figures(
+            self, required_margin=self.required_margin, regularization=self.regularization
+        )
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add t, the rows of the torques below it, and the required margin."""
+        """Add t, the rows that bound the torques by it, and the required margin."""
         forces = program.forces
         sides = self.sides(forces.problem, forces.coordinates)
         e = self.required_margin / forces.coordinates.force_scale
-        add_largest(program, sides)
+        add_largest_torque(program, sides)
         program.balance()
         program.cones(e)
         program.normal_limits(e)
@@ -230,10 +231,14 @@ class Torque(Objective):
         program.regularize(self.regularization)
 
     def sides(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> tuple[Side, ...]:
-        """Return the rows t >= |J^T f + g|, which say which torque is the largest."""
+        """Return the rows t >= |J^T f + g|, which make t the largest torque."""
         count = problem.joint_count
-        every = np.arange(count), np.full(count, self.unit(problem, coordinates)), np.ones(count)
-        return Side(1.0, *every), Side(-1.0, *every)
+        joints_units_levels = (
+            np.arange(count),
+            np.full(count, self.unit(problem, coordinates)),
+            np.ones(count),
+        )
+        return Side(1.0, *joints_units_levels), Side(-1.0, *joints_units_levels)
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         """Return the torque scale, N m."""
@@ -250,9 +255,9 @@ class TorqueShare(Torque):
     by_limits = True
 
     def sides(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> tuple[Side, ...]:
-        """Return the rows t >= (J^T f + g) / limit, no entry above 1: which share is the largest.
+        """Return the rows t >= (J^T f + g) / limit, scaled so that no entry is above 1.
 
-        A limit of zero, or one on the wrong side of zero, stays a hard row and has no share.
+        A limit of zero, or one on the wrong side of zero, remains a constraint and has no share.
         """
         sides, unit, scale = [], self.unit(problem, coordinates), coordinates.joint_scale
         for sign, limit in ((1.0, problem.upper_torque), (-1.0, -problem.lower_torque)):
@@ -264,7 +269,7 @@ class TorqueShare(Torque):
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         """Return the largest of the load's torques, each divided by its joint's limit; at most 1.
 
-        With this as the unit, limits far above the load cost no digits.
+        With this unit, limits far above the load cost no precision.
         """
         limits = np.concatenate([problem.upper_torque, -problem.lower_torque])
         counts = np.isfinite(limits) & (limits > 0.0)
@@ -273,12 +278,12 @@ class TorqueShare(Torque):
 
 
 class ScaledProgram(NamedTuple):
-    """A program with what turns its figures into the problem's.
+    """A scaled program, with the scales that convert its figures to the problem's units.
 
     Attributes:
         coordinates: Force coordinates and scales.
         program: The program without modes.
-        unit: What one of its value is in the objective's own unit, positive.
+        unit: Factor from its value to the objective's own unit, positive.
     """
 
     coordinates: ForceCoordinates
@@ -289,12 +294,12 @@ class ScaledProgram(NamedTuple):
 def scaled_program(
     problem: QuasistaticProblem, objective: Objective, coordinates: ForceCoordinates | None = None
 ) -> ScaledProgram:
-    """Return the program of an objective, block by block, without (27) and (31), with its scales.
+    """Return the program of an objective without (27) and (31), and its scales.
 
     Args:
         problem: The problem.
-        objective: What is optimised.
-        coordinates: The problem's, scaled by its load; None: they are made.
+        objective: The objective.
+        coordinates: The problem's force coordinates, scaled by its load; None: computed here.
     """
     margin = objective.required_margin
     if coordinates is None or (margin > 0.0 and not problem.external_wrench.any()):
@@ -302,6 +307,6 @@ def scaled_program(
     unit = objective.unit(problem, coordinates)
     builder = ProgramBuilder(force_rows(problem, coordinates))
     objective.build(builder)
-    # Boxes of the paper's objectives follow from the limits; above a cutoff none has to hold.
+    # The boxes of the paper's objectives follow from the limits; with a cutoff they need not hold.
     stated = objective.algorithm is None and objective.cutoff == np.inf
     return ScaledProgram(coordinates, builder.program(boxes_are_stated=stated), unit)

@@ -1,7 +1,7 @@
-"""A convex program as plain arrays of named blocks, and what any answer to it proves.
+"""A convex program as plain arrays of named blocks, and the bounds that multipliers prove on it.
 
-Each block of rows knows its meaning, its unit and its signs. The columns of the contact forces come
-first, then those that an objective adds. Nothing but a block itself knows at which rows it stands.
+Each block of rows has a name, a unit and the signs of its multipliers. The columns of the contact
+forces come first, then those that an objective adds. Only the block itself stores its row indices.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from graspless_pin.records import changed, unchecked
 
 
 class Sign(Enum):
-    """Which multipliers the rows of a block may have."""
+    """The signs that the multipliers of a block's rows may have."""
 
     ANY = "equalities: of any sign"
     UPPER = "upper sides only: not negative"
@@ -31,15 +31,15 @@ class Sign(Enum):
 
 
 class Block(NamedTuple):
-    """Rows of a program, or bounds of its columns, with one meaning.
+    """A named group of rows of a program, or of bounds of its columns.
 
     Attributes:
         name: Its name.
-        at: Where it stands: among the rows, or among the columns.
-        unit: What one of each scaled row is in the problem's units: a number or (k,).
+        at: Its indices among the rows, or among the columns.
+        unit: Problem units per scaled unit of each row: a number or (k,).
         sign: The signs of its multipliers.
         shape: Shape of its multipliers when they are given by contact or joint.
-        places: (k,) flat places there; None: all, in order.
+        places: (k,) flat indices of its rows in that shape; None: all, in order.
     """
 
     name: str
@@ -50,25 +50,25 @@ class Block(NamedTuple):
     places: NDArray[np.int_] | None = None
 
     def spread(self, values: FloatArray) -> FloatArray:
-        """Return values of its rows by contact or joint, zero where there is no row."""
+        """Return values of its rows in `shape`, zero where there is no row."""
         if self.places is None:
             return values.reshape(self.shape)
         full = np.zeros(self.shape)
         full.reshape(-1)[self.places] = values
         return full
 
-    def gathered(self, values: FloatArray) -> FloatArray:
-        """Return the values of its rows from those by contact or joint."""
+    def row_entries(self, values: FloatArray) -> FloatArray:
+        """Return the values of its rows from an array in `shape`."""
         flat = values.reshape(-1)
         return flat if self.places is None else flat[self.places]
 
 
 class Columns(NamedTuple):
-    """Columns that an objective adds to those of the forces.
+    """Columns that an objective adds to those of the contact forces.
 
     Attributes:
         first: Index of the first among all columns.
-        size: How many there are.
+        size: Number of columns.
     """
 
     first: int
@@ -76,12 +76,12 @@ class Columns(NamedTuple):
 
     @property
     def at(self) -> slice:
-        """Where they stand."""
+        """Their slice among all columns."""
         return slice(self.first, self.first + self.size)
 
 
 Terms = Mapping[Columns, ArrayLike]
-"""Coefficients of added columns: a number, one a row (for a single column), or a matrix."""
+"""Coefficients of added columns: a number, one per row (for a single column), or a matrix."""
 
 
 class MatrixInequality(NamedTuple):
@@ -97,14 +97,14 @@ class MatrixInequality(NamedTuple):
 
 
 FARTHEST = 1e8
-"""Bounds are proven for variables up to this size: double precision resolves no more."""
+"""Bounds are proven for variables up to this size, the limit of double precision."""
 LARGEST_FIGURE = 1e15
-"""Solvers are given no larger figure: HiGHS takes none in rows, and crashes on sides of 1e20."""
+"""Largest figure given to solvers: HiGHS takes none in rows, and crashes on sides of 1e20."""
 _LARGEST_FOR_BLAS = 8192
-"""Entries from which on BLAS spreads a product over threads: on a busy machine their waiting for
-each other costs far more than the product."""
+"""Number of entries above which BLAS uses threads for a product: on a busy machine their waiting
+for each other costs far more than the product."""
 _LARGEST_DENSE = 65536
-"""Entries from which on a sparse matrix pays, which takes longer to make than to use."""
+"""Number of entries above which a sparse matrix is faster, though building it takes time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class Program:
     first entry at least the length of the two others.
 
     Every variable is scaled to order one and has finite bounds that any feasible point obeys, so
-    that a dual vector of whatever quality still proves a bound.
+    that any dual vector proves a bound.
 
     Attributes:
         P: (n,) diagonal of the quadratic term, >= 0.
@@ -124,19 +124,19 @@ class Program:
         b: (m,) right-hand side.
         G: (k, n) inequality rows, those of cones last.
         l: (k,) lower sides, -inf where there is none.
-        u: (k,) upper sides, inf where there is none; of cones the same as the lower ones.
-        lb: (n,) lower bounds to be imposed, -inf where there is none.
-        ub: (n,) upper bounds to be imposed, inf where there is none.
+        u: (k,) upper sides, inf where there is none; for cones the same as the lower ones.
+        lb: (n,) imposed lower bounds, -inf where there is none.
+        ub: (n,) imposed upper bounds, inf where there is none.
         box: (2, n) finite bounds that are implied by the constraints, cut at `FARTHEST`: for
             proofs, not imposed.
         whole_box: (2, n) implied bounds without the cut at `FARTHEST`; None: the same as `box`.
-        cone_count: How many second-order cones there are.
-        blocks: What its rows mean, in their order; empty: not told.
-        bounded_blocks: What its columns with bounds mean.
-        boxes_are_stated: Whether somebody stated the boxes of the blocks' columns: an optimum
-            that they hide is a mistake of the objective.
-        strict: (m + k,) how many times as closely as others each row has to be met, at least 1;
-            None: none more closely, and bounds neither.
+        cone_count: Number of second-order cones.
+        blocks: The blocks of its rows, in their order; empty: unknown.
+        bounded_blocks: The blocks of its columns with bounds.
+        boxes_are_stated: Whether an objective stated the boxes of its added columns: then an
+            optimum outside them is an error of the objective.
+        strict: (m + k,) factor, at least 1, by which the tolerance of each row is smaller; None:
+            all rows and bounds have the same tolerance.
     """
 
     P: FloatArray
@@ -167,7 +167,7 @@ class Program:
         linear: bool,
         **others: Any,
     ) -> Program:
-        """Return a program whose A and G are the first ``count`` rows of one array and the rest.
+        """Return a program whose A is the first ``count`` rows of an array, and G the other rows.
 
         Args:
             rows: (m + k, n) A above G; kept.
@@ -192,11 +192,11 @@ class Program:
 
     def column(self, name: str) -> int:
         """Return the index of an added column by its name."""
-        index = next(one.at for one in self.bounded_blocks if one.name == name)
+        index = next(block.at for block in self.bounded_blocks if block.name == name)
         return int(np.arange(len(self.c))[index].item())
 
     def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float = np.inf) -> Program:
-        """Return the same program with other bounds; matrices and what is known of them shared.
+        """Return the program with other bounds, which shares the matrices and their properties.
 
         Args:
             lb: (n,) lower bounds.
@@ -206,13 +206,13 @@ class Program:
         if lb is self.lb and ub is self.ub and cutoff >= self.cutoff:
             return self
         cutoff = min(self.cutoff, cutoff)
-        return changed(self, "reach", **self._shared, lb=lb, ub=ub, cutoff=cutoff)
+        return changed(self, "reach", **self._bound_independent, lb=lb, ub=ub, cutoff=cutoff)
 
     @cached_property
-    def _shared(self) -> dict[str, Any]:
-        """What is derived once for all programs that differ in bounds alone.
+    def _bound_independent(self) -> dict[str, Any]:
+        """Properties shared by all programs that differ in bounds only.
 
-        Whether a limit is too far away is told by the bounds of the first.
+        `is_far` is that of the first program's bounds.
         """
         return {
             "rows": self.rows,
@@ -228,23 +228,23 @@ class Program:
 
     @cached_property
     def farthest(self) -> float:
-        """The largest bound of a variable that proofs look at."""
+        """Size of the largest bound in `box`."""
         return float(np.abs(self.box).max(initial=0.0))
 
     @cached_property
     def is_far(self) -> bool:
-        """Whether a limit is too far away for double precision, or a row has none."""
+        """Whether a limit is too far away for double precision, or a row has no side."""
         sides = np.concatenate([self.l, self.u, self.lb, self.ub])
         beyond = (np.abs(sides) > FARTHEST) & np.isfinite(sides)
         return bool(beyond.any() or (np.isinf(self.l) & np.isinf(self.u)).any())
 
     @cached_property
     def has_rows_in_range(self) -> bool:
-        """Whether solvers bear all its figures but sides of G and bounds."""
+        """Whether P, c, b and the rows are all within `LARGEST_FIGURE`."""
         return all_within((self.P, self.c, self.b, self.rows.T), LARGEST_FIGURE)
 
     def has_sides_beyond(self, size: float) -> bool:
-        """Return whether any limit or right-hand side is larger than a size."""
+        """Return whether any finite side or imposed bound is larger than a size."""
         sides = np.concatenate([*self.sides, self.lb, self.ub])
         return bool((np.abs(sides[np.isfinite(sides)]) > size).any())
 
@@ -260,7 +260,7 @@ class Program:
 
     @property
     def flat_count(self) -> int:
-        """Number of rows of G that are of no cone."""
+        """Number of rows of G outside cones."""
         return len(self.G) - 3 * self.cone_count
 
     @cached_property
@@ -270,11 +270,11 @@ class Program:
 
     @cached_property
     def _sparse(self) -> Any:
-        """The rows as a sparse matrix; None where they are few."""
+        """The rows as a sparse matrix; None if they are small."""
         return csr_array(self.rows) if self.rows.size > _LARGEST_DENSE else None
 
     def row_values(self, x: FloatArray) -> FloatArray:
-        """Return (m + k,) what all rows are at x (n,)."""
+        """Return the (m + k,) values of all rows at x (n,)."""
         if self._sparse is not None:
             return self._sparse.dot(x)
         if self.rows.size > _LARGEST_FOR_BLAS:
@@ -282,7 +282,7 @@ class Program:
         return self.rows.dot(x)
 
     def row_slope(self, weights: FloatArray) -> FloatArray:
-        """Return (n,) the slope of all rows with weights (m + k,)."""
+        """Return the (n,) sum of all rows with weights (m + k,)."""
         if self._sparse is not None:
             return self._sparse.T.dot(weights)
         if self.rows.size > _LARGEST_FOR_BLAS:
@@ -291,7 +291,7 @@ class Program:
 
     @cached_property
     def pattern(self) -> bytes:
-        """Where A and G have entries: the same for programs of the same structure."""
+        """Sparsity pattern of A and G, equal for programs of the same structure."""
         return np.packbits(self.rows != 0.0).tobytes()
 
     @cached_property
@@ -301,26 +301,26 @@ class Program:
 
     @cached_property
     def is_resolved(self) -> bool:
-        """Whether every row can be met as closely as it has to be."""
+        """Whether double precision can meet the strictness of every row."""
         return self.strict is None or bool(self.strict.max() <= MOST_STRICT)
 
     @cached_property
     def reach(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of every variable, imposed and implied."""
-        return self.within(self.box)
+        """Lower and upper bounds of every variable: the tighter of the imposed and the implied."""
+        return self.box_within_bounds(self.box)
 
     @property
     def whole_reach(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of every variable of all solutions, the farthest too."""
-        return self.reach if self.whole_box is None else self.within(self.whole_box)
+        """`reach` without the cut of the implied bounds at `FARTHEST`."""
+        return self.reach if self.whole_box is None else self.box_within_bounds(self.whole_box)
 
-    def within(self, box: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return a box of the variables as the imposed bounds leave it."""
+    def box_within_bounds(self, box: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the intersection of a (2, n) box with the imposed bounds."""
         return np.maximum(box[0], self.lb), np.minimum(box[1], self.ub)
 
     @cached_property
     def cutoff(self) -> float:
-        """A proven bound above it means infeasible: `highest`, or a cutoff below it."""
+        """The program is infeasible if a proven bound exceeds this: at most `highest`."""
         return self.highest
 
     @cached_property
@@ -341,21 +341,23 @@ class Program:
     def residual(self, x: FloatArray) -> float:
         """Return the largest violation of any constraint at x, in scaled units.
 
-        That of a row counts as many times as it is strict.
+        The violation of a row is multiplied by its strictness.
         """
         (low, high), rows = self.sides, self.row_values(x)
-        beyond = np.maximum(rows - high, low - rows)
+        violation = np.maximum(rows - high, low - rows)
         if self.strict is not None:
-            beyond *= self.strict
+            violation *= self.strict
         if self.cone_count:
             flat = len(rows) - 3 * self.cone_count
             inside = (rows[flat:] - low[flat:]).reshape(-1, 3)
-            beyond = np.concatenate((beyond[:flat], _lengths(inside) - inside[:, 0]))
+            violation = np.concatenate(
+                (violation[:flat], _tangential_lengths(inside) - inside[:, 0])
+            )
         outside = np.maximum(x - self.ub, self.lb - x)
-        return float(np.maximum.reduce(outside, initial=np.maximum.reduce(beyond, initial=0.0)))
+        return float(np.maximum.reduce(outside, initial=np.maximum.reduce(violation, initial=0.0)))
 
     def dual_bound(self, y: FloatArray, z: FloatArray, *, whole: bool = False) -> float:
-        """Return a lower bound on the optimum that the multipliers prove, whatever their quality.
+        """Return the lower bound on the optimum that the multipliers prove, for any multipliers.
 
         The Lagrangian is minimised exactly over the bounds, imposed and implied, variable by
         variable, so no stationarity needs to hold.
@@ -363,18 +365,20 @@ class Program:
         Args:
             y: (m,) multipliers of A x = b.
             z: (k,) multipliers of the rows of G; positive: the upper side, negative: the lower.
-                Minus those of a cone are in the cone, or are taken for the next that are.
-            whole: Whether it is to hold of the farthest solutions, too.
+                The negatives of a cone's must be in the cone; else its first entry is changed.
+            whole: Whether the bound has to hold for solutions beyond `FARTHEST`, too.
         """
-        slope, constant = self._lagrangian(self._in_cones(np.concatenate((y, z))))
+        slope, constant = self._lagrangian_terms(
+            self._with_conic_multipliers(np.concatenate((y, z)))
+        )
         slope += self.c
         reach = self.whole_reach if whole else self.reach
-        return self._smallest(slope, reach, curved=not self.is_linear) + constant
+        return self._minimum_over_bounds(slope, reach, curved=not self.is_linear) + constant
 
     def assess(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
         """Return `dual_bound`, `value` and `residual` of a solution and its multipliers.
 
-        What is not finite proves nothing.
+        If an entry is not finite: -inf, inf and inf.
         """
         if not all_finite((x, y, z)):
             return -np.inf, np.inf, np.inf
@@ -383,67 +387,67 @@ class Program:
     def infeasibility_bound(self, y: FloatArray, z: FloatArray, *, strictly: bool = False) -> float:
         """Return a lower bound on the smallest common violation of all rows within the bounds.
 
-        Positive: the multipliers are a Farkas certificate that no feasible point exists.
+        If positive, the multipliers are a Farkas certificate that no feasible point exists.
 
         Args:
             y: (m,) multipliers of A x = b.
             z: (k,) multipliers of the rows of G, see `dual_bound`.
-            strictly: Whether a row's violation counts as many times as it is strict.
+            strictly: Whether a row's violation is multiplied by its strictness.
         """
-        weights = self._in_cones(np.concatenate([y, z]))
+        weights = self._with_conic_multipliers(np.concatenate([y, z]))
         sizes = np.abs(weights)
         if strictly and self.strict is not None:
             sizes /= self.strict
         size = float(sizes.sum())
         if not (np.isfinite(size) and size > 0.0):
             return -np.inf
-        slope, constant = self._lagrangian(weights / size)
-        return self._smallest(slope, self.whole_reach, curved=False) + constant
+        slope, constant = self._lagrangian_terms(weights / size)
+        return self._minimum_over_bounds(slope, self.whole_reach, curved=False) + constant
 
-    def _in_cones(self, weights: FloatArray) -> FloatArray:
-        """Return multipliers of all rows, those of cones with first entries that are enough.
+    def _with_conic_multipliers(self, weights: FloatArray) -> FloatArray:
+        """Return multipliers of all rows, with those of cones moved into minus the cone.
 
         Args:
-            weights: (m + k,), which are changed.
+            weights: (m + k,), changed in place.
         """
         if self.cone_count:
             cones = weights[len(weights) - 3 * self.cone_count :].reshape(-1, 3)
-            cones[:, 0] = np.minimum(cones[:, 0], -_lengths(cones))
+            cones[:, 0] = np.minimum(cones[:, 0], -_tangential_lengths(cones))
         return weights
 
-    def _lagrangian(self, weights: FloatArray) -> tuple[FloatArray, float]:
-        """Slope and constant of what the multipliers add to the objective.
+    def _lagrangian_terms(self, weights: FloatArray) -> tuple[FloatArray, float]:
+        """(n,) slope and constant of the Lagrangian's constraint term, which is linear in x.
 
-        That is up^T (rows x - high) + down^T (low - rows x), with the positive weights in up and
-        the sizes of the negative ones in down; a weight on a side that is not there counts as 0.
+        The term is up^T (rows x - high) + down^T (low - rows x), with the positive weights in up
+        and the sizes of the negative ones in down; a weight on an infinite side counts as 0.
         """
         low, high = self.sides
         side = np.where(weights > 0.0, high, low)
-        there = np.isfinite(side)
-        weights = np.where(there, weights, 0.0)
-        constant = -float(weights.dot(np.where(there, side, 0.0)))
+        is_finite = np.isfinite(side)
+        weights = np.where(is_finite, weights, 0.0)
+        constant = -float(weights.dot(np.where(is_finite, side, 0.0)))
         return self.row_slope(weights), constant
 
-    def _smallest(
+    def _minimum_over_bounds(
         self, slope: FloatArray, reach: tuple[FloatArray, FloatArray], *, curved: bool
     ) -> float:
-        """Smallest value of 1/2 x^T diag(P) x + slope^T x over bounds.
+        """Minimum of 1/2 x^T diag(P) x + slope^T x over bounds.
 
         Args:
             slope: (n,) the linear term.
             reach: Bounds of every variable.
-            curved: Whether P counts.
+            curved: Whether to include the quadratic term.
         """
         low, high = reach
-        at = np.where(slope >= 0.0, low, high)
+        x = np.where(slope >= 0.0, low, high)
         if not curved:
-            return float(slope.dot(at))
-        bent = self.P > 0.0
-        turning = np.where(bent, -slope / np.where(bent, self.P, 1.0), at)
-        at = np.where(bent, np.clip(turning, low, high), at)
-        return float((0.5 * self.P * at + slope) @ at)
+            return float(slope.dot(x))
+        is_curved = self.P > 0.0
+        stationary = np.where(is_curved, -slope / np.where(is_curved, self.P, 1.0), x)
+        x = np.where(is_curved, np.clip(stationary, low, high), x)
+        return float((0.5 * self.P * x + slope) @ x)
 
 
-def _lengths(triples: FloatArray) -> FloatArray:
+def _tangential_lengths(triples: FloatArray) -> FloatArray:
     """(q,) lengths of the last two entries of (q, 3) triples."""
     return np.hypot(triples[:, 1], triples[:, 2])
