@@ -30,7 +30,7 @@ from graspless_pin import (
     tolerances,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError, SolverUnavailableError
-from graspless_pin.problem.checks import unit_rows
+from graspless_pin.problem.checks import check_unit_rows
 from graspless_pin.solvers import available_solvers
 
 GOOD = {
@@ -141,9 +141,9 @@ def assert_refused(caught, argument, parts):
 
 @pytest.mark.parametrize("length", [1.0 - 9e-7, 1.0 + 9e-7])
 def test_unit_vectors_may_be_off_by_a_millionth(length):
-    unit_rows("normals", np.array([[1.0, 0.0, 0.0], [0.0, length, 0.0]]))
+    check_unit_rows("normals", np.array([[1.0, 0.0, 0.0], [0.0, length, 0.0]]))
     with pytest.raises(ArgumentError, match=r"row 1 .* with length"):
-        unit_rows("normals", np.array([[1.0, 0.0, 0.0], [0.0, 2.0 * length - 1.0, 0.0]]))
+        check_unit_rows("normals", np.array([[1.0, 0.0, 0.0], [0.0, 2.0 * length - 1.0, 0.0]]))
 
 
 NORMALS = GOOD["normals"]

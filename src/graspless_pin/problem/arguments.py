@@ -21,20 +21,20 @@ from graspless_pin.problem.checks import (
     FREE_BODY,
     FloatArray,
     JointUnit,
+    array_of_items,
+    check_unit_rows,
     checked_inertia,
     checked_passive_units,
     checked_units,
     finite_array,
-    first_bad,
-    per_item,
     read_only,
-    unit_rows,
+    refuse_first_bad,
     whole_number,
 )
 from graspless_pin.problem.cones import checked_cone, default_tangents
 
 AT_REST = 1e-12
-"""Sliding speeds up to this are none, m/s."""
+"""A contact with a sliding speed up to this does not slide, m/s."""
 _LARGEST_COSINE = 1e-6
 _ONE_MASS = 1e-9
 
@@ -60,7 +60,7 @@ def checked_arguments(
     wrench_matrix: ArrayLike | None,
     passive_units: Sequence[str] | None,
 ) -> dict[str, Any]:
-    """Return the data of a problem from the arguments of its constructor, by attribute.
+    """Return the attributes of a problem from the arguments of its constructor, checked.
 
     Raises:
         ArgumentError: Naming the argument, the index and the value that is wrong.
@@ -70,25 +70,27 @@ def checked_arguments(
     if m == 0:
         raise ArgumentError("positions", "has no row; at least one contact is needed")
     n = finite_array("normals", normals, (m, 3))
-    unit_rows("normals", n)
+    check_unit_rows("normals", n)
     matrix, kinds = _checked_coordinates(wrench_matrix, passive_units, m)
     wrench = _checked_wrench(external_wrench, len(kinds))
     rows = np.zeros((3 * m, 0)) if jacobian is None else jacobian
     jac = finite_array("jacobian", rows, (3 * m, None))
     count = jac.shape[1]
-    mu = per_item("friction", friction, m)
-    first_bad("friction", mu, ~(mu >= 0.0) | np.isinf(mu), "it must be finite and >= 0")
-    first_bad("friction", mu, mu > LARGEST_FRICTION, f"it must be from 0 to {LARGEST_FRICTION:g}")
+    mu = array_of_items("friction", friction, m)
+    refuse_first_bad("friction", mu, ~(mu >= 0.0) | np.isinf(mu), "it must be finite and >= 0")
+    refuse_first_bad(
+        "friction", mu, mu > LARGEST_FRICTION, f"it must be from 0 to {LARGEST_FRICTION:g}"
+    )
     t = _checked_tangents(tangents, n)
     v = _checked_sliding(sliding, n)
     lower, upper = _checked_limits(torque_limits, count)
-    force = per_item("max_normal_force", max_normal_force, m)
+    force = array_of_items("max_normal_force", max_normal_force, m)
     impossible = ~(force > 0.0) | np.isinf(force)
-    first_bad("max_normal_force", force, impossible, "it must be finite and > 0")
+    refuse_first_bad("max_normal_force", force, impossible, "it must be finite and > 0")
     pull = wrench[[unit is JointUnit.FORCE for unit in kinds]]
     least = max(SMALLEST, float(np.abs(pull).max(initial=0.0)) / LARGEST_LOAD_OVER_LIMIT)
     too_small = f"it must be at least {least:g}: the external force is {pull.tolist()} N"
-    first_bad("max_normal_force", force, force < least, too_small)
+    refuse_first_bad("max_normal_force", force, force < least, too_small)
     weight = np.zeros(count) if gravity_torques is None else gravity_torques
     gravity = finite_array("gravity_torques", weight, (count,))
     return {
@@ -115,7 +117,7 @@ def checked_arguments(
 def _checked_coordinates(
     wrench_matrix: ArrayLike | None, passive_units: Sequence[str] | None, contacts: int
 ) -> tuple[FloatArray | None, tuple[JointUnit, ...]]:
-    """Return the (P, 3M) matrix, if one is given, and the units of the P passive coordinates."""
+    """Return the (P, 3M) matrix, or None, and the units of the P passive coordinates."""
     if wrench_matrix is None:
         kinds = checked_passive_units(passive_units, len(FREE_BODY))
         if kinds != FREE_BODY:
@@ -138,7 +140,7 @@ def _checked_inertias(
     *,
     free: bool,
 ) -> dict[str, Any]:
-    """Return the inertias that are given, by attribute; that of one free object has one mass."""
+    """Return the given inertias by attribute; that of one free object must have a scalar mass."""
     checked, (passive, count) = {}, counts
     if of_object is not None:
         own = checked_inertia("object_inertia", of_object, passive, definite=True)
@@ -166,16 +168,16 @@ def _checked_wrench(external_wrench: ArrayLike, count: int) -> FloatArray:
 
 
 def is_too_small(wrench: FloatArray) -> bool:
-    """Return whether a wrench is not zero and yet without a size in double precision."""
+    """Return whether a wrench is not zero, but too small for double precision."""
     return bool(0.0 < np.abs(wrench).max() < SMALLEST_LOAD)
 
 
 def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatArray:
-    """Return orthonormal (M, 3, 2) tangents, the default ones for None."""
+    """Return checked orthonormal (M, 3, 2) tangents; None: the default ones."""
     if tangents is None:
         return read_only(default_tangents(normals))
     t = finite_array("tangents", tangents, (len(normals), 3, 2))
-    unit_rows("tangents", t.transpose(0, 2, 1))
+    check_unit_rows("tangents", t.transpose(0, 2, 1))
     frames = np.concatenate([normals[:, :, None], t], axis=2)
     gram = np.abs(frames.transpose(0, 2, 1) @ frames - np.eye(3))
     off = np.maximum.reduce([gram[:, 0, 1], gram[:, 0, 2], gram[:, 1, 2]])
@@ -190,7 +192,7 @@ def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatA
 
 
 def _checked_sliding(sliding: ArrayLike | None, normals: FloatArray) -> FloatArray:
-    """Return (M, 3) tangential velocities, zeros for None, m/s."""
+    """Return checked (M, 3) tangential velocities, m/s; None: zeros."""
     v = finite_array("sliding", np.zeros_like(normals) if sliding is None else sliding,
                      (len(normals), 3))  # fmt: skip
     speed = np.linalg.norm(v, axis=1)
@@ -216,8 +218,8 @@ def _checked_limits(
         raise ArgumentError(
             "torque_limits", f"is {torque_limits!r}; it must be a pair (lower, upper)"
         ) from None
-    lower = per_item("torque_limits lower", lower_value, count)
-    upper = per_item("torque_limits upper", upper_value, count)
+    lower = array_of_items("torque_limits lower", lower_value, count)
+    upper = array_of_items("torque_limits upper", upper_value, count)
     bad = (lower > upper) | (lower == np.inf) | (upper == -np.inf)
     if bad.any():
         index = int(np.argmax(bad))
@@ -230,7 +232,7 @@ def _checked_limits(
 
 
 def _checked_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
-    """Return L distinct names, ``joint_1`` ... for None."""
+    """Return L checked distinct names; None: ``joint_1`` ... ``joint_L``."""
     if names is None:
         return tuple(f"joint_{i + 1}" for i in range(count))
     if isinstance(names, str) or not isinstance(names, Iterable):

@@ -1,6 +1,6 @@
 """Checks of array arguments: each failure names the argument, the index and the value.
 
-And the units of generalised forces: not all columns of J and rows of W are those of rotations.
+Also the units of generalised forces: N m or N for each column of J and each row of W.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SINGULAR = 1e-12
 """An inertia matrix with ones on its diagonal is singular where an eigenvalue is below this."""
 
 _ENTRIES = {"torques": ", one per joint"}
-"""What the entries of an argument are, by its name."""
+"""Meaning of an argument's entries, by its name, for messages."""
 _UNIT_TOLERANCE = 1e-6
 _SYMMETRY_TOLERANCE = 1e-9
 _Choice = TypeVar("_Choice", bound=StrEnum)
@@ -53,14 +53,14 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     else:
         _refuse_masks(name, value)
     if array is None:
-        text = next((one for one in _flat(value) if isinstance(one, str)), None)
+        text = next((one for one in _flattened(value) if isinstance(one, str)), None)
         if knows_instead(name, value):
             raise ArgumentError(name, what_to_pass(name, value, "array of real numbers"))
         must = "it must be an array of real numbers"
-        raise ArgumentError(name, f"is {value!r:.200}; {must}{_without_quotes(text)}")
-    if not _fits(array, shape):
+        raise ArgumentError(name, f"is {value!r:.200}; {must}{_text_advice(text)}")
+    if not _has_shape(array, shape):
         expected = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
-        meant = "; it is transposed" if _fits(array.T, shape) else _ENTRIES.get(name, "")
+        meant = "; it is transposed" if _has_shape(array.T, shape) else _ENTRIES.get(name, "")
         raise ArgumentError(name, f"has shape {array.shape}; expected {expected}{meant}")
     if np.count_nonzero(np.isnan(array)):
         index = tuple(int(i) for i in np.argwhere(np.isnan(array))[0])
@@ -75,7 +75,7 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
 
 
 def as_floats(value: ArrayLike) -> FloatArray | None:
-    """Return a copy of real numbers; None where text, true or false, or anything else is among."""
+    """Return a float64 copy of an array of real numbers; None if an entry is anything else."""
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
         return np.array(value)
     with suppress(TypeError, ValueError):
@@ -86,8 +86,8 @@ def as_floats(value: ArrayLike) -> FloatArray | None:
     return None
 
 
-def _fits(array: FloatArray, shape: tuple[int | None, ...]) -> bool:
-    """Return whether an array has a shape, of which None is any length."""
+def _has_shape(array: FloatArray, shape: tuple[int | None, ...]) -> bool:
+    """Return whether an array has the given shape, in which None is any length."""
     return array.shape == shape or (
         array.ndim == len(shape)
         and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
@@ -95,14 +95,14 @@ def _fits(array: FloatArray, shape: tuple[int | None, ...]) -> bool:
 
 
 def _refuse_masks(name: str, value: object) -> None:
-    """Refuse masked entries, which a plain array would show again."""
+    """Raise an error for masked entries, whose masks a plain array would lose."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         masked = int(np.ma.count_masked(value))
         raise ArgumentError(name, f"has {masked} masked entries; every entry must be a number")
 
 
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Like `real_array`, and every entry must be finite."""
+    """Return what `real_array` does; every entry must be finite."""
     array = real_array(name, value, shape)
     if not np.isfinite(array).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -124,14 +124,14 @@ def unit_vector(name: str, value: ArrayLike) -> FloatArray:
 
 
 def motor_torques(names: Sequence[str], given: ArrayLike | Mapping[str, float]) -> FloatArray:
-    """Return (L,) torques of joints that are given in their order, or by their names.
+    """Return (L,) joint torques from an array in the order of the joints, or a mapping by name.
 
     Args:
         names: L names of the joints.
-        given: N m (N); by name, of each of them.
+        given: L torques, N m (N), as an array or by joint name.
 
     Raises:
-        ArgumentError: If one is unknown or missing, or they are no L finite numbers.
+        ArgumentError: If a name is unknown or missing, or they are not L finite numbers.
     """
     if isinstance(given, Mapping):
         check_known("torques", "joint", given, names)
@@ -144,7 +144,7 @@ def motor_torques(names: Sequence[str], given: ArrayLike | Mapping[str, float]) 
 
 
 def all_true(flags: NDArray[np.bool_]) -> bool:
-    """Whether every flag is set: what ``all`` tells, in a third of its time for a few flags."""
+    """Return whether every flag is set: as ``all``, in a third of its time for a few flags."""
     return np.count_nonzero(flags) == flags.size
 
 
@@ -154,24 +154,24 @@ def all_finite(arrays: Sequence[FloatArray]) -> bool:
 
 
 def all_within(arrays: Sequence[FloatArray], most: float = LARGEST) -> bool:
-    """Return whether every entry of every array is a number of at most this magnitude."""
+    """Return whether no entry of any array is NaN or above this magnitude."""
     return all(all_true(np.abs(array) <= most) for array in arrays)
 
 
 def squared_lengths(vectors: FloatArray) -> FloatArray:
-    """Return the squares of the lengths of rows (M, 3)."""
+    """Return the (M,) squared lengths of (M, 3) rows."""
     return np.einsum("ij,ij->i", vectors, vectors)
 
 
-def per_item(name: str, value: ArrayLike, count: int) -> FloatArray:
-    """Return a (count,) array from a scalar or a (count,) array."""
+def array_of_items(name: str, value: ArrayLike, count: int) -> FloatArray:
+    """Return a (count,) array from a scalar, which is repeated, or a (count,) array."""
     if np.isscalar(value) or (isinstance(value, np.ndarray) and value.ndim == 0):
         return np.broadcast_to(real_array(name, np.reshape(value, 1), (1,)), (count,))
     return real_array(name, value, (count,))
 
 
-def first_bad(name: str, values: FloatArray, bad: NDArray[np.bool_], rule: str) -> None:
-    """Raise for the first entry that is marked bad.
+def refuse_first_bad(name: str, values: FloatArray, bad: NDArray[np.bool_], rule: str) -> None:
+    """Raise an error for the first entry that is marked bad.
 
     Raises:
         ArgumentError: Naming the index, the value and the rule that it breaks.
@@ -181,7 +181,7 @@ def first_bad(name: str, values: FloatArray, bad: NDArray[np.bool_], rule: str) 
         raise ArgumentError(name, f"is {values[index]} at index {index}; {rule}")
 
 
-def unit_rows(name: str, vectors: FloatArray) -> None:
+def check_unit_rows(name: str, vectors: FloatArray) -> None:
     """Check that every row is a unit vector to 1e-6.
 
     Raises:
@@ -199,16 +199,16 @@ def unit_rows(name: str, vectors: FloatArray) -> None:
         )
 
 
-def _shown(value: object) -> str:
-    """Return a value for a message, cut; Python does not print whole numbers without end."""
+def _short_repr(value: object) -> str:
+    """Return the ``repr`` of a value, shortened for messages; Python refuses very long integers."""
     try:
         return f"{value!r:.100}"
     except ValueError:
         return "too large a number"
 
 
-def _without_quotes(value: object) -> str:
-    """Return what to write in the place of a number that is given as text; empty: it is none."""
+def _text_advice(value: object) -> str:
+    """Return advice for a number given as text; empty if the value is not text."""
     if not isinstance(value, str):
         return ""
     with suppress(ValueError):
@@ -216,11 +216,11 @@ def _without_quotes(value: object) -> str:
     return ", not text"
 
 
-def _flat(value: Any) -> Iterator[Any]:
-    """Yield what lists and tuples within each other hold."""
+def _flattened(value: Any) -> Iterator[Any]:
+    """Yield the items of nested lists and tuples."""
     if isinstance(value, list | tuple):
-        for one in value:
-            yield from _flat(one)
+        for item in value:
+            yield from _flattened(item)
     else:
         yield value
 
@@ -239,7 +239,7 @@ def real_number(name: str, value: object, minimum: float, *, finite: bool = True
     if not number >= minimum or (finite and np.isinf(number)):
         kind = "finite number" if finite else "number"
         must = f"it must be a {kind}" + (f" >= {minimum:g}" if np.isfinite(minimum) else "")
-        raise ArgumentError(name, f"is {_shown(value)}; {must}{_without_quotes(value)}")
+        raise ArgumentError(name, f"is {_short_repr(value)}; {must}{_text_advice(value)}")
     most = _LARGEST_OF.get(name, LARGEST)
     if finite and number > most:
         raise ArgumentError(name, f"is {number:g}; it must be from {minimum:g} to {most:g}")
@@ -249,7 +249,7 @@ def real_number(name: str, value: object, minimum: float, *, finite: bool = True
 def whole_number(
     name: str, value: object, minimum: int | None = None, maximum: int | None = None
 ) -> int:
-    """Return ``value`` as an int not below ``minimum`` nor above ``maximum``, if there are such.
+    """Return ``value`` as an int from ``minimum`` to ``maximum``; None: no such limit.
 
     Raises:
         ArgumentError: If it is not a whole number, too small or too large.
@@ -261,35 +261,37 @@ def whole_number(
     too_small = number is not None and minimum is not None and number < minimum
     if number is None or isinstance(value, bool) or too_small:
         least = "" if minimum is None else f" >= {minimum}"
-        raise ArgumentError(name, f"is {_shown(value)}; it must be a whole number{least}")
+        raise ArgumentError(name, f"is {_short_repr(value)}; it must be a whole number{least}")
     if maximum is not None and number > maximum:
-        raise ArgumentError(name, f"is {_shown(number)}; it must be from {minimum} to {maximum}")
+        raise ArgumentError(
+            name, f"is {_short_repr(number)}; it must be from {minimum} to {maximum}"
+        )
     return number
 
 
 def truth_values(**values: object) -> None:
-    """Check options that are True or False: a text such as ``"no"`` would count as True.
+    """Check that options are True or False: a text such as ``"no"`` would count as True.
 
     Raises:
         ArgumentError: Naming the first that is neither.
     """
     for name, value in values.items():
         if not isinstance(value, bool | np.bool_):
-            raise ArgumentError(name, f"is {_shown(value)}; it must be True or False")
+            raise ArgumentError(name, f"is {_short_repr(value)}; it must be True or False")
 
 
 def called_back(name: str, value: object) -> None:
-    """Check a function that is called with what is done, or None.
+    """Check that a callback is a function or None.
 
     Raises:
         ArgumentError: If it is neither.
     """
     if value is not None and not callable(value):
-        raise ArgumentError(name, f"is {_shown(value)}; it must be a function or None")
+        raise ArgumentError(name, f"is {_short_repr(value)}; it must be a function or None")
 
 
 def choice(options: type[_Choice], name: str, value: str) -> _Choice:
-    """Return the member of an enum by its value.
+    """Return the member of an enum with a given value.
 
     Raises:
         ArgumentError: Naming the argument and the values it can have.
@@ -303,10 +305,10 @@ def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> A
 
 
 def check_known(argument: str, kind: str, names: Iterable[str], known: Collection[str]) -> None:
-    """Refuse names that are not among the known ones.
+    """Raise an error for names that are not among the known ones.
 
     Raises:
-        ArgumentError: Listing those that are.
+        ArgumentError: Listing the known names.
     """
     for name in names:
         if name not in known:
@@ -314,7 +316,7 @@ def check_known(argument: str, kind: str, names: Iterable[str], known: Collectio
 
 
 def one_of(known: Collection[str], name: str, value: str) -> str:
-    """Return a value that is one of some texts.
+    """Return a text if it is one of the known ones.
 
     Raises:
         ArgumentError: Naming the argument and the values it can have.
@@ -335,9 +337,9 @@ def checked_inertia(
     Tolerances are relative to the diagonal, so that units do not matter.
 
     Args:
-        name: Of the argument, for messages.
+        name: Name of the argument, for messages.
         inertia: The matrix.
-        count: Its rows.
+        count: Number of its rows.
         definite: Whether it must be positive definite.
 
     Raises:
@@ -378,14 +380,14 @@ def checked_inertia(
 
 
 def with_unit_diagonal(inertia: FloatArray) -> FloatArray:
-    """Return the matrix in coordinates in which its positive diagonal entries are one."""
+    """Return the matrix scaled so that its positive diagonal entries are one."""
     diagonal = inertia.diagonal()
     roots = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     return inertia / np.outer(roots, roots)
 
 
 class JointUnit(StrEnum):
-    """What the generalised force of a joint, or of a passive coordinate, is measured in.
+    """Unit of the generalised force of a joint or of a passive coordinate.
 
     See the example of `assemble_joint_space`.
     """
@@ -401,7 +403,7 @@ FREE_BODY = (JointUnit.FORCE,) * 3 + (JointUnit.TORQUE,) * 3
 
 
 def turning(units: Sequence[JointUnit]) -> NDArray[np.bool_]:
-    """Return a mask of the coordinates whose generalised forces are in N m."""
+    """Return the mask of the coordinates whose generalised forces are in N m."""
     return np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
 
 
@@ -413,7 +415,7 @@ def checked_units(units: Sequence[str] | None, count: int) -> tuple[JointUnit, .
     """
     if units is None:
         return (JointUnit.TORQUE,) * count
-    return _checked("joint_units", units, count, "the jacobian has {} columns")
+    return _checked_unit_names("joint_units", units, count, "the jacobian has {} columns")
 
 
 def checked_passive_units(units: Sequence[str] | None, count: int) -> tuple[JointUnit, ...]:
@@ -423,7 +425,7 @@ def checked_passive_units(units: Sequence[str] | None, count: int) -> tuple[Join
         ArgumentError: Naming the index and the value that is wrong.
     """
     if units is not None:
-        return _checked("passive_units", units, count, "the wrench_matrix has {} rows")
+        return _checked_unit_names("passive_units", units, count, "the wrench_matrix has {} rows")
     bodies, rest = divmod(count, len(FREE_BODY))
     if rest:
         raise ArgumentError(
@@ -434,7 +436,9 @@ def checked_passive_units(units: Sequence[str] | None, count: int) -> tuple[Join
     return FREE_BODY * bodies
 
 
-def _checked(name: str, units: Sequence[str], count: int, rule: str) -> tuple[JointUnit, ...]:
+def _checked_unit_names(
+    name: str, units: Sequence[str], count: int, rule: str
+) -> tuple[JointUnit, ...]:
     if isinstance(units, str) or not isinstance(units, Sequence):
         raise ArgumentError(name, f"is {units!r}; it must be a sequence of units")
     if len(units) != count:
@@ -447,7 +451,7 @@ def _checked(name: str, units: Sequence[str], count: int, rule: str) -> tuple[Jo
 
 
 def units_text(units: Sequence[JointUnit]) -> str:
-    """Return the unit of some joints in words: one for all of them, or which is which."""
+    """Return the unit of all joints as text, or, if they differ, which joints have which."""
     if JointUnit.FORCE not in units:
         return JointUnit.TORQUE.value
     if JointUnit.TORQUE not in units:

@@ -1,6 +1,6 @@
-"""What a friction cone model is: the cross-section of its cones, and how its contacts slide.
+"""Friction cone models: the cross-section of the cones, and the kinetic friction.
 
-The cone of a contact has all forces whose friction (t1^T f, t2^T f) lies in mu f_n times the
+The cone of a contact is the set of forces whose friction (t1^T f, t2^T f) lies in mu f_n times the
 model's cross-section: a convex polygon around the normal, or the unit circle of Coulomb's cone.
 """
 
@@ -26,10 +26,10 @@ class Section:
     """The cross-section of a friction cone where mu f_n is 1: a convex polygon around the normal.
 
     Attributes:
-        corners: (r, 2) along t1 and t2, counterclockwise: where the cone's edges are.
+        corners: (r, 2) along t1 and t2, counterclockwise: one for each edge of the cone.
         directions: (2, r) unit outward normals of the sides; side m is between the corners m and
             m + 1.
-        distances: (r,) of the sides from the normal.
+        distances: (r,) distances of the sides from the normal.
     """
 
     corners: FloatArray
@@ -38,12 +38,12 @@ class Section:
 
     @classmethod
     def with_corners(cls, corners: ArrayLike, name: str = "corners") -> Section:
-        """Return the section with these corners, (r, 2); messages name them.
+        """Return the section with given (r, 2) corners; messages call them by ``name``.
 
         Raises:
-            ArgumentError: If they are no convex polygon around the normal, counterclockwise, or one
-                is outside the unit circle: the coefficient is that of the direction with the most
-                friction.
+            ArgumentError: If they are not a convex polygon around the normal, counterclockwise, or
+                one is outside the unit circle: the coefficient is that of the direction with the
+                most friction.
         """
         points = finite_array(name, corners, (None, 2))
         sides = np.roll(points, -1, axis=0) - points
@@ -76,7 +76,7 @@ class Section:
         A force f is inside when h_m^T f <= 0, and -h_m^T f is its distance to face m, in newton.
 
         Args:
-            friction: One coefficient, or (c,) of as many cones.
+            friction: One coefficient, or (c,) coefficients of c cones.
 
         Returns:
             (3, r) columns h_m; (c, 3, r) for c cones.
@@ -106,21 +106,21 @@ class Section:
 class ConeModel(ABC):
     """A friction cone model: `problem.cones.CONE_MODELS` lists all by name.
 
-    A model of flat faces is complete with a name, what it is, and the corners of its cross-section.
-    The other attributes and `kinetic_friction` are what more it may tell; where it does not, an
-    error or an undecided verdict says so.
+    A model of flat faces needs a name, a description, and the corners of its cross-section. The
+    other attributes and `kinetic_friction` are optional; without them an error or an undecided
+    verdict says what is missing.
     """
 
     name: ClassVar[str]
-    """What scene files and `QuasistaticProblem` call it."""
+    """Its name in scene files and `QuasistaticProblem`."""
     about: ClassVar[str]
-    """What it is, for the published schema."""
+    """Its description in the published schema."""
     is_coulomb: ClassVar[bool] = False
-    """Whether it stands for Coulomb's law, friction of the same size in all directions."""
+    """Whether it represents Coulomb's law, friction of the same size in all directions."""
     second_order: ClassVar[bool] = False
-    """Whether it is Coulomb's cone itself, and its section a picture of it."""
+    """Whether it is the round cone, which its section only approximates, for pictures."""
     regular: ClassVar[bool] = False
-    """Whether it is the pyramid of Coulomb's law that compiled loops know."""
+    """Whether it is the regular pyramid that compiled loops implement."""
 
     @abstractmethod
     def corners(self, edges: int) -> ArrayLike:
@@ -131,20 +131,20 @@ class ConeModel(ABC):
         """
 
     def section(self, edges: int) -> Section:
-        """Return the cross-section, made once for a number of edges."""
-        return _section(self, edges)
+        """Return the cross-section, computed once for each number of edges."""
+        return _cached_section(self, edges)
 
     def words(self, edges: int) -> str:
-        """Return what the cones are, for messages."""
+        """Return a description of the cones for messages."""
         return f"{self.name} cones of {len(self.section(edges).corners)} edges"
 
     def signature(self, edges: int) -> str:
-        """Return what tells its cones from those of all others."""
+        """Return a text that is unique to this model and number of edges."""
         return f"{self.name} {edges}"
 
     @property
     def no_verdict(self) -> str:
-        """Why no verdict on what really happens can be had; empty: one can."""
+        """Why this model allows no verdict on the actual motion; empty if it does."""
         if self.is_coulomb:
             return ""
         return f"undecided: a verdict needs Coulomb's law, and the cone '{self.name}' is another"
@@ -154,17 +154,17 @@ class ConeModel(ABC):
         return self.section(edges).surface_distances(forces, friction)
 
     def friction_sizes(self, friction: FloatArray, edges: int) -> FloatArray:
-        """Return (c,) sizes of friction (c, 2) along t1 and t2, N: mu f_n is the most there is."""
+        """Return (c,) sizes of friction (c, 2) along t1 and t2, N; mu f_n is the largest."""
         if self.is_coulomb:
             return np.linalg.norm(friction, axis=1)
         section = self.section(edges)
         return np.maximum.reduce(friction @ section.directions / section.distances, axis=1)
 
     def kinetic_friction(self, directions: FloatArray) -> FloatArray:
-        """Return kinetic friction where mu f_n is 1; of Coulomb's law it is known.
+        """Return the kinetic friction where mu f_n is 1; models of Coulomb's law need none.
 
-        By the principle of maximum dissipation it is the friction of the cone that takes the most
-        power from the sliding.
+        By the principle of maximum dissipation it is the friction inside the cone that takes the
+        most power from the sliding.
 
         Args:
             directions: (c, 2) unit directions along t1, t2 in which the object slides.
@@ -173,7 +173,7 @@ class ConeModel(ABC):
             (c, 2) along t1 and t2.
 
         Raises:
-            ArgumentError: If the model does not tell.
+            ArgumentError: If the model does not define it.
         """
         raise ArgumentError(
             "cone",
@@ -199,7 +199,7 @@ class ConeModel(ABC):
             without_cone: (M,) contacts without a cone.
 
         Raises:
-            ArgumentError: If the model does not tell kinetic friction, or one that drives the
+            ArgumentError: If the model does not define kinetic friction, or if it drives the
                 sliding or is larger than the coefficient allows.
         """
         if self.is_coulomb:
@@ -224,5 +224,5 @@ class ConeModel(ABC):
 
 
 @cache
-def _section(model: ConeModel, edges: int) -> Section:
+def _cached_section(model: ConeModel, edges: int) -> Section:
     return Section.with_corners(model.corners(edges), f"corners of the cone '{model.name}'")

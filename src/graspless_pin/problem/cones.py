@@ -17,7 +17,7 @@ _NEARLY_PARALLEL = 0.99
 def default_tangents(normals: FloatArray) -> FloatArray:
     """Return deterministic tangents: t1 = normalize(n x e_y), t2 = n x t1.
 
-    Where a normal is nearly parallel to the y axis (|n . e_y| > 0.99) the x axis takes its place.
+    For a normal nearly parallel to the y axis (|n . e_y| > 0.99) the x axis is used instead.
 
     Args:
         normals: (M, 3) unit normals, world axes.
@@ -33,26 +33,26 @@ def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> Float
 
     Args:
         normals: (M, 3) unit normals, world axes.
-        axes: (3,) directions of any length, world axes; where none serves, or there is none, the
-            rule of `default_tangents` does.
+        axes: (3,) directions of any length, world axes; if there are none, or all are nearly along
+            the normal, the rule of `default_tangents` applies.
 
     Returns:
         (M, 3, 2) as `default_tangents`.
     """
     directions = [np.asarray(axis, dtype=np.float64).tolist() for axis in axes]
     # Plain floats: there are few contacts, and those of one patch share their normal.
-    known: dict[tuple[float, float, float], list[float]] = {}
+    tangents_by_normal: dict[tuple[float, float, float], list[float]] = {}
     rows: list[float] = []
     for x, y, z in normals.tolist():
-        pair = known.get((x, y, z))
-        if pair is None:
-            pair = known[x, y, z] = _tangents(x, y, z, directions)
-        rows += pair
+        tangents = tangents_by_normal.get((x, y, z))
+        if tangents is None:
+            tangents = tangents_by_normal[x, y, z] = _tangent_rows(x, y, z, directions)
+        rows += tangents
     return np.array(rows, dtype=np.float64).reshape(-1, 3, 2)
 
 
-def _tangents(x: float, y: float, z: float, directions: list[list[float]]) -> list[float]:
-    """Rows of [t1 t2] for the normal (x, y, z)."""
+def _tangent_rows(x: float, y: float, z: float, directions: list[list[float]]) -> list[float]:
+    """Return the flat (3, 2) matrix [t1 t2] for the normal (x, y, z)."""
     for a, b, c in directions:
         along = a * x + b * y + c * z
         if abs(along) <= _NEARLY_PARALLEL * math.hypot(a, b, c):
@@ -74,12 +74,12 @@ class Pyramid(ConeModel):
     is_coulomb = regular = True
 
     def corners(self, edges: int) -> FloatArray:
-        """Return points of the circle."""
+        """Return equally spaced points of the unit circle."""
         angles = 2.0 * np.pi * np.arange(edges) / edges
         return np.column_stack([np.cos(angles), np.sin(angles)])
 
     def section(self, edges: int) -> Section:
-        """Return the regular polygon in the circle."""
+        """Return the regular polygon inscribed in the unit circle."""
         return _regular_section(edges)
 
     def words(self, edges: int) -> str:
@@ -92,17 +92,17 @@ class Pyramid(ConeModel):
 
 
 class RoundCone(Pyramid):
-    """Coulomb's cone itself, |f_t| <= mu f_n; pyramids stand for it in `C`, `H` and pictures."""
+    """Coulomb's cone itself, |f_t| <= mu f_n; pyramids approximate it in `C`, `H` and pictures."""
 
     name, about = "round", "Coulomb's round cones"
     second_order, regular = True, False
 
     def words(self, edges: int) -> str:
-        """Return that they are round."""
+        """Return the name: the cones have no edges."""
         return f"{self.name} cones"
 
     def signature(self, edges: int) -> str:
-        """Return the name: the edges of pictures do not count."""
+        """Return the name: the number of edges concerns pictures only."""
         return self.name
 
     def surface_distances(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
@@ -120,7 +120,7 @@ def _regular_section(edges: int) -> Section:
 
 
 CONE_MODELS: dict[str, ConeModel] = {model.name: model for model in (Pyramid(), RoundCone())}
-"""All friction cone models by the name that ``cone`` gives: a new one is added to this list."""
+"""All friction cone models by their names as ``cone``: a new model is added to this list."""
 
 
 def checked_cone(cone: str) -> str:

@@ -1,4 +1,4 @@
-"""Control modes of fingers: from each finger's own Jacobian to the columns of J."""
+"""Control modes of fingers, and the columns of J from each finger's own Jacobian."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import (
     FloatArray,
     JointUnit,
+    array_of_items,
+    check_unit_rows,
     checked_units,
     choice,
     finite_array,
-    per_item,
     read_only,
     real_number,
-    unit_rows,
     whole_number,
 )
 
@@ -39,12 +39,12 @@ class ControlMode(StrEnum):
     POSITION = "position"
     """Stiff: the finger is part of the environment and has no column in J."""
     HYBRID = "hybrid"
-    """A commanded normal force, anything tangential: one column n, f_com >= 0."""
+    """A commanded normal force and free tangential forces: one column n, f_com >= 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class FingerContacts:
-    """One finger: its control mode, its contacts and what is needed of its joints.
+    """One finger: its control mode, its contacts and its joints' Jacobian and limits.
 
     Attributes:
         mode: How it is controlled.
@@ -113,14 +113,14 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
         array([0.1, 0. , 0. , 0. , 0. , 0. ])
     """
     n = finite_array("normals", normals, (None, 3))
-    unit_rows("normals", n)
+    check_unit_rows("normals", n)
     owner: dict[int, int] = {}
     spaces: list[JointSpace] = []
     for index, finger in enumerate(fingers):
         label = f"fingers[{index}]"
         if not isinstance(finger, FingerContacts):
             raise ArgumentError(label, f"found {reprlib.repr(finger)}; needs a FingerContacts")
-        for contact in _indices(label, finger.contacts):
+        for contact in _contact_indices(label, finger.contacts):
             if not 0 <= contact < len(n):
                 raise ArgumentError(
                     f"{label}.contacts", f"names contact {contact}; there are {len(n)} contacts"
@@ -131,7 +131,7 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
                     f"names contact {contact}, which is of finger {owner[contact]}",
                 )
             owner[contact] = index
-        block, limits = _finger_block(label, finger, n)
+        block, limits = _finger_columns_and_limits(label, finger, n)
         count, names = block.shape[1], finger.joint_names
         if names is None:
             names = [f"finger_{index + 1}_joint_{j + 1}" for j in range(count)]
@@ -140,7 +140,9 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
                 f"{label}.joint_names",
                 f"has length {len(names)}; the finger's number of joints is {count}",
             )
-        spaces.append(JointSpace(block, limits, tuple(names), _units(label, finger, count)))
+        spaces.append(
+            JointSpace(block, limits, tuple(names), _finger_joint_units(label, finger, count))
+        )
     lower, upper = (
         np.concatenate([*(space.torque_limits[side] for space in spaces), []]) for side in (0, 1)
     )
@@ -152,7 +154,7 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
     )
 
 
-def _units(label: str, finger: FingerContacts, count: int) -> tuple[JointUnit, ...]:
+def _finger_joint_units(label: str, finger: FingerContacts, count: int) -> tuple[JointUnit, ...]:
     if ControlMode(finger.mode) is ControlMode.HYBRID:
         return (JointUnit.FORCE,) * count
     try:
@@ -161,16 +163,16 @@ def _units(label: str, finger: FingerContacts, count: int) -> tuple[JointUnit, .
         raise ArgumentError(f"{label}.joint_units", error.args[1]) from error
 
 
-def _indices(label: str, contacts: Sequence[int]) -> list[int]:
+def _contact_indices(label: str, contacts: Sequence[int]) -> list[int]:
     if not isinstance(contacts, Sequence | np.ndarray) or isinstance(contacts, str):
         raise ArgumentError(f"{label}.contacts", f"is {contacts!r}; it must be a list of indices")
     return [whole_number(f"{label}.contacts", contact) for contact in contacts]
 
 
-def _finger_block(
+def _finger_columns_and_limits(
     label: str, finger: FingerContacts, normals: FloatArray
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """Return one finger's (3M, L_i) columns and its limits."""
+    """Return one finger's (3M, L_i) columns of J and its torque limits."""
     size = 3 * len(normals)
     mode = choice(ControlMode, f"{label}.mode", finger.mode)
     if mode is ControlMode.POSITION:
@@ -198,7 +200,7 @@ def _finger_block(
     for row, contact in enumerate(finger.contacts):
         block[3 * contact : 3 * contact + 3] = own[3 * row : 3 * row + 3]
     lower, upper = (
-        per_item(f"{label}.torque_limits {side}", limit, own.shape[1])
+        array_of_items(f"{label}.torque_limits {side}", limit, own.shape[1])
         for side, limit in zip(("lower", "upper"), limits, strict=True)
     )
     return block, (lower, upper)

@@ -1,4 +1,4 @@
-"""Which columns of J are joints with an inertia, and which are hybrid fingers' commands."""
+"""Columns of J: joints with an inertia, and normal-force commands of hybrid fingers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NORMAL_TOLERANCE = 1e-9
 
 
 def hybrid_contacts(problem: QuasistaticProblem) -> NDArray[np.intp]:
-    """Return which contact each column of J commands the normal force of.
+    """Return the contact whose normal force each column of J commands.
 
     A hybrid finger's column has no inertia (its row and column of `joint_inertia` are zero), equals
     the normal of one contact and is the only column that acts there.
@@ -45,7 +45,7 @@ def commanded_forces(problem: QuasistaticProblem, torques: FloatArray) -> FloatA
 
     Args:
         problem: Contacts and joints.
-        torques: (L,) of the motors, N m (N).
+        torques: (L,) motor torques, N m (N).
     """
     forces, contacts = np.zeros(problem.contact_count), hybrid_contacts(problem)
     columns = np.flatnonzero(contacts >= 0)
@@ -80,10 +80,10 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
 
 
 def largest_mass(problem: QuasistaticProblem) -> float | None:
-    """Return the mass of the object, kg; None where its inertia is not known.
+    """Return the mass of the object, kg; None if its inertia is not known.
 
-    Of other passive coordinates it is the largest entry on the inertia's diagonal in kg, or where
-    all have loads in N m, the largest over the square of the length scale.
+    For other passive coordinates it is the largest diagonal entry of the inertia in kg, or, if all
+    loads are in N m, the largest entry over the square of the length scale.
     """
     inertia = problem.object_inertia
     if inertia is None:
@@ -96,10 +96,10 @@ def largest_mass(problem: QuasistaticProblem) -> float | None:
 
 
 def whole_inertia(problem: QuasistaticProblem) -> FloatArray | None:
-    """Return the (P + L, P + L) inertia of object and joints, None where some of it is not known.
+    """Return the (P + L, P + L) inertia of object and joints; None if a part of it is not known.
 
     Raises:
-        ArgumentError: If that of the joints is singular; see `moving_joints`.
+        ArgumentError: If the joints' inertia is singular; see `moving_joints`.
     """
     passive, joints, own = problem.passive_count, problem.joint_count, problem.object_inertia
     if own is None or (problem.joint_inertia is None and joints):

@@ -1,6 +1,6 @@
-"""The paper's matrices from contact arrays: one block a contact; wrenches, and loads in words.
+"""The paper's matrices from contact arrays, with one block per contact; wrenches and load texts.
 
-This package has forces first in wrenches, some others have moments first.
+In wrenches of this package forces come first; in some other packages moments do.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def cone_blocks(
         frames: (M, 3, 3) columns n, t1, t2 of each contact.
         friction: (M,) coefficients.
         has_cone: (M,) contacts with a cone.
-        local: Gives a cone's (3, c) block along n, t1, t2 for its coefficient.
-        otherwise: (M, 3) the one column, in world axes, of a contact without a cone.
+        local: Function from a coefficient to the cone's (3, c) block along n, t1, t2.
+        otherwise: (M, 3) the single column, in world axes, of each contact without a cone.
     """
     return block_diagonal(
         [
@@ -114,7 +114,7 @@ def moment_first(wrench: ArrayLike) -> FloatArray:
         >>> moment_first([4.0, 5.0, 6.0, 0.1, 0.2, 0.3])
         array([0.1, 0.2, 0.3, 4. , 5. , 6. ])
     """
-    return _halves_swapped(wrench)
+    return _with_halves_swapped(wrench)
 
 
 def force_first(wrench: ArrayLike) -> FloatArray:
@@ -137,16 +137,16 @@ def force_first(wrench: ArrayLike) -> FloatArray:
         >>> force_first([0.1, 0.2, 0.3, 4.0, 5.0, 6.0])
         array([4. , 5. , 6. , 0.1, 0.2, 0.3])
     """
-    return _halves_swapped(wrench)
+    return _with_halves_swapped(wrench)
 
 
 def load_words(load: FloatArray, units: tuple[JointUnit, ...], *, joined: str) -> str:
-    """Return a load on passive coordinates: what is in N, and what is in N m.
+    """Return a load on passive coordinates as text: its components in N, then those in N m.
 
     Args:
         load: (P,) N and N m.
         units: P units.
-        joined: What stands between the two.
+        joined: Separator of the two parts.
     """
     turns = turning(units)
     force, moment = np.round(load[~turns], 4) + 0.0, np.round(load[turns], 5) + 0.0
@@ -155,7 +155,7 @@ def load_words(load: FloatArray, units: tuple[JointUnit, ...], *, joined: str) -
     return joined.join(words)
 
 
-def _halves_swapped(wrench: ArrayLike) -> FloatArray:
+def _with_halves_swapped(wrench: ArrayLike) -> FloatArray:
     try:
         rows = np.ndim(wrench) == 2
     except ValueError:  # rows of several lengths: the check below says so
@@ -168,10 +168,10 @@ def body_wrench_matrix(points: ArrayLike, bodies: ArrayLike, centers: ArrayLike)
 
     Args:
         points: (M, 3) contact points in world axes, m.
-        bodies: (M, 2) numbers of the body that the contact's force acts on, into which its normal
-            points, and of the one that bears the reaction; -1: none of them, that is a support or
-            a finger.
-        centers: (B, 3) points that the bodies' moments are about, m: their centres of mass, if the
+        bodies: (M, 2) numbers of the body on which the contact's force acts, into which its normal
+            points, and of the body on which the reaction acts; -1: none of the bodies, that is a
+            support or a finger.
+        centers: (B, 3) reference points of the bodies' moments, m: their centres of mass, if the
             inertia is block diagonal.
 
     Returns:
@@ -197,31 +197,35 @@ def body_wrench_matrix(points: ArrayLike, bodies: ArrayLike, centers: ArrayLike)
         >>> problem.passive_count
         12
     """
-    at = finite_array("points", points, (None, 3))
-    about = finite_array("centers", centers, (None, 3))
-    given = finite_array("bodies", bodies, (len(at), 2))
-    _check_numbers(given, len(about))
-    matrix = np.zeros((len(about), len(FREE_BODY), len(at), 3))
+    positions = finite_array("points", points, (None, 3))
+    references = finite_array("centers", centers, (None, 3))
+    numbers = finite_array("bodies", bodies, (len(positions), 2))
+    _check_body_pairs(numbers, len(references))
+    matrix = np.zeros((len(references), len(FREE_BODY), len(positions), 3))
     for side, sign in ((0, 1.0), (1, -1.0)):
-        for contact in np.flatnonzero(given[:, side] >= 0.0).tolist():
-            body = int(given[contact, side])
-            matrix[body, :, contact] = sign * wrench_map(at[contact : contact + 1] - about[body])
-    return read_only(matrix.reshape(len(FREE_BODY) * len(about), 3 * len(at)) + 0.0)
+        for contact in np.flatnonzero(numbers[:, side] >= 0.0).tolist():
+            body = int(numbers[contact, side])
+            matrix[body, :, contact] = sign * wrench_map(
+                positions[contact : contact + 1] - references[body]
+            )
+    return read_only(matrix.reshape(len(FREE_BODY) * len(references), 3 * len(positions)) + 0.0)
 
 
-def _check_numbers(bodies: FloatArray, count: int) -> None:
-    """Refuse what are no pairs of bodies.
+def _check_body_pairs(bodies: FloatArray, count: int) -> None:
+    """Check that each row of ``bodies`` names a body and another one, or -1.
 
     Raises:
         ArgumentError: Naming the index and the value.
     """
-    known = f"0 to {count - 1}" if count > 1 else "0" if count else "nothing, as centers has no row"
+    allowed = (
+        f"0 to {count - 1}" if count > 1 else "0" if count else "nothing, as centers has no row"
+    )
     least = np.array([0.0, -1.0])
     bad = (bodies != np.round(bodies)) | (bodies < least) | (bodies >= count)
     if bad.any():
         row, column = (int(index) for index in np.argwhere(bad)[0])
-        may = f"{known}{', or -1 for none of them' if column else ''}"
-        rule = f"it must be a whole number, {may}"
+        allowed_at_entry = f"{allowed}{', or -1 for none of them' if column else ''}"
+        rule = f"it must be a whole number, {allowed_at_entry}"
         raise ArgumentError(
             "bodies", f"is {bodies[row, column]:g} at index {(row, column)}; {rule}"
         )

@@ -1,4 +1,4 @@
-"""Problems that share one vector of torques, as one problem of more coordinates."""
+"""Several problems under the same commanded torques, combined into one problem."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _RANK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Corner(Record, Brief):
-    """By how much the load and sliding contacts of a member differ from the nominal problem's.
+    """Deviations of a member's load and sliding friction from the nominal problem's.
 
     Attributes:
-        mass: Share by which it is larger.
+        mass: Relative increase of the mass.
         center_of_mass: (3,) m, see `Uncertainty`.
         down: (3,) gravity over its nominal size, world axes.
         force: (3,) N.
         moment: (3,) N m.
-        kinetic: (M,) shares by which coefficients are larger where contacts slide.
+        kinetic: (M,) relative increases of the coefficients of contacts that slide.
     """
 
     mass: float
@@ -40,18 +40,18 @@ class Corner(Record, Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Member(Record, Brief):
-    """One of the problems that may turn out to be the true one.
+    """One of the possible actual problems of an uncertain one.
 
     Attributes:
         problem: Contacts, wrench and joints.
-        factors: (L,) what the joints really make of a commanded torque, beside 1.
-        offsets: (L,) what is added to it, N m (N).
-        words: What is different from the nominal problem.
-        corner: The corner of a set that it is; None: it is no corner.
-        moved: (M, 3) m, how far contacts are from their nominal positions, world axes; None:
-            they are there.
-        directions: (L, d) what joint stiffness adds with contacts there, see `feedback_torques`;
-            None: the same as for the nominal problem.
+        factors: (L,) ratios of the actual to the commanded torques, offsets aside; nominally 1.
+        offsets: (L,) torques added to these, N m (N).
+        words: Description of how it differs from the nominal problem.
+        corner: The corner of an uncertainty set that it is; None: it is none.
+        moved: (M, 3) m, displacements of contacts from their nominal positions, world axes; None:
+            zero.
+        directions: (L, d) torques that joint stiffness adds, see `feedback_torques`, with these
+            contacts; None: the same as for the nominal problem.
     """
 
     problem: QuasistaticProblem
@@ -70,17 +70,16 @@ class Member(Record, Brief):
 def feedback_torques(
     problem: QuasistaticProblem, stiffness: FloatArray | None
 ) -> FloatArray | None:
-    """Return (L, d) what joint stiffness adds to torques in motions that no contact resists.
+    """Return the (L, d) torques that joint stiffness adds in motions that no contact resists.
 
-    A motion n with [W^T, J] n = 0 leaves all contacts as they are; those that slide anyway or have
-    no friction only have to keep touching. Equilibrium picks how far the object and the joints go
-    along each, and the joints' deflections times the stiffness are torques that no friction has to
-    give.
+    A motion n with [W^T, J] n = 0 has zero relative velocity at all contacts; contacts that slide
+    or have no friction only have to keep touching. Equilibrium determines how far the object and
+    the joints move along each, and the joints' deflections times the stiffness are torques that
+    friction need not provide.
 
     Args:
         problem: Contacts and joints.
-        stiffness: (L,) N m/rad (N/m) of each joint; None: nothing is added, None is
-            returned.
+        stiffness: (L,) N m/rad (N/m) of each joint; None: there is none, and None is returned.
     """
     if stiffness is None:
         return None
@@ -88,7 +87,7 @@ def feedback_torques(
 
 
 def motions_keeping_contact(problem: QuasistaticProblem) -> FloatArray:
-    """Return a (P + L, d) basis of the motions [V; -theta_dot] that keep all contacts.
+    """Return a (P + L, d) basis of the motions [V; -theta_dot] that maintain all contacts.
 
     Their relative velocity is zero at contacts with a friction cone, and its normal component at
     the others.
@@ -106,17 +105,17 @@ def motions_keeping_contact(problem: QuasistaticProblem) -> FloatArray:
 
 
 def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> QuasistaticProblem:
-    """Return the problem of torques that serve all members: each has contact forces of its own.
+    """Return the problem of common torques for all members, each with its own contact forces.
 
-    With P passive coordinates each, K members have K P of them. Commanded torques of two members
-    are the same, J_k^T f_k - J_0^T f_0 = g_0 - g_k where motors are exact, so that each joint of
-    each further member is a passive coordinate, too: one that forces balance and that no motor
-    holds. A virtual motion of all of them is one of each member by itself.
+    With P passive coordinates each, K members have K P of them. The commanded torques of all
+    members are equal, J_k^T f_k - J_0^T f_0 = g_0 - g_k if motors are exact. So each joint of each
+    further member is a passive coordinate, too, balanced by contact forces and held by no motor. A
+    virtual motion of the combined problem consists of independent motions of the members.
 
     Args:
         members: At least one, with the same joints and numbers of contacts.
         feedback: (L, d) torques by which the commands of members may differ, see
-            `feedback_torques`; None: by none. With some, each member's joints are driven ones.
+            `feedback_torques`; None: they are equal. If given, each member's joints are driven.
 
     Returns:
         A problem of K M contacts, member by member. Its joints are those of the first member, or
@@ -140,10 +139,10 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
         loads.append(shared @ (carried[number] - carried[0]))
         row, start = own.stop, stop
     jacobian = np.zeros((coupling.shape[1], drives * len(names)))
-    jacobian[: 3 * sum(one.contact_count for one in problems[:drives])] = _blocks(driven)
+    jacobian[: 3 * sum(one.contact_count for one in problems[:drives])] = _block_diagonal(driven)
     if drives > 1:
         names = tuple(f"{name} of member {k}" for k in range(count) for name in names)
-    return _with_contacts(
+    return _problem_of_contacts(
         problems,
         external_wrench=np.concatenate([*(one.external_wrench for one in problems), *loads]),
         jacobian=jacobian,
@@ -152,7 +151,7 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
         joint_names=names,
         joint_units=units * drives,
         gravity_torques=np.concatenate(carried[:drives]),
-        wrench_matrix=np.concatenate([_blocks([one.W for one in problems]), coupling]),
+        wrench_matrix=np.concatenate([_block_diagonal([one.W for one in problems]), coupling]),
         passive_units=(
             *first.passive_units * count,
             *(unit for _, units in coupled for unit in units),
@@ -163,7 +162,7 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
 def under_commands(
     member: Member, commanded: FloatArray, feedback: FloatArray | None = None
 ) -> QuasistaticProblem:
-    """Return the problem of a member under commanded torques: those of joints balance, too.
+    """Return the problem of a member under commanded torques, with joints as passive coordinates.
 
     Args:
         member: The member.
@@ -171,13 +170,13 @@ def under_commands(
         feedback: See `joined`.
 
     Returns:
-        A problem without joints, or with feedback with those of the member.
+        A problem without driven joints; with feedback its joints are those of the member.
     """
     problem = member.problem
     made = problem.jacobian / member.factors
     shared, coupled = shared_commands([member], feedback)
     count = 0 if feedback is None else problem.joint_count
-    return _with_contacts(
+    return _problem_of_contacts(
         [problem],
         external_wrench=loads_under_commands([member], commanded, feedback)[0],
         jacobian=made[:, :count],
@@ -194,10 +193,10 @@ def under_commands(
 def loads_under_commands(
     members: Sequence[Member], commanded: FloatArray, feedback: FloatArray | None = None
 ) -> FloatArray:
-    """Return (K, Q) loads of the problems of `under_commands`.
+    """Return the (K, Q) external loads of the problems of `under_commands`.
 
     Args:
-        members: K that differ in loads alone: in `external_wrench`, `gravity_torques`, `offsets`.
+        members: K that differ only in loads: in `external_wrench`, `gravity_torques`, `offsets`.
         commanded: (L,) N m (N).
         feedback: See `joined`.
     """
@@ -211,14 +210,14 @@ def loads_under_commands(
 def couplings(
     members: Sequence[Member], feedback: FloatArray | None
 ) -> list[tuple[FloatArray, list[JointUnit]]]:
-    """Return which sums of commands each member but the first has in common with it.
+    """Return the combinations of commands that each further member shares with the first.
 
     Args:
-        members: K of them; where one is moved and there is feedback, the first is the nominal one.
+        members: K members; if one is moved and there is feedback, the first is the nominal one.
         feedback: See `joined`.
 
     Returns:
-        K - 1 times what `shared_commands` returns.
+        The result of `shared_commands` for each of the K - 1 further members.
     """
     common = shared_commands(members, feedback)
     return [
@@ -230,16 +229,16 @@ def couplings(
 def shared_commands(
     members: Sequence[Member], feedback: FloatArray | None
 ) -> tuple[FloatArray, list[JointUnit]]:
-    """Return which sums of commands are the same for all members, as (s, L) rows, and their units.
+    """Return the combinations of commands common to all members, as (s, L) rows, and their units.
 
     Args:
-        members: All of them.
+        members: All members.
         feedback: See `joined`.
     """
     units = members[0].problem.joint_units
     if feedback is None:
         maps = [one.problem.jacobian / one.factors for one in members]
-        # What carries the links of joints that bear no contact force is their own.
+        # Joints without contact forces only carry their links: their torques are not shared.
         loaded = np.flatnonzero(bears_contacts(np.vstack(maps)))
         return np.eye(len(units))[loaded], [units[joint] for joint in loaded.tolist()]
     if members[0].directions is not None:
@@ -251,12 +250,14 @@ def shared_commands(
     return shared, [JointUnit.TORQUE if turn else JointUnit.FORCE for turn in turns]
 
 
-def _blocks(matrices: Sequence[FloatArray]) -> FloatArray:
+def _block_diagonal(matrices: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(block_diag(*matrices), dtype=float)
 
 
-def _with_contacts(problems: Sequence[QuasistaticProblem], **others: Any) -> QuasistaticProblem:
-    """Return a problem with the contacts of several, whose data were checked with theirs."""
+def _problem_of_contacts(
+    problems: Sequence[QuasistaticProblem], **others: Any
+) -> QuasistaticProblem:
+    """Return a problem with the contacts of several checked problems; it is not checked again."""
     contacts = {
         name: np.concatenate([getattr(one, name) for one in problems]) for name in _CONTACT_ARRAYS
     }

@@ -1,4 +1,4 @@
-"""From arrays that a caller has made itself to a problem, without copies and most of the checks."""
+"""A problem from arrays that the caller owns, without copies and with few checks."""
 
 from __future__ import annotations
 
@@ -42,11 +42,10 @@ def problem_of_own_arrays(
     joint_units: tuple[JointUnit, ...],
     gravity_torques: FloatArray,
 ) -> QuasistaticProblem:
-    """Return the problem of arrays that the caller has made itself, six times as fast as usual.
+    """Return the problem of one free object from the caller's arrays, six times as fast as usual.
 
-    It is one of one free object. They become read-only and are not copied. Shapes, orthonormal
-    frames, tangential sliding and distinct names are the caller's affair; whether the numbers are
-    possible ones is checked.
+    The arrays become read-only and are not copied. The ranges of the numbers are checked; shapes,
+    orthonormal frames, tangential sliding and distinct names are not: the caller ensures them.
 
     Args:
         positions: (M, 3) m.
@@ -57,9 +56,9 @@ def problem_of_own_arrays(
         tangents: (M, 3, 2).
         sliding: (M, 3) m/s.
         torque_limits: (lower, upper), each (L,).
-        max_normal_force: One for all contacts, N.
+        max_normal_force: The limit of all contacts, N.
         cone_edges: See `QuasistaticProblem`.
-        cone: Likewise.
+        cone: See `QuasistaticProblem`.
         joint_names: L distinct names.
         joint_units: L units.
         gravity_torques: (L,).
@@ -74,7 +73,7 @@ def problem_of_own_arrays(
         and isinstance(cone_edges, int)
         and 3 <= cone_edges <= MOST_CONE_EDGES
         and not is_too_small(external_wrench)
-        # All entries are numbers, coefficients not negative, and limits in their order.
+        # No entry is NaN, coefficients are not negative, and limits are in order.
         and all_within((positions, external_wrench, jacobian, friction, sliding, gravity_torques))
         and all_within((external_wrench[:3],), LARGEST_LOAD_OVER_LIMIT * max_normal_force)
         and all_true((friction >= 0.0) & (friction <= LARGEST_FRICTION))
@@ -82,7 +81,7 @@ def problem_of_own_arrays(
         and all_true((lower >= -LARGEST) | np.isinf(lower))
         and all_true((upper <= LARGEST) | np.isinf(upper))
     ):  # fmt: skip
-        # The constructor finds what is wrong and names it.
+        # The constructor raises the error that names the wrong argument.
         return QuasistaticProblem(positions, normals, external_wrench, jacobian, friction=friction,
                    tangents=tangents, sliding=sliding, torque_limits=torque_limits,
                    max_normal_force=max_normal_force, cone_edges=cone_edges, cone=cone,

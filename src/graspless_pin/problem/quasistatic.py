@@ -1,6 +1,6 @@
 """The problem record: contacts, external wrench, joints and limits, and the paper's matrices.
 
-And the contact frames' view of it, which virtual motions and force programs start from.
+Also `contact_map`, the Jacobian in contact frames, used by virtual motions and force programs.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class QuasistaticProblem:
 
     All vectors are in one set of world axes; positions, moments and the columns of `W` are about
     one reference point, the object's centre of mass by convention. Arrays are read-only copies.
-    With a `wrench_matrix` there are any P passive coordinates in the place of the object's six:
-    several objects (`body_wrench_matrix`), or one on a rail. What is said of "the object" then goes
-    for whatever these move.
+    With a `wrench_matrix` any P passive coordinates replace the object's six: those of several
+    objects (`body_wrench_matrix`), or of one on a rail. "The object" then means whatever these
+    coordinates move.
     The letters are those of Makita and Maeda, *Joint Torque Optimization for Quasi-static
     Graspless Manipulation*; equation numbers are theirs.
 
@@ -67,13 +67,13 @@ class QuasistaticProblem:
         upper_torque: (L,) largest motor torque.
         max_normal_force: (M,) f_n,max, N.
         cone_edges: Number r of edges of a friction cone.
-        cone: Name of the model of friction cones: ``edges`` for those pyramids, ``round`` for the
-            round cones around them, or another of `problem.cones.CONE_MODELS`.
+        cone: Name of the model of friction cones: ``edges`` for these pyramids, ``round`` for the
+            circumscribed round cones, or another of `problem.cones.CONE_MODELS`.
         joint_names: L names, the columns of `jacobian`.
         joint_units: L units of their torques.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
             torque is J^T f + g(q).
-        wrench_matrix: (P, 3M) the map that was given; None: `W` follows from the positions.
+        wrench_matrix: (P, 3M) the given map; None: `W` follows from the positions.
         passive_units: P units of the passive coordinates' loads.
         object_inertia: (P, P) the passive coordinates' inertia; the object's about the reference
             point, for [linear; angular] accelerations in world axes, kg, kg m and kg m^2; None: not
@@ -175,11 +175,11 @@ class QuasistaticProblem:
         self.__dict__.update(values)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the data alone: what was derived from it is derived again after unpickling."""
+        """Return the fields only: cached properties are computed again after unpickling."""
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
     def __repr__(self) -> str:
-        """Return the sizes, not the arrays."""
+        """Return the numbers of contacts and joints, not the arrays."""
         given = self.wrench_matrix is not None
         passive = f"{self.passive_count} passive coordinates, " if given else ""
         return (
@@ -192,10 +192,10 @@ class QuasistaticProblem:
         """Return the problem with some arguments replaced, validated anew.
 
         Args:
-            changes: Arguments of the constructor by name. Where the number of joints changes and
-                `joint_units` is not given, all torques are in N m, and where `joint_inertia` is
-                not, it is not known. So it is with the number of passive coordinates,
-                `passive_units` and `object_inertia`.
+            changes: Arguments of the constructor by name. If the number of joints changes, missing
+                `joint_units` mean N m for all torques, and a missing `joint_inertia` is unknown;
+                likewise `passive_units` and `object_inertia` with the number of passive
+                coordinates.
 
         Raises:
             ArgumentError: See the constructor. Other positions need another `wrench_matrix` where
@@ -240,27 +240,27 @@ class QuasistaticProblem:
 
     @property
     def passive_count(self) -> int:
-        """P, the number of passive coordinates: 6 of one free object."""
+        """P, the number of passive coordinates: 6 for one free object."""
         return len(self.passive_units)
 
     @cached_property
     def passive_turns(self) -> NDArray[np.bool_]:
-        """(P,) passive coordinates whose loads are in N m."""
+        """(P,) mask of the passive coordinates whose loads are in N m."""
         return turning(self.passive_units)
 
     @property
     def cone_model(self) -> ConeModel:
-        """The model of the friction cones, which tells what they are."""
+        """The model of the friction cones."""
         return CONE_MODELS[self.cone]
 
     @property
     def cone_section(self) -> Section:
-        """The cross-section that all cones have, times mu f_n; of round cones a picture of it."""
+        """Cross-section of all cones where mu f_n is 1; for round cones an inscribed polygon."""
         return self.cone_model.section(self.cone_edges)
 
     @cached_property
     def scales(self) -> Scales:
-        """What forces, moments and torques of this problem are measured against: its load."""
+        """Reference values of forces, lengths and torques of this problem, from its load."""
         load, given = self.external_wrench, self.wrench_matrix
         if given is None:
             return scales_of(self.positions, load, self.jacobian, self.max_normal_force)
@@ -270,9 +270,9 @@ class QuasistaticProblem:
 
     @cached_property
     def limit_tolerances(self) -> tuple[FloatArray, FloatArray]:
-        """How far beyond its limits each torque, (L,) N m (N), and normal force, (M,) N, may be.
+        """Tolerances of the limits of each torque, (L,) N m (N), and normal force, (M,) N.
 
-        It is 1e-6 of the limit, or of what the load makes there where that is smaller; see
+        A tolerance is 1e-6 of the limit, or of the load's effect there if that is smaller; see
         `docs/limits.md`.
         """
         strict, (force, _, joints) = self.strictness, self.scales
@@ -284,11 +284,11 @@ class QuasistaticProblem:
 
     @cached_property
     def strictness(self) -> Strictness | None:
-        """How much more closely limits have to be kept than the balance; None: none has to."""
+        """Factors by which tolerances of limits are smaller than the balance's; None: none is."""
         return self.strictness_in(self.scales)
 
     def strictness_in(self, scales: Scales) -> Strictness | None:
-        """Return the same in other scales than the problem's."""
+        """Return the `strictness` in other scales than the problem's."""
         return strictness_of(
             scales, self.lower_torque, self.upper_torque, self.joint_units, self.max_normal_force
         )
@@ -310,7 +310,7 @@ class QuasistaticProblem:
         It is n - mu v/|v| for Coulomb's law.
 
         Raises:
-            ArgumentError: If contacts slide and the cone model does not tell their friction.
+            ArgumentError: If contacts slide and the cone model does not define their friction.
         """
         return self.cone_model.kinetic_directions(
             self.normals, self.tangents, self.friction, self.sliding, ~self.has_cone
@@ -325,7 +325,7 @@ class QuasistaticProblem:
     def W(self) -> FloatArray:
         """(P, 3M) map from contact forces to loads on passive coordinates: [1; m].
 
-        Without a given one that to the wrench on the object, eq. (7).
+        Without a `wrench_matrix`, the map to the wrench on the object, eq. (7).
         """
         given = self.wrench_matrix
         return wrench_map(self.positions) if given is None else given
@@ -414,10 +414,10 @@ class QuasistaticProblem:
 
 
 def checked_problem(problem: object) -> QuasistaticProblem:
-    """Return a problem.
+    """Return the argument if it is a problem.
 
     Raises:
-        ArgumentError: If it is none.
+        ArgumentError: If it is not.
     """
     if not isinstance(problem, QuasistaticProblem):
         words = what_to_pass("problem", problem, "QuasistaticProblem")
@@ -427,16 +427,17 @@ def checked_problem(problem: object) -> QuasistaticProblem:
 
 @Derived
 def contact_map(problem: QuasistaticProblem) -> FloatArray:
-    """Return [W^T, J] of eq. (22) in contact frames, made once for a problem in use.
+    """Return [W^T, J] of eq. (22) in contact frames, cached for the problems in use.
 
-    Times [V; -theta_dot] it is the velocity of the object relative to the other body along n, t1,
-    t2; its rows, transposed, are the wrench and the joint torques of unit forces along them.
+    Multiplied by [V; -theta_dot] it gives the velocity of the object relative to the other body
+    along n, t1, t2; its rows, transposed, are the wrench and joint torques of unit forces along
+    these axes.
 
     Returns:
         (M, 3, P + L) read-only.
     """
     count, passive, joints = problem.contact_count, problem.passive_count, problem.joint_count
-    world = np.empty((count, 3, passive + joints))
-    world[:, :, :passive] = problem.W.T.reshape(count, 3, passive)
-    world[:, :, passive:] = problem.jacobian.reshape(count, 3, joints)
-    return read_only(problem.frames.transpose(0, 2, 1) @ world)
+    in_world = np.empty((count, 3, passive + joints))
+    in_world[:, :, :passive] = problem.W.T.reshape(count, 3, passive)
+    in_world[:, :, passive:] = problem.jacobian.reshape(count, 3, joints)
+    return read_only(problem.frames.transpose(0, 2, 1) @ in_world)

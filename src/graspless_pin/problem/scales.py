@@ -1,4 +1,4 @@
-"""The scales of a problem: what a force, a moment and a torque of it are measured against."""
+"""The scales of a problem: reference values of its forces, lengths and torques."""
 
 from __future__ import annotations
 
@@ -13,36 +13,35 @@ from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, squar
 LEAST_LEVER = 1e-12
 """Joint scales use at least this share of the longest lever, so that none is zero."""
 LEAST_DIFFERENCE = 1e-12
-"""Of what it is the difference of: smaller distances and moments are rounding."""
+"""Relative to the figures subtracted: smaller distances and moments are rounding."""
 LEAST_MARGIN = 1e-20
-"""Of the smallest normal-force limit: a smaller margin is zero, and no scale of anything.
+"""Relative to the smallest normal-force limit: a smaller margin counts as zero, and is no scale.
 
-Limits that stand for none may well be 1e14 times a margin.
+Placeholder limits may well be 1e14 times a margin.
 """
 LIMIT_TOLERANCE = 1e-6
-"""Of a limit, or of the load where that is smaller: how far beyond it still counts as within."""
+"""Tolerance of a limit, relative to the limit, or to the load if that is smaller."""
 LEAST_LIMIT = 1e-3
-"""Tolerances take no limit for smaller than this share of the largest one."""
+"""For tolerances, a limit counts as at least this share of the largest one."""
 MOST_STRICT = 1e6
-"""Largest ratio of load to limit that is solved: beyond it the tolerance of the balance exceeds the
+"""Largest ratio of load to limit that is solved: above it the tolerance of the balance exceeds the
 limit."""
 
 
 class Scales(NamedTuple):
-    """What tolerances, programs and proofs of a problem are relative to.
+    """Reference values of a problem, to which tolerances, programs and proofs are relative.
 
     Attributes:
         force: F, the load, N: the larger of the external force and of the external moment about the
-            contacts' centre over the length. A wrench of zero has the smallest normal-force limit
-            in its place (Algorithm 2: a required margin that is no less than 1e-20 of that).
-            Beside a given wrench matrix both are the lengths of the vectors of all external
-            generalised forces in N, and of all in N m as they stand.
-        length: The distance of the farthest contact from the contacts' centre, m; where all are
-            there, that moment over the external force, or 1 m. Rounding is neither distance nor
-            moment. Of a given wrench matrix it is the longest lever, that is the largest length of
-            three entries of a row in N m that belong to one contact; where there is none, that
-            moment over the force, or 1 m.
-        joints: (L,) torques that the load makes on each joint's longest lever, N m (N).
+            contacts' centre over the length. If the wrench is zero, it is the smallest normal-force
+            limit (Algorithm 2: the required margin, if at least 1e-20 of that). With a given wrench
+            matrix, force and moment are the norms of all external generalised forces in N, and of
+            all in N m.
+        length: The distance of the farthest contact from the contacts' centre, m; if all are there,
+            up to rounding, that moment over the external force, or 1 m. With a given wrench matrix
+            it is the longest lever, that is the largest norm of the three entries of one contact in
+            a row in N m; if there is none, that moment over the force, or 1 m.
+        joints: (L,) torques of the load on each joint's longest lever, N m (N).
     """
 
     force: float
@@ -52,8 +51,8 @@ class Scales(NamedTuple):
     def without_load(self, margin: float) -> Scales:
         """Return the scales of a problem without a load at a required margin, N.
 
-        It takes the place of the load. Below 1e-20 of the smallest normal-force limit it does not:
-        gravity torques over it would exceed every number that a program may hold.
+        The margin replaces the load, unless it is below 1e-20 of the smallest normal-force limit:
+        gravity torques divided by it would exceed every number that a program may hold.
         """
         if margin < LEAST_MARGIN * self.force:
             return self
@@ -61,7 +60,7 @@ class Scales(NamedTuple):
 
 
 class Strictness(NamedTuple):
-    """How many times as closely as the load asks for each limit has to be kept; at least 1.
+    """Factors, at least 1, by which tolerances of limits are smaller than the load's.
 
     Attributes:
         torque: (L,) for torque limits.
@@ -73,7 +72,7 @@ class Strictness(NamedTuple):
 
     @property
     def can_be_kept(self) -> bool:
-        """Whether every limit is more than what the balance may be off by."""
+        """Whether every limit exceeds the tolerance of the balance."""
         return bool(max(self.torque.max(initial=1.0), self.normal.max(initial=1.0)) <= MOST_STRICT)
 
 
@@ -82,31 +81,31 @@ def strictness_of(
     lower: FloatArray,
     upper: FloatArray,
     units: tuple[JointUnit, ...],
-    most: FloatArray,
+    normal_limits: FloatArray,
 ) -> Strictness | None:
-    """Return how much more closely limits have to be kept than the balance; None: none has to.
+    """Return the factors by which tolerances of limits are smaller; None: none is.
 
     Args:
-        scales: Of the problem.
+        scales: Scales of the problem.
         lower: (L,) smallest torques.
         upper: (L,) largest torques.
         units: (L,) units of the torques.
-        most: (M,) largest normal forces, N.
+        normal_limits: (M,) largest normal forces, N.
     """
     force, _, load = scales
     smaller = np.minimum(np.abs(lower), np.abs(upper))
-    if (smaller >= load).all() and (most >= force).all():
+    if (smaller >= load).all() and (normal_limits >= force).all():
         return None
-    sizes = np.abs(np.array((lower, upper)))
-    sizes[np.isinf(sizes)] = 0.0
-    largest = np.full(len(load), sizes.max(initial=0.0))
+    limit_sizes = np.abs(np.array((lower, upper)))
+    limit_sizes[np.isinf(limit_sizes)] = 0.0
+    largest = np.full(len(load), limit_sizes.max(initial=0.0))
     if len(kinds := set(units)) > 1:
         for unit in kinds:
-            own = np.array([one is unit for one in units])
-            largest[own] = sizes[:, own].max()
+            has_unit = np.array([joint_unit is unit for joint_unit in units])
+            largest[has_unit] = limit_sizes[:, has_unit].max()
     least = LEAST_LIMIT * np.where(largest > 0.0, largest, load)
     torque = load / np.maximum(smaller, least)
-    normal = force / np.maximum(most, LEAST_LIMIT * most.max())
+    normal = force / np.maximum(normal_limits, LEAST_LIMIT * normal_limits.max())
     if max(torque.max(initial=1.0), normal.max()) <= 1.0:
         return None
     return Strictness(np.maximum(torque, 1.0), np.maximum(normal, 1.0))
@@ -132,7 +131,7 @@ def scales_of(
     if length <= LEAST_DIFFERENCE * reach:
         least = LEAST_DIFFERENCE * (math.sqrt(float(wrench[3:] @ wrench[3:])) + reach * pull)
         length = turn / pull if pull > 0.0 and turn > least else 1.0
-    return _of_load(pull, turn, length, jacobian, limits)
+    return _scales_of_load(pull, turn, length, jacobian, limits)
 
 
 def scales_of_matrix(
@@ -157,44 +156,44 @@ def scales_of_matrix(
     length = float(levers.max(initial=0.0))
     if length == 0.0:
         length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
-    return _of_load(pull, turn, length, jacobian, limits)
+    return _scales_of_load(pull, turn, length, jacobian, limits)
 
 
 def bears_contacts(jacobian: FloatArray) -> NDArray[np.bool_]:
-    """Return (L,) whether each joint bears contact forces: levers of others are at most rounding.
+    """Return the (L,) mask of joints that bear contact forces: with levers above rounding.
 
     Args:
-        jacobian: (n, L), of contacts.
+        jacobian: (n, L) contact Jacobian.
     """
     levers = np.abs(jacobian).max(axis=0, initial=0.0)
     return levers > LEAST_LEVER * levers.max(initial=0.0)
 
 
 def passive_levers(units: tuple[JointUnit, ...], length: float) -> FloatArray:
-    """Return (P,) what a newton counts in each passive coordinate: 1, or the length, m.
+    """Return the (P,) load of one newton in each passive coordinate: 1, or the length, m.
 
     Args:
-        units: (P,) of the coordinates.
+        units: (P,) units of the coordinates.
         length: See `Scales`, m.
     """
     return np.where(turning(units), length, 1.0)
 
 
 def coordinate_units(scales: Scales, units: tuple[JointUnit, ...]) -> FloatArray:
-    """Return (P + L,) what the load makes in each row of the balance and at each joint.
+    """Return the (P + L,) effects of the load in each row of the balance and at each joint.
 
     Args:
-        scales: Of the problem.
-        units: (P,) of the passive coordinates.
+        scales: Scales of the problem.
+        units: (P,) units of the passive coordinates.
     """
     force, length, joints = scales
     return np.concatenate([force * passive_levers(units, length), joints])
 
 
-def _of_load(
+def _scales_of_load(
     pull: float, turn: float, length: float, jacobian: FloatArray, limits: FloatArray
 ) -> Scales:
-    """Return the scales of an external force, N, and moment, N m, with their length, m."""
+    """Return the scales from the sizes of external force, N, and moment, N m, and the length, m."""
     force = max(pull, turn / length) or float(limits.min())
     blocks = jacobian.reshape(len(limits), 3, -1)
     levers = np.sqrt(np.einsum("lij,lij->lj", blocks, blocks).max(axis=0))
