@@ -1,4 +1,4 @@
-"""What limits a solution: the contacts that keep just its margin, the joint nearest its limit."""
+"""Active limits of a solution: the contacts that limit its margin, the joint nearest its limit."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from graspless_pin.solution.torque_solution import TorqueSolution
 _TIE_TOLERANCE = 1e-6
 _LIMITING_SHARE = 0.25
 _UNUSED_FRICTION = 0.05
-"""Share of its friction below which a contact force is told to use none."""
+"""Share of its friction below which a contact force counts as using none."""
 
 
 class ContactLimit(StrEnum):
-    """Where a contact force may end; the words go on after "from"."""
+    """Limits of a contact force; the texts continue a sentence after "from"."""
 
     LOSS = "losing contact"
     PRESS = "its normal-force limit"
@@ -36,9 +36,9 @@ class ContactLimit(StrEnum):
 
 
 def contact_rooms(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
-    """(M, 3) distance of each contact force from each `ContactLimit` in turn, N.
+    """Return (M, 3) distances of each contact force from each `ContactLimit`, in their order, N.
 
-    The smallest of all is the margin. Infinite where there is no such limit.
+    The smallest of all is the margin. The distance is infinite if there is no such limit.
 
     Args:
         problem: The problem.
@@ -51,24 +51,24 @@ def contact_rooms(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray
 
 
 def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]:
-    """Return the contacts that limit the margin, by what they are nearest to.
+    """Return the contacts that limit the margin, by the limit that they are nearest to.
 
-    Of the contacts that keep no more than the margin, those whose multipliers are at least a
-    quarter of the largest: there more room would raise the margin most. All of them where something
-    else was optimised, or no multiplier tells them apart.
+    They are the contacts with no more than the margin whose multipliers are at least a quarter of
+    the largest: relaxing their limits raises the margin most. If another objective was optimised,
+    or all multipliers are zero, they are all contacts with no more than the margin.
 
     Args:
         solution: A solution that was found.
     """
     problem = solution.problem
-    slacks = contact_rooms(problem, solution.contact_forces)
-    limiting = slacks <= solution.margin + _TIE_TOLERANCE * force_sizes(problem)[:, None]
+    distances = contact_rooms(problem, solution.contact_forces)
+    limiting = distances <= solution.margin + _TIE_TOLERANCE * force_sizes(problem)[:, None]
     if solution.algorithm is Algorithm.MARGIN and solution.status is not Status.STRONG:
-        found = solution.multipliers
+        duals = solution.multipliers
         # The first of a round cone's multipliers is its force in the direction of the margin.
         second_order = problem.cone_model.second_order
-        sides = found["round_cones"][:, 0] if second_order else found["faces"].sum(axis=1)
-        weights = limiting * np.column_stack([found["normal_lower"], found["normal_upper"], sides])
+        sides = duals["round_cones"][:, 0] if second_order else duals["faces"].sum(axis=1)
+        weights = limiting * np.column_stack([duals["normal_lower"], duals["normal_upper"], sides])
         if weights.any():
             limiting = weights >= _LIMITING_SHARE * weights.max()
     return {
@@ -79,11 +79,11 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
 
 
 def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
-    """Return a sentence that says which contacts limit the margin, and how.
+    """Return a sentence on which contacts limit the margin, and by which limit.
 
-    Those next to slipping are told by whether they use friction: a force along the normal is as far
-    from the sides of its cone as friction and its size allow. Contacts without friction are named,
-    too: (42) is not asked of them, so that less friction may end in more margin.
+    Contacts near slipping are told apart by whether they use friction: a force along the normal is
+    already as far from the sides of its cone as its size and the friction allow. Contacts without
+    friction are named, too: (42) does not apply to them, so less friction may mean more margin.
 
     Args:
         solution: A solution that was found.
@@ -96,26 +96,28 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
             unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED_FRICTION
             words = "available friction" if unused else f"the distance to {limit}"
             by_limit.setdefault(words, []).append(contact)
-    parts = [f"{words} at {_listed(contacts, bodies)}" for words, contacts in by_limit.items()]
+    parts = [
+        f"{words} at {_contact_list(contacts, bodies)}" for words, contacts in by_limit.items()
+    ]
     sentence = f"The margin is limited by {' and by '.join(parts)}."
     problem = solution.problem
     frictionless = np.flatnonzero(~problem.has_cone & ~problem.is_sliding).tolist()
     if not frictionless:
         return sentence
-    where = _listed(frictionless, bodies)
+    where = _contact_list(frictionless, bodies)
     return f"{sentence} Without friction, at {where}, it counts the normal force alone."
 
 
-def _listed(contacts: Sequence[int], bodies: Sequence[str] | None) -> str:
+def _contact_list(contacts: Sequence[int], bodies: Sequence[str] | None) -> str:
     numbers = ", ".join(map(str, contacts))
     names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
     return f"contact{'s' * (len(contacts) > 1)} {numbers}{names}"
 
 
 def joint_limit_words(solution: TorqueSolution) -> str:
-    """Return a sentence that says which joint is nearest its limit.
+    """Return a sentence on which joint is nearest its limit.
 
-    Empty without joints, and where the torque nearest its limit is rounding of zero.
+    Empty without joints, and if the torque nearest its limit is zero up to rounding.
 
     Args:
         solution: A solution that was found.
@@ -126,7 +128,7 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
     if np.isnan(shares).all():
         return "No joint has a finite limit other than zero on the side of its torque."
-    # Where joints tie, as at the least largest torque, rounding must not choose among them.
+    # If joints tie, as at the minimum of the largest torque, rounding must not choose among them.
     joint = int(np.argmax(shares >= (1.0 - _TIE_TOLERANCE) * np.nanmax(shares)))
     torque, size = float(torques[joint]), torque_size(problem, torques)
     rounding = torque_rounding(problem, solution.contact_torques)[joint]

@@ -1,9 +1,9 @@
-"""What an answer is worth: its status, how well it is proven, and the verdict asked for.
+"""The status of an answer, its certificate, its proof and the guarantee of rest.
 
 The proof that no mode gives a better answer is the tree of the branch and bound search. Each node
-is a set of modes. A leaf holds the reason why no mode of its set beats the stated bound: the dual
-multipliers of its program, or a combination of constraints that excludes every virtual motion. An
-inner node states how its set is split, so that no mode is left out.
+is a set of modes. A leaf holds the reason why no mode of its set is better than the stated bound:
+the dual multipliers of its program, or a combination of constraints that excludes every virtual
+motion. An inner node states how its set is split, so that no mode is left out.
 """
 
 from __future__ import annotations
@@ -20,33 +20,32 @@ from graspless_pin.records import Brief, Record
 
 @dataclass(frozen=True)
 class Certificate:
-    """How well the answer is proven.
+    """Residuals, bounds and effort of a search, which show how well its answer is proven.
 
-    Values are in scaled units (forces and margin over the load F, torques over what F makes on a
+    Values are in scaled units (forces and margin over the load F, torques over that of F on the
     joint's longest lever; see `problem.scales`) unless a unit is given.
 
     See the example of `Status`.
 
     Attributes:
         primal_residual: Largest violation of any constraint by the returned forces.
-        duality_gap: Objective minus the bound that the multipliers of its program prove.
+        duality_gap: Objective minus the bound proven by the multipliers of its program.
         bound: Proven bound on the optimum over all modes: an upper bound on the margin in N
             (Algorithm 1), a lower bound on the largest torque (Algorithm 2: N m, or a share of
             the limits). With a regularisation it bounds the regularised objective.
         gap: Distance between the returned objective and that bound, same unit.
-        infeasibility: Proven smallest common violation of all constraints where infeasible.
-        modes_examined: Virtual-sliding modes that were solved or ruled out one by one.
-        nodes: Nodes of the search.
-        force_programs: LPs or QPs in forces that were solved, or that a warm start answered.
-        kinematic_programs: Kinematic feasibility problems that were solved.
-        solver: The solver whose answer passed the check, or, where an `Evaluator` warm-started
-            from another state, the one that answered there; ``loops``: the compiled loops did
-            by themselves.
+        infeasibility: Proven smallest common violation of all constraints if infeasible.
+        modes_examined: Number of virtual-sliding modes that were solved or ruled out one by one.
+        nodes: Number of nodes of the search.
+        force_programs: Number of LPs or QPs in forces that were solved, by a warm start or not.
+        kinematic_programs: Number of kinematic feasibility problems that were solved.
+        solver: The solver whose answer passed the check, or, if an `Evaluator` warm-started from
+            another state, the one whose answer passed there; ``loops``: the compiled loops alone.
         force_reach: The largest normal force up to which the bound is proven, N: the largest limit,
             or 1e8 times the load.
-        threshold_optima: The optimum with a tenth and with ten times the threshold of what counts
-            as a virtual motion, in the bound's unit, NaN where nothing is feasible; None: both are
-            the same as here, or not known.
+        threshold_optima: The optima with a tenth and with ten times the threshold of what counts
+            as a virtual motion, in the bound's unit, NaN if nothing is feasible; None: both are the
+            same as here, or not known.
     """
 
     primal_residual: float
@@ -64,7 +63,7 @@ class Certificate:
 
 
 class Status(Enum):
-    """What is known of the problem; the value is the message.
+    """The outcome of a search; the value is its message.
 
     Examples:
         >>> from graspless_pin import Status, explain, load_scene, minimize_torque
@@ -111,26 +110,26 @@ class Status(Enum):
 UNDECIDED = frozenset(
     {Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.LOAD_TOO_LARGE, Status.STRONG_NOT_FOUND}
 )
-"""What leaves open whether there is a solution."""
+"""Statuses that leave open whether there is a solution."""
 EXPLAINED = (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES)
-"""Of these `explain` tells the cause, and looks for changes that help."""
+"""Statuses whose cause `explain` finds, with changes that would help."""
 FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED, Status.STRONG})
 
 
 @dataclass(frozen=True, eq=False)
 class Guarantee:
-    """What a search for torques of which rest is the only outcome has found.
+    """Result of a search for torques under which rest is the only outcome.
 
     See the example of `stability`.
 
     Attributes:
-        verdict: On the solution's torques; where none were found, on those of the best case. None
-            in solutions that were read from documents.
-        best_case: The best value of the objective over all forces that statics leave open, in its
-            own unit; guaranteed torques are not better.
-        gap: By how much the solution's value is worse, same unit; NaN where none was found. The
-            gap to the best bound proven stands in the solution's `certificate`.
-        tried: Sets of torques that verdicts were asked of.
+        verdict: Verdict on the solution's torques; if none were found, on those of the best case.
+            None in solutions read from documents.
+        best_case: The best value of the objective over all statically possible forces, in its own
+            unit; guaranteed torques are not better.
+        gap: Difference of the solution's value to the best case, same unit; NaN if none was found.
+            The gap to the best proven bound is in the solution's `certificate`.
+        tried: Number of torque vectors for which verdicts were computed.
     """
 
     verdict: StabilityVerdict | None
@@ -145,17 +144,17 @@ DualVariables = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evidence(Record, Brief):
-    """What a search leaves of the proof of its answer.
+    """Parts of the proof that a search keeps with its answer.
 
     Attributes:
-        relaxation: Multipliers of the program without modes, or of the given mode where that has no
-            forces: they bound every mode, or prove that there is nothing. None: not at hand.
+        relaxation: Multipliers of the program without modes, or of the given mode if that has no
+            forces: they bound every mode, or prove infeasibility. None: not available.
         in_mode: Multipliers of the program in which the solution was found; None: none was.
-        added: Values of the columns that the objective adds to the forces', scaled, of the answer
-            or, where none was found, beside `forces`; None: neither is there.
-        forces: (M, 3) forces that balance where friction needs no virtual sliding, N, of a
-            solution for which no mode that admits them was found; None: there are none.
-        motion: (P + L,) [V; theta_dot] that may be behind the mode, m/s and rad/s.
+        added: Values of the columns that the objective adds to the forces', scaled, for the answer
+            or, if none was found, for `forces`; None: there is neither.
+        forces: (M, 3) forces that balance if friction needs no virtual sliding, N, when no mode
+            that admits them was found; None: there are none.
+        motion: (P + L,) [V; theta_dot], a candidate for the mode's virtual motion, m/s and rad/s.
     """
 
     relaxation: DualVariables | None = None
@@ -170,11 +169,11 @@ NO_EVIDENCE = Evidence()
 
 @dataclass(frozen=True, eq=False)
 class BoundLeaf(Record):
-    """Multipliers that prove a part's bound.
+    """Multipliers that prove the bound of a part of all modes.
 
     Attributes:
-        y: (m,) of the equalities, scaled.
-        z: (k,) of the other rows, scaled.
+        y: (m,) multipliers of the equalities, scaled.
+        z: (k,) multipliers of the other rows, scaled.
         objective: Whether they bound the objective; else they prove that there are no forces.
     """
 
@@ -185,10 +184,10 @@ class BoundLeaf(Record):
 
 @dataclass(frozen=True, eq=False)
 class KinematicLeaf(Record):
-    """A combination that excludes every motion of a part.
+    """A combination of constraints that excludes every virtual motion of a part of all modes.
 
     Attributes:
-        combination: (M, 3) along n, t1, t2.
+        combination: (M, 3) weights along n, t1, t2.
     """
 
     combination: FloatArray
@@ -196,12 +195,13 @@ class KinematicLeaf(Record):
 
 @dataclass(frozen=True, eq=False)
 class ConflictSplit(Record):
-    """Items that exclude each other: each child presumes those before its own, and breaks its own.
+    """A split by conflicting items: child k satisfies the items before item k, and violates item k.
 
     Attributes:
         items: Contact, component and sign; the sign 0: the contact is selected.
-        combinations: (M, 3) why they exclude each other; with `opened`, one for each sign left.
-        opened: A component that the items leave no sign; None: they exclude each other alone.
+        combinations: (M, 3) weights that prove the conflict; with `opened`, one array for each sign
+            that is left.
+        opened: A component for which the items leave no sign; None: the items conflict themselves.
     """
 
     items: tuple[tuple[int, int, int], ...]
@@ -211,7 +211,7 @@ class ConflictSplit(Record):
 
 @dataclass(frozen=True)
 class ContactSplit:
-    """A contact that is not selected, or has one of the pairs of signs that are left to it.
+    """A split by a contact: it is not selected, or has one of its remaining pairs of signs.
 
     Attributes:
         contact: Its index.
@@ -229,7 +229,7 @@ class ModeProof:
 
     Attributes:
         nodes: Depth first, children in their order.
-        missing: Why it is not complete; empty: it is.
+        missing: Why the proof is not complete; empty if it is.
     """
 
     nodes: tuple[ProofNode, ...]
@@ -237,20 +237,20 @@ class ModeProof:
 
     @property
     def complete(self) -> bool:
-        """Whether it is a proof."""
+        """Whether the proof is complete."""
         return not self.missing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolutionProof(Record, Brief):
-    """What proves the statements of a solution.
+    """The proof of a solution's statements.
 
     Attributes:
-        tree: Why nothing is better than the stated bound, or why there is nothing at all.
-        motion: (P + L,) [V; theta_dot] behind the mode, m/s and rad/s; None: none is asked for.
-        forces: (M, 3) forces that balance where friction needs no virtual sliding, for a solution
-            that is infeasible by its modes alone; None elsewhere.
-        in_mode: Multipliers (y, z) of the mode's own program where the tree is not complete.
+        tree: Proof of the stated bound, or of infeasibility.
+        motion: (P + L,) [V; theta_dot], the mode's virtual motion, m/s and rad/s; None: not needed.
+        forces: (M, 3) forces that balance if friction needs no virtual sliding, for a solution that
+            is infeasible only by its modes; else None.
+        in_mode: Multipliers (y, z) of the mode's own program if the tree is not complete.
     """
 
     tree: ModeProof

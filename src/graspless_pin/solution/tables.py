@@ -1,4 +1,4 @@
-"""Readable tables of joints, contacts and certificates; shares of limits, and digits of figures."""
+"""Printed tables of joints, contacts and certificates; shares of limits, and number formats."""
 
 from __future__ import annotations
 
@@ -17,56 +17,56 @@ from graspless_pin.solution.certificate import Certificate
 
 _AT_LIMIT = 1e-6
 _LEAST_LEVER_SHARE = 1e-3
-"""Of the longest lever at a contact: joints with a shorter one say nothing of forces there."""
+"""Relative to the longest lever at a contact: joints with shorter ones do not limit it."""
 
 
-def joint_sizes(problem: QuasistaticProblem) -> FloatArray:
-    """(L,) what the load makes on each joint, or its limit where that is smaller."""
+def joint_torque_sizes(problem: QuasistaticProblem) -> FloatArray:
+    """Return the (L,) torques of the load on each joint, or its limit if that is smaller."""
     return problem.limit_tolerances[0] / LIMIT_TOLERANCE
 
 
 def force_sizes(problem: QuasistaticProblem) -> FloatArray:
-    """(M,) the load, N, or what the hand can do at a contact of its own where that is less."""
+    """Return the (M,) load, N, or the hand's largest force at a contact of its own if smaller."""
     load = problem.scales.force
     sizes = np.full(problem.contact_count, load)
     if problem.strictness is None:
         return sizes
     blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
     levers = np.sqrt((blocks**2).sum(axis=1))
-    own = (levers > 0.0) & (
+    acts = (levers > 0.0) & (
         levers >= _LEAST_LEVER_SHARE * levers.max(axis=1, initial=0.0, keepdims=True)
     )
-    forces = np.where(own, joint_sizes(problem), 0.0) / np.where(own, levers, 1.0)
-    return np.where(own.any(axis=1), np.minimum(forces.max(axis=1, initial=0.0), load), sizes)
+    forces = np.where(acts, joint_torque_sizes(problem), 0.0) / np.where(acts, levers, 1.0)
+    return np.where(acts.any(axis=1), np.minimum(forces.max(axis=1, initial=0.0), load), sizes)
 
 
 def friction_use(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
-    """(M,) |tangential force| / (mu times normal force); NaN where there is no friction or load.
+    """Return (M,) |tangential force| / (mu times normal force); NaN without friction or load.
 
-    1 is the edge of the Coulomb cone; the polyhedral cone inside it ends a little earlier. Of
-    other laws it is the edge of the cone itself, where contacts that slide are.
+    1 is the surface of the Coulomb cone, slightly outside the polyhedral cone. For other cone
+    models 1 is the surface of the cone itself, which the forces of sliding contacts are on.
     """
     local = np.einsum("mji,mj->mi", problem.frames, forces)
-    most, model = problem.friction * local[:, 0], problem.cone_model
+    largest_friction, model = problem.friction * local[:, 0], problem.cone_model
     with np.errstate(divide="ignore", invalid="ignore"):
-        use = model.friction_sizes(local[:, 1:], problem.cone_edges) / most
+        use = model.friction_sizes(local[:, 1:], problem.cone_edges) / largest_friction
     if not model.is_coulomb:
         use[problem.is_sliding] = 1.0
-    return np.where(most > 0.0, use, np.nan)
+    return np.where(largest_friction > 0.0, use, np.nan)
 
 
 def contact_states(problem: QuasistaticProblem, forces: FloatArray) -> list[str]:
-    """Return of each of M contacts what it does.
+    """Return the states of the M contacts.
 
-    It is ``sliding``, ``frictionless``, ``at its limit`` (on its cone) or ``sticking``.
+    A state is ``sliding``, ``frictionless``, ``at its limit`` (on its cone) or ``sticking``.
     """
     at_limit = problem.cone_distances(forces) <= _AT_LIMIT * force_sizes(problem)
-    known = [problem.is_sliding, ~problem.has_cone, at_limit]
-    return np.select(known, ["sliding", "frictionless", "at its limit"], "sticking").tolist()
+    conditions = [problem.is_sliding, ~problem.has_cone, at_limit]
+    return np.select(conditions, ["sliding", "frictionless", "at its limit"], "sticking").tolist()
 
 
 def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """(L,) share of the limit on the side where each torque is; NaN where that side has none."""
+    """Return (L,) shares of the limit on the side of each torque; NaN if that side has none."""
     limit = np.where(torques >= 0.0, upper, lower)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = torques / limit
@@ -74,17 +74,17 @@ def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> F
 
 
 _LEAST_EVERYDAY, _MOST_EVERYDAY = 0.01, 1e6
-"""Loads whose figures have four decimals in tables."""
+"""Range of loads for which tables print four decimals."""
 _ZERO_SHARE = 1e-7
-"""Of what a figure is beside: less is what solvers leave of zero."""
+"""Relative to the size of comparable figures: smaller figures are a solver's zero."""
 _LEAST_IN_DECIMALS = 5e-5
-"""Smaller figures have no digit among four decimals."""
+"""Smaller figures round to zero in four decimals."""
 _NO_MATHEMATICS = 'class="tex2jax_ignore mathjax_ignore"'
-"""Notebooks would set what stands between dollar signs as mathematics; names may have any."""
+"""Prevents notebooks from typesetting text between dollar signs, which names may contain."""
 COLUMNS = 80
-"""Columns of the narrowest terminal."""
+"""Width of the narrowest terminal, in characters."""
 _LEAST_NAME_WIDTH = 12
-"""Columns that a name is left at least."""
+"""Smallest width of a column of names, in characters."""
 _JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
 _CONTACT_LEGEND = (
     "point from the centre of mass; normal force in N; of mu: share of friction used\n"
@@ -97,12 +97,12 @@ class Table(NamedTuple):
 
     Attributes:
         rows: Its cells.
-        headers: One a column.
+        headers: One for each column.
         legend: A line below it.
         floats: Format of cells that are floats.
-        texts: Columns whose texts are none of numbers, whatever they look like. The first one is
-            broken where a terminal of 80 columns would break the whole table.
-        figures: Columns of figures in the digits that they are to have.
+        texts: Columns of texts, never parsed as numbers. The first one is wrapped if the table is
+            wider than a terminal of 80 characters.
+        figures: Columns of formatted numbers, which are printed as they are.
     """
 
     rows: Sequence[Sequence[Any]]
@@ -114,17 +114,17 @@ class Table(NamedTuple):
 
     def __str__(self) -> str:
         """Return the table as text."""
-        table = self._text()
+        table = self._table_text()
         excess = max(map(len, table.splitlines())) - COLUMNS
         if excess > 0 and self.texts:
             names = self.texts[0]
             width = max(len(str(row[names])) for row in self.rows) - excess
             widths: list[int | None] = [None] * len(self.headers)
             widths[names] = max(width, len(self.headers[names]), _LEAST_NAME_WIDTH)
-            table = self._text(widths)
+            table = self._table_text(widths)
         return f"{table}\n{self.legend}" if self.legend else table
 
-    def _text(self, widths: Sequence[int | None] | None = None) -> str:
+    def _table_text(self, widths: Sequence[int | None] | None = None) -> str:
         aligned = [
             "right" if place in self.figures else "global" for place in range(len(self.headers))
         ]
@@ -145,19 +145,19 @@ class Table(NamedTuple):
 
 
 def paragraph(text: str) -> str:
-    """Return text as an HTML paragraph; every line stays one."""
+    """Return text as an HTML paragraph that keeps the line breaks."""
     lines = "<br>".join(html.escape(line) for line in text.splitlines())
     return f"<p {_NO_MATHEMATICS}>{lines}</p>"
 
 
 def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table:
-    """Return the joints: torque from contacts, from gravity, total, limits, share of the limit.
+    """Return the table of joints: torque from contacts and gravity, total, limits, share of limit.
 
-    Where joints differ in their unit, it has a column of its own.
+    If joints differ in their unit, the unit has a column of its own.
 
     Args:
         problem: The problem.
-        from_contacts: (L,) torques that hold the contact forces.
+        from_contacts: (L,) torques J^T f of the contact forces.
     """
     torques = from_contacts + problem.gravity_torques
     size = torque_size(problem, torques)
@@ -194,7 +194,7 @@ def contact_table(
     mode: SlidingMode,
     bodies: Sequence[str] | None = None,
 ) -> Table:
-    """Return the contacts: point, normal force, share of friction in use, virtual sliding.
+    """Return the table of contacts: point, normal force, used share of friction, virtual sliding.
 
     Args:
         problem: The problem.
@@ -204,7 +204,7 @@ def contact_table(
     """
     load, length, _ = problem.scales
     normal = np.einsum("ij,ij->i", problem.normals, forces)
-    shares, tokens = _friction_shares(problem, forces), str(mode).split(" ")
+    shares, tokens = _friction_cells(problem, forces), str(mode).split(" ")
     rows, rounding = [], force_rounding(problem)
     for contact in range(problem.contact_count):
         where = " ".join(coordinate(x, length) for x in problem.positions[contact].tolist())
@@ -217,8 +217,8 @@ def contact_table(
     return Table(rows, headers, _CONTACT_LEGEND, "g", (1,), (headers.index("normal"),))
 
 
-def _friction_shares(problem: QuasistaticProblem, forces: FloatArray) -> list[str]:
-    """Return what sticks by its share of friction, and what does not by its state."""
+def _friction_cells(problem: QuasistaticProblem, forces: FloatArray) -> list[str]:
+    """Return the share of friction of each sticking contact, and the state of each other one."""
     words = {"at its limit": "limit", "frictionless": "-"}
     shares = []
     each = zip(contact_states(problem, forces), friction_use(problem, forces), strict=True)
@@ -231,13 +231,13 @@ def _friction_shares(problem: QuasistaticProblem, forces: FloatArray) -> list[st
 def certificate_text(
     proof: Certificate, problem: QuasistaticProblem, unit: str, size: float, *, found: bool
 ) -> str:
-    """Return a certificate in a few lines.
+    """Return a certificate as a few lines of text.
 
     Args:
         proof: The certificate.
         problem: The problem.
         unit: Unit of the bound.
-        size: What its digits are beside.
+        size: Size of comparable figures, which determines the digits.
         found: Whether there is an answer.
     """
     lines = []
@@ -274,41 +274,41 @@ def certificate_text(
 
 
 def headed(head: str, text: str) -> str:
-    """Return both in one line, or in two where a terminal of 80 columns would break it."""
+    """Return ``head: text`` in one line, or in two if that is wider than 80 characters."""
     between = " " if len(head) + len(text) + 2 <= COLUMNS else "\n"
     return f"{head}:{between}{text}"
 
 
 def shown(value: float, size: float, sign: str = "", rounding: float | None = None) -> str:
-    """Return a figure beside others: four decimals, or five digits where their size is far from 1.
+    """Return a formatted figure: four decimals, or five digits if the size is far from 1.
 
-    What rounding leaves of zero is 0, and what four decimals do not show has its own digits.
+    Rounding of zero is printed as 0, and figures too small for four decimals with two digits.
 
     Args:
         value: The figure.
-        size: Of the others: the load, or what it makes on the longest lever; a length.
-        sign: ``+`` to print it always.
-        rounding: The largest figure that is rounding of zero; None: 1e-7 of the size.
+        size: Size of comparable figures: the load, its torque on the longest lever, or a length.
+        sign: ``+`` to print the sign always.
+        rounding: Figures up to this are rounding of zero; None: 1e-7 of the size.
     """
     if abs(value) <= (_ZERO_SHARE * size if rounding is None else rounding):
         return "0"
-    if not _is_everyday(size):
+    if not _is_ordinary(size):
         return f"{value:{sign}.5g}"
     return f"{value:{sign}.1e}" if abs(value) < _LEAST_IN_DECIMALS else f"{value:{sign}.4f}"
 
 
 def coordinate(value: float, length: float) -> str:
-    """Return a coordinate beside others of a length, with its sign and all its decimals."""
-    return f"{round(value, 4) + 0.0:+.4f}" if _is_everyday(length) else shown(value, length, "+")
+    """Return a formatted coordinate with its sign; the length is the size of comparable ones."""
+    return f"{round(value, 4) + 0.0:+.4f}" if _is_ordinary(length) else shown(value, length, "+")
 
 
 def figure(value: float, size: float) -> str:
-    """Return six digits of a figure beside others of a size; what rounding leaves of zero is 0."""
+    """Return six digits of a figure, or 0 if it is rounding beside figures of the given size."""
     return f"{0.0 if abs(value) <= _ZERO_SHARE * size else value:.6g}"
 
 
 def brief_figure(value: float, size: float) -> str:
-    """Return four digits of a figure beside others of a size, as `figure` does."""
+    """Return four digits of a figure, as `figure` does."""
     return f"{float(figure(value, size)):.4g}"
 
 
@@ -317,9 +317,9 @@ def torque_rounding(problem: QuasistaticProblem, from_contacts: FloatArray) -> l
 
     Args:
         problem: The problem.
-        from_contacts: (L,) torques that hold the contact forces.
+        from_contacts: (L,) torques J^T f of the contact forces.
     """
-    sizes = [joint_sizes(problem), np.abs(problem.gravity_torques), np.abs(from_contacts)]
+    sizes = [joint_torque_sizes(problem), np.abs(problem.gravity_torques), np.abs(from_contacts)]
     return [_ZERO_SHARE * size for size in np.maximum.reduce(sizes).tolist()]
 
 
@@ -329,21 +329,21 @@ def force_rounding(problem: QuasistaticProblem) -> list[float]:
 
 
 def torque_size(problem: QuasistaticProblem, torques: FloatArray) -> float:
-    """Return what the load or a limit makes of the largest torque; 1 without joints."""
-    sizes = [joint_sizes(problem), np.abs(torques)]
+    """Return the largest of the torques and of the `joint_torque_sizes`; 1 without joints."""
+    sizes = [joint_torque_sizes(problem), np.abs(torques)]
     return float(np.concatenate(sizes).max(initial=0.0)) or 1.0
 
 
-def _is_everyday(size: float) -> bool:
+def _is_ordinary(size: float) -> bool:
     return _LEAST_EVERYDAY <= size <= _MOST_EVERYDAY
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number of things in words: ``1 joint``, ``2 joints``."""
+    """Return a number with its noun, singular or plural: ``1 joint``, ``2 joints``."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def from_to(low: float, high: float, precision: float, sign: str = "") -> str:
-    """Return a range in words, ``0 to 5``: an end next to zero, by a share of its width, is 0."""
+    """Return a range as text, ``0 to 5``; an end within ``precision`` times its width of 0 is 0."""
     rounding = precision * abs(high - low)
     return " to ".join("0" if abs(end) <= rounding else f"{end:{sign}.3g}" for end in (low, high))

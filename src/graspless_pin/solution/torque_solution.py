@@ -1,4 +1,4 @@
-"""What the algorithms return: a status, torques and forces, the mode, the proof and its doubts."""
+"""The result of the algorithms: status, torques and forces, the mode, the proof and findings."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _ROUNDING = 1e-7  # of the load
 
 
 class HasFindings(Protocol):
-    """What a problem came from: a scene, or a document."""
+    """The source of a problem: a scene, or a document."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -58,11 +58,11 @@ class HasFindings(Protocol):
 def solution_doubts(
     status: Status, certificate: Certificate, problem: QuasistaticProblem, margin: float | None
 ) -> Iterator[Finding]:
-    """Find what an answer hangs on.
+    """Yield the findings on an answer: reasons to doubt it.
 
     Args:
-        status: How the search ended.
-        certificate: What it has proven.
+        status: Status of the solution.
+        certificate: Its certificate.
         problem: The problem.
         margin: The largest margin, N; None: another figure was optimised, or nothing was found.
     """
@@ -101,7 +101,7 @@ def solution_doubts(
 
 
 def overload(problem: QuasistaticProblem) -> str:
-    """Return the limit that is lost in the load, and how many times as large the load is there."""
+    """Return a text on the limit that is smallest relative to the load, and on their ratio."""
     strict, (force, _, joints) = problem.strictness, problem.scales
     if strict is None:
         return "the required margin is far beyond what the limits carry"
@@ -129,20 +129,20 @@ _Value = TypeVar("_Value")
 class TorqueSolution:
     """The answer of Algorithm 1 or 2. Infeasible is an answer: then ``found`` is False.
 
-    Asking a solution that was not found for torques, forces or mode raises `NoSolutionError` with
-    the reason; its margin and its largest torque are NaN, as tables want them. A solution has no
-    truth value: ask ``found``. See the example of `maximize_margin`.
+    Reading torques, forces or mode of a solution that was not found raises `NoSolutionError` with
+    the reason; its margin and its largest torque are NaN, for tables. A solution has no truth
+    value: use ``found``. See the example of `maximize_margin`.
 
     Attributes:
-        status: What is known.
-        objective: What was optimised.
+        status: The outcome of the search.
+        objective: The objective.
         rules: The reading of the virtual-sliding constraint.
         certificate: How well it is proven.
         problem: The problem that was solved.
-        given_mode: The mode that alone was asked for; None: all modes were.
-        evidence: What the search has left of the proof.
-        guarantee: What was found where rest had to be the only outcome; None: that was not asked
-            for, or there is not even a best case.
+        given_mode: The only mode that was searched; None: all modes were.
+        evidence: Parts of the proof that the search kept.
+        guarantee: Result of the search for torques under which rest is the only outcome; None: that
+            was not requested, or there is not even a best case.
     """
 
     status: Status
@@ -159,12 +159,12 @@ class TorqueSolution:
     _source: HasFindings | None = None
 
     def of_source(self, source: Any) -> TorqueSolution:
-        """Return the solution as that of a scene, whose findings are told with its own."""
+        """Return the solution with its scene or document, whose findings are added to its own."""
         return changed(self, _source=source)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is wrong with the scene that it is of, and with itself; the gravest first."""
+        """Findings on the solution's scene and on the solution; the gravest first."""
         best = self.margin if self.found and self.algorithm is Algorithm.MARGIN else None
         own = solution_doubts(self.status, self.certificate, self.problem, best)
         return causes_first([*(() if self._source is None else self._source.findings), *own])
@@ -175,7 +175,7 @@ class TorqueSolution:
         return self.status in FOUND
 
     def __bool__(self) -> Never:
-        """Refuse, since whether torques were found is not whether they hold.
+        """Raise an error: that torques were found does not mean that the object stays.
 
         Raises:
             TypeError: Always.
@@ -187,16 +187,16 @@ class TorqueSolution:
 
     @cached_property
     def explanation(self) -> str:
-        """Why nothing is feasible and the smallest changes that would help.
+        """Why nothing is feasible, and the smallest changes that would help.
 
-        Empty if it was found, or if the status says all.
+        Empty if a solution was found, or if the status says all.
 
-        Worked out when first asked for: it solves several changed problems, within 1000
-        nodes for each and 10 s for all; `explain` does so within other limits.
+        Computed when first read: it solves several changed problems, within 1000 nodes for each and
+        10 s for all; `explain` does so within other limits.
         """
         if self.found or self._explanation is not None:
             return self._explanation or ""
-        return _from_algorithms("explanation", "explained_briefly")(self)
+        return _algorithms_function("explanation", "explained_briefly")(self)
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -215,20 +215,20 @@ class TorqueSolution:
 
     @cached_property
     def proof(self) -> SolutionProof:
-        """The whole proof, over all modes, that documents carry.
+        """The complete proof, over all modes, as in documents.
 
-        Completed when first asked for: see `proof_of` for what that takes.
+        Completed when first read: see `proof_of` for the effort.
         """
-        return _from_algorithms("solution_proof", "proof_of")(self)
+        return _algorithms_function("solution_proof", "proof_of")(self)
 
     @cached_property
     def motion(self) -> FloatArray | None:
-        """(P + L,) virtual motion [V; theta_dot] behind the mode, m/s and rad/s.
+        """(P + L,) virtual motion [V; theta_dot] of the mode, m/s and rad/s.
 
-        None where none is asked for, or there is none. Found when first asked for, if the search
+        None if the rules require none, or there is none. Computed when first read, if the search
         kept none.
         """
-        return _from_algorithms("solution_proof", "motion_of")(self)
+        return _algorithms_function("solution_proof", "motion_of")(self)
 
     @cached_property
     def value(self) -> float:
@@ -264,8 +264,7 @@ class TorqueSolution:
 
         Args:
             y: (m,) of its equalities, scaled.
-            z: (k,) of its other rows; those of sides that are not there are a solver's noise, and
-                left out.
+            z: (k,) of its other rows; those of infinite sides are a solver's noise, and left out.
         """
         _, program, unit = self.program
         weights, (low, high) = np.concatenate([y, z]), program.sides
@@ -274,14 +273,14 @@ class TorqueSolution:
 
     @property
     def program(self) -> ScaledProgram:
-        """The scaled program without modes, made anew."""
+        """The scaled program without modes, built at each call."""
         return scaled_program(self.problem, self.objective)
 
     @property
     def contact_forces(self) -> FloatArray:
         """(M, 3) contact forces on the object, N, world axes.
 
-        One best choice among the indeterminate forces, not a prediction.
+        One optimal choice among the statically indeterminate forces, not a prediction.
         """
         return self._read(self._forces)
 
@@ -289,13 +288,13 @@ class TorqueSolution:
     def mode(self) -> SlidingMode:
         """The virtual-sliding mode (B, S) whose optimum this is.
 
-        With Coulomb friction no mode is asked for, and this only describes the friction.
+        With Coulomb friction no mode is required, and this only describes the friction.
         """
         return self._read(self._mode)
 
     @property
     def contact_torques(self) -> FloatArray:
-        """(L,) joint torques that hold the contact forces, J^T f (18), units as `torques`."""
+        """(L,) joint torques J^T f of the contact forces (18), units as `torques`."""
         return self.problem.J.T @ self.contact_forces.ravel()
 
     @property
@@ -305,20 +304,20 @@ class TorqueSolution:
 
     @property
     def torques_by_joint(self) -> Mapping[str, float]:
-        """The same by name: of joints with their mount's prefix, tendons and hybrid fingers."""
+        """`torques` by name: joints with their mount's prefix, tendons and hybrid fingers."""
         names = self.problem.joint_names
         return MappingProxyType(dict(zip(names, self.torques.tolist(), strict=True)))
 
     @property
     def margin(self) -> float:
-        """The margin e that the contact forces keep, (36) and (42), N; NaN where none was found.
+        """The margin e of the contact forces, (36) and (42), N; NaN if no solution was found.
 
-        Zero is none that rounding has left below: it can be asked for again.
+        A margin below zero by rounding is returned as 0, so that it can be required again.
         """
         if not self.found:
             return math.nan
-        margin, least = self.problem.margin_of(self.contact_forces), self.problem.scales.force
-        return 0.0 if -_ROUNDING * least < margin < 0.0 else margin
+        margin, load = self.problem.margin_of(self.contact_forces), self.problem.scales.force
+        return 0.0 if -_ROUNDING * load < margin < 0.0 else margin
 
     @property
     def max_torque(self) -> float:
@@ -332,7 +331,7 @@ class TorqueSolution:
         return units[int(np.abs(self.torques).argmax())] if units else JointUnit.TORQUE
 
     def __repr__(self) -> str:
-        """Return one line: what was solved and the figures that matter."""
+        """Return one line: objective, status, margin and largest torque."""
         found = ""
         if self.found:
             found = f", margin={self.margin:.6g}, max_torque={self.max_torque:.6g}"
@@ -340,7 +339,7 @@ class TorqueSolution:
         return f"<TorqueSolution {self.objective.name}: {self.status.name}{found}, {size}>"
 
     def __str__(self) -> str:
-        """Return readable tables, or why there are none."""
+        """Return the solution as text; see `text`."""
         return self.text()
 
     def text(self, bodies: Sequence[str] | None = None, remarks: Sequence[str] = ()) -> str:
@@ -348,10 +347,10 @@ class TorqueSolution:
 
         Args:
             bodies: M names of what touches the object at each contact; None: left out.
-            remarks: Lines that stand before the tables.
+            remarks: Lines to print before the tables.
         """
         if not self.found:
-            return f"{self._why_not()}\n\n{self._certificate_text()}"
+            return f"{self._failure_text()}\n\n{self._certificate_text()}"
         parts: list[object] = ["\n".join([self._headline(), *remarks])]
         if self.problem.joint_count:
             parts.append(joint_table(self.problem, self.contact_torques))
@@ -359,25 +358,25 @@ class TorqueSolution:
         return "\n\n".join(str(part) for part in [*parts, self._certificate_text()])
 
     def _repr_html_(self) -> str:
-        """Return what `text` does as HTML, for notebooks."""
+        """Return the same as `text` as HTML, for notebooks."""
         last = paragraph(self._certificate_text())
         if not self.found:
-            return f"{paragraph(self._why_not())}\n{last}"
+            return f"{paragraph(self._failure_text())}\n{last}"
         parts = [paragraph(self._headline())]
         if self.problem.joint_count:
             parts.append(joint_table(self.problem, self.contact_torques).html())
         parts.append(contact_table(self.problem, self.contact_forces, self.mode).html())
         return "\n".join([*parts, last])
 
-    def _why_not(self) -> str:
-        """Return why nothing was found; what an explanation tells is not said twice."""
+    def _failure_text(self) -> str:
+        """Return why nothing was found: the status, unless the explanation includes it."""
         why = self.explanation
         is_explained = why and self.status in EXPLAINED
         first = f"not found: {'infeasible' if is_explained else self.status.message}"
         return f"{first}\n\n{why}" if why else first
 
     def _headline(self) -> str:
-        """Return what was solved, and the two figures that matter."""
+        """Return two lines: the algorithm and the status, then margin and largest torque."""
         margin = f"at margin {self.required_margin:g} N"
         name, of_margin = self.objective.name, self.objective.of_margin
         if self.algorithm is Algorithm.MARGIN:
@@ -425,10 +424,10 @@ class TorqueSolution:
 
 
 def checked_solution(solution: object) -> TorqueSolution:
-    """Return a solution.
+    """Return the argument if it is a solution.
 
     Raises:
-        ArgumentError: If it is none.
+        ArgumentError: If it is not.
     """
     if not isinstance(solution, TorqueSolution):
         words = what_to_pass("solution", solution, "TorqueSolution")
@@ -436,6 +435,6 @@ def checked_solution(solution: object) -> TorqueSolution:
     return solution
 
 
-def _from_algorithms(module: str, name: str) -> Any:
-    """Return a function of `algorithms`: that imports this package, so it is loaded late."""
+def _algorithms_function(module: str, name: str) -> Any:
+    """Return a function of `algorithms`, imported late since that package imports this one."""
     return getattr(import_module(f"graspless_pin.algorithms.{module}"), name)

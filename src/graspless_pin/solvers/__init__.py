@@ -1,6 +1,6 @@
-"""The only place that knows solver libraries: solve a program and have the answer checked.
+"""The only package that calls solver libraries: solve a program and check the answer.
 
-Where a solver's answer fails the check another solver is asked.
+If a solver's answer fails the check, another solver is called.
 """
 
 from graspless_pin.programs.answers import PRIMAL_TOLERANCE, Answer, Outcome

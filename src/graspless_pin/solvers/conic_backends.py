@@ -1,8 +1,8 @@
 """Second-order programs: Clarabel's own, and any solver of linear programs by tangent cuts.
 
 Cuts where the last answer left the cones are Kelley's cutting planes (J. SIAM 8(4), 1960). Programs
-too large to be full matrices are given to Clarabel block by block; their answers are a solver's
-word: who asks checks them.
+too large for full matrices are given to Clarabel block by block; these answers are unchecked: the
+caller checks them.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ clarabel: Any = compiled_clarabel
 _FIRST_CUTS = 8
 _CUT_ROUNDS = 40
 _GUESS_TOLERANCE = 1e-6
-"""Scaled: what a point of a semidefinite program may miss."""
+"""Largest violation at a point of a semidefinite program, in scaled units."""
 _CONE_TOLERANCE = 1e-9
-"""Cuts end where forces are no farther outside their cones, in scaled units."""
+"""Largest distance of forces outside their cones at which cuts end, in scaled units."""
 
 
 def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> FloatArray | None:
-    """Return (n,) what Clarabel says is the optimum of a semidefinite program.
+    """Return (n,) Clarabel's unchecked optimum of a semidefinite program.
 
-    None where it misses a row by more than 1e-6. Neither the inequalities nor the value are
+    None if it violates a row by more than 1e-6. Neither the inequalities nor the value are
     checked: it is a guess.
 
     Args:
         program: The program.
-        inequalities: Of its first columns.
+        inequalities: Matrix inequalities in its first columns.
     """
     x = by_clarabel(without_far_limits(program), inequalities)[0]
     if not np.isfinite(x).all() or program.residual(x) > _GUESS_TOLERANCE:
@@ -48,11 +48,11 @@ def least_within(program: Program, inequalities: Sequence[MatrixInequality]) -> 
 
 
 def by_clarabel(program: Program, inequalities: Sequence[MatrixInequality] = ()) -> Multipliers:
-    """Clarabel's own interface: equalities, sides and bounds as cones of its, then second-order.
+    """Return Clarabel's answer: equalities, sides and bounds as its cones, then second-order cones.
 
     Args:
         program: The program.
-        inequalities: Further ones, of its first columns; nothing tells their multipliers.
+        inequalities: Matrix inequalities in its first columns; their multipliers are not returned.
     """
     low, high = program.sides
     m, count = len(program.b), len(low)
@@ -60,13 +60,13 @@ def by_clarabel(program: Program, inequalities: Sequence[MatrixInequality] = ())
     ends = np.concatenate([high, -low, program.ub[kept], -program.lb[kept]])
     # Upper sides first (equalities have no other), then lower ones, bounds, and the cones' rows.
     conic = np.arange(count - 3 * program.cone_count, count)
-    there = np.isfinite(ends)
-    there[count : count + m] = there[conic] = there[count + conic] = False
-    picked = np.append(np.flatnonzero(there), count + conic)
-    matrix = _rows_and_bounds(program.rows[:, kept], picked)
-    further = [_semidefinite(one, len(program.c)) for one in inequalities]
-    if further:
-        matrix = scipy.sparse.vstack([matrix, *(one[:, kept] for one, _ in further)], "csc")
+    is_finite = np.isfinite(ends)
+    is_finite[count : count + m] = is_finite[conic] = is_finite[count + conic] = False
+    picked = np.append(np.flatnonzero(is_finite), count + conic)
+    matrix = _sparse_rows_and_bounds(program.rows[:, kept], picked)
+    semidefinite = [_semidefinite_rows(one, len(program.c)) for one in inequalities]
+    if semidefinite:
+        matrix = scipy.sparse.vstack([matrix, *(one[:, kept] for one, _ in semidefinite)], "csc")
     cones = [clarabel.ZeroConeT(m), clarabel.NonnegativeConeT(len(picked) - m - len(conic))]
     cones += [clarabel.SecondOrderConeT(3)] * program.cone_count
     cones += [clarabel.PSDTriangleConeT(len(one.constant)) for one in inequalities]
@@ -74,7 +74,7 @@ def by_clarabel(program: Program, inequalities: Sequence[MatrixInequality] = ())
         scipy.sparse.csc_array(np.diag(program.P[kept])),
         program.c[kept],
         matrix,
-        np.concatenate([ends[picked], *(side for _, side in further)]),
+        np.concatenate([ends[picked], *(side for _, side in semidefinite)]),
         cones,
         _SETTINGS,
     ).solve()
@@ -84,23 +84,25 @@ def by_clarabel(program: Program, inequalities: Sequence[MatrixInequality] = ())
     return np.minimum(np.maximum(x, program.lb), program.ub), weights[:m], weights[m:]
 
 
-def _rows_and_bounds(rows: FloatArray, picked: NDArray[np.int_]) -> Any:
-    """Return some of the rows, of minus the rows, and likewise of bounds, in compressed columns."""
+def _sparse_rows_and_bounds(rows: FloatArray, picked: NDArray[np.int_]) -> Any:
+    """Return picked rows of [rows; -rows; I; -I], by compressed columns."""
     count, n = rows.shape
     row, column = np.nonzero(rows)
-    every, values = np.arange(n), rows[row, column]
-    place = np.full(2 * (count + n), -1)
-    place[picked] = np.arange(len(picked))
-    where = place[np.concatenate([row, count + row, 2 * count + every, 2 * count + n + every])]
-    columns = np.concatenate([column, column, every, every])
+    variables, values = np.arange(n), rows[row, column]
+    picked_index = np.full(2 * (count + n), -1)
+    picked_index[picked] = np.arange(len(picked))
+    where = picked_index[
+        np.concatenate([row, count + row, 2 * count + variables, 2 * count + n + variables])
+    ]
+    columns = np.concatenate([column, column, variables, variables])
     signed = np.concatenate([values, -values, np.ones(n), -np.ones(n)])
-    there = where >= 0
+    is_picked = where >= 0
     return scipy.sparse.csc_array(
-        (signed[there], (where[there], columns[there])), shape=(len(picked), n)
+        (signed[is_picked], (where[is_picked], columns[is_picked])), shape=(len(picked), n)
     )
 
 
-def _semidefinite(inequality: MatrixInequality, count: int) -> tuple[FloatArray, FloatArray]:
+def _semidefinite_rows(inequality: MatrixInequality, count: int) -> tuple[FloatArray, FloatArray]:
     """Return rows and sides of one inequality: the upper triangle, column by column, times sqrt 2.
 
     Args:
@@ -114,7 +116,7 @@ def _semidefinite(inequality: MatrixInequality, count: int) -> tuple[FloatArray,
     return rows, inequality.constant[lower] * weights
 
 
-def _settings(tolerance: float, *, refined: bool = False) -> Any:
+def _clarabel_settings(tolerance: float, *, refined: bool = False) -> Any:
     settings = clarabel.DefaultSettings()
     # Programs are scaled, and every answer is checked.
     settings.verbose = settings.presolve_enable = False
@@ -123,14 +125,15 @@ def _settings(tolerance: float, *, refined: bool = False) -> Any:
     return settings
 
 
-_SETTINGS = _settings(SOLVER_TOLERANCE)
+_SETTINGS = _clarabel_settings(SOLVER_TOLERANCE)
 
 
 def by_cuts(solver: Backend) -> Backend:
-    """Return a backend that asks one of linear programs, with the cones cut by tangent planes.
+    """Return a backend for cones from one of linear programs: tangent planes approximate the cones.
 
     Each round adds the planes that touch the cones where the last answer left them. A plane's
-    multiplier times its normal is a multiplier of the cone, so any round's may be a proof.
+    multiplier times its normal is a multiplier of the cone, so the multipliers of any round may be
+    a proof.
     """
 
     def backend(program: Program) -> Multipliers | None:
@@ -138,15 +141,15 @@ def by_cuts(solver: Backend) -> Backend:
         cones, apex = program.G[flat:].reshape(-1, 3, len(program.c)), program.l[flat:]
         apex = apex.reshape(-1, 3)
         owner = np.repeat(np.arange(len(cones)), _FIRST_CUTS)
-        first = _planes(2.0 * np.pi * np.arange(_FIRST_CUTS) / _FIRST_CUTS)
-        planes = np.tile(first, (len(cones), 1))
+        first_planes = _tangent_planes(2.0 * np.pi * np.arange(_FIRST_CUTS) / _FIRST_CUTS)
+        planes = np.tile(first_planes, (len(cones), 1))
         for _ in range(_CUT_ROUNDS):
             rows = np.einsum("pi,pin->pn", planes, cones[owner])
             sides = np.einsum("pi,pi->p", planes, apex[owner])
-            found = call_solver(solver, _cut(program, rows, sides))
-            if found is None:
+            answer = call_solver(solver, _with_planes_for_cones(program, rows, sides))
+            if answer is None:
                 return None
-            x, y, z = found
+            x, y, z = answer
             weights = np.zeros_like(apex)
             np.add.at(weights, owner, z[flat:, None] * planes)
             z = np.concatenate([z[:flat], weights.ravel()])
@@ -154,20 +157,20 @@ def by_cuts(solver: Backend) -> Backend:
             outside = np.flatnonzero(np.hypot(*inside[:, 1:].T) - inside[:, 0] > _CONE_TOLERANCE)
             if not len(outside) or program.dual_bound(y, z) > program.cutoff:
                 return x, y, z
-            touching = _planes(np.arctan2(inside[outside, 2], inside[outside, 1]))
-            planes, owner = np.vstack([planes, touching]), np.append(owner, outside)
+            new_planes = _tangent_planes(np.arctan2(inside[outside, 2], inside[outside, 1]))
+            planes, owner = np.vstack([planes, new_planes]), np.append(owner, outside)
         return None
 
     return backend
 
 
-def _planes(angles: FloatArray) -> FloatArray:
-    """(p, 3) inward normals of planes that touch the cone along directions at given angles, rad."""
+def _tangent_planes(angles: FloatArray) -> FloatArray:
+    """(p, 3) inward normals of the planes tangent to the cone at given angles, rad."""
     return np.column_stack([np.ones_like(angles), -np.cos(angles), -np.sin(angles)])
 
 
-def _cut(program: Program, rows: FloatArray, sides: FloatArray) -> Program:
-    """Return a program with planes, as lower sides, in place of its cones."""
+def _with_planes_for_cones(program: Program, rows: FloatArray, sides: FloatArray) -> Program:
+    """Return a program with planes, rows with lower sides, in place of its cones."""
     flat = program.flat_count
     return replace(
         program,
@@ -184,16 +187,16 @@ _ANSWER_STATUSES, _INFEASIBLE_STATUSES = (
     ("Solved", "AlmostSolved"),
     ("PrimalInfeasible", "DualInfeasible"),
 )
-"""Of Clarabel; with other words it is asked once more, to refine its steps."""
+"""Clarabel's statuses; with any other it is called again, with iterative refinement."""
 
 
 class Entries(NamedTuple):
-    """Entries of a matrix that are not zero.
+    """The nonzero entries of a matrix.
 
     Attributes:
         rows: (k,) their rows.
         columns: (k,) their columns.
-        values: (k,).
+        values: (k,) their values.
     """
 
     rows: NDArray[np.int_]
@@ -202,23 +205,23 @@ class Entries(NamedTuple):
 
     @classmethod
     def of(cls, matrix: FloatArray) -> Entries:
-        """Return those of a full matrix."""
+        """Return the entries of a dense matrix."""
         rows, columns = np.nonzero(matrix)
         return cls(rows, columns, matrix[rows, columns])
 
     def at(self, first: int, *, times: float = 1.0) -> Entries:
-        """Return them with columns from ``first`` on, times a factor."""
+        """Return the entries with columns shifted by ``first``, times a factor."""
         return Entries(self.rows, first + self.columns, self.values * times)
 
 
 def diagonal(columns: NDArray[np.int_], values: ArrayLike = 1.0) -> Entries:
-    """Return one entry in each row."""
+    """Return one entry per row, in the given column."""
     count = len(columns)
     return Entries(np.arange(count), columns, np.broadcast_to(np.asarray(values, float), count))
 
 
-class _Part:
-    """Rows of one kind: entries and sides."""
+class _RowGroup:
+    """Rows of one kind of constraint: entries and sides."""
 
     def __init__(self) -> None:
         self.entries: list[Entries] = []
@@ -226,7 +229,7 @@ class _Part:
         self.count = 0
 
     def add(self, entries: list[Entries], sides: FloatArray, step: int, offset: int) -> None:
-        """Add entries whose rows are counted by steps, from an offset on."""
+        """Add entries whose row r becomes row ``offset + step * r`` after the present ones."""
         first = self.count + offset
         self.entries += [one._replace(rows=first + step * one.rows) for one in entries]
         self.sides.append(sides)
@@ -236,14 +239,14 @@ class SparseConic:
     """Minimise c.x with A x = b, rows G x <= h and cones |B x| <= h - g x, block by block."""
 
     def __init__(self) -> None:
-        """Begin without columns and rows."""
-        self._equal, self._below, self._cones = _Part(), _Part(), _Part()
+        """Start without columns and rows."""
+        self._equal, self._below, self._cones = _RowGroup(), _RowGroup(), _RowGroup()
         self._sizes: list[int] = []
         self._costs: list[tuple[int, float]] = []
         self.width = 0
 
     def columns(self, count: int, cost: float = 0.0) -> NDArray[np.int_]:
-        """Add free columns, and return their numbers; the cost is that of each."""
+        """Add free columns with a cost each, and return their indices."""
         added = np.arange(self.width, self.width + count)
         self.width += count
         if cost:
@@ -256,18 +259,18 @@ class SparseConic:
         self._equal.count += len(sides)
 
     def below(self, entries: list[Entries], sides: FloatArray) -> NDArray[np.int_]:
-        """Add rows G x <= h; returns what `solve` has their multipliers under."""
+        """Add rows G x <= h, and return their indices among the multipliers of `solve`."""
         self._below.add(entries, sides, 1, 0)
         self._below.count += len(sides)
         return np.arange(self._below.count - len(sides), self._below.count)
 
     def cones(self, entries: list[Entries], sides: FloatArray, inside: list[Entries]) -> None:
-        """Add a cone for each row: the length of d products is at most h - g x.
+        """Add cones |B x| <= h - g x, one for each row of g.
 
         Args:
-            entries: Of g, a row for each cone.
+            entries: Entries of g, a row for each cone.
             sides: (k,) h.
-            inside: d times the entries of B, a row for each cone.
+            inside: Entries of the d rows of B; each item has a row for each cone.
         """
         size, count, part = 1 + len(inside), len(sides), self._cones
         spread = np.zeros((count, size))
@@ -279,10 +282,10 @@ class SparseConic:
         self._sizes += [size] * count
 
     def solve(self, time_limit: float | None = None) -> tuple[FloatArray, FloatArray] | None:
-        """Return x with the multipliers of rows, or None where Clarabel has none.
+        """Return x and the multipliers of the rows G x <= h, or None if Clarabel finds no solution.
 
         Args:
-            time_limit: Seconds that Clarabel may take; None: any.
+            time_limit: Seconds that Clarabel may take; None: no limit.
         """
         deadline = None if time_limit is None else time.monotonic() + time_limit
         parts = (self._equal, self._below, self._cones)
@@ -303,13 +306,13 @@ class SparseConic:
         kinds += [clarabel.SecondOrderConeT(size) for size in self._sizes]
         curved = scipy.sparse.csc_array((self.width, self.width))
         for refined in (False, True):
-            settings = _settings(_SPARSE_TOLERANCE, refined=refined)
+            settings = _clarabel_settings(_SPARSE_TOLERANCE, refined=refined)
             if deadline is not None:
                 settings.time_limit = max(deadline - time.monotonic(), 0.0)
-            found = clarabel.DefaultSolver(curved, cost, matrix, sides, kinds, settings).solve()
-            status = str(found.status)
+            solution = clarabel.DefaultSolver(curved, cost, matrix, sides, kinds, settings).solve()
+            status = str(solution.status)
             if status in _ANSWER_STATUSES:
-                return np.array(found.x), np.array(found.z)[firsts[1] : firsts[2]]
+                return np.array(solution.x), np.array(solution.z)[firsts[1] : firsts[2]]
             if status in _INFEASIBLE_STATUSES:
                 break
         return None

@@ -25,7 +25,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "highs": {
         "primal_feasibility_tolerance": 1e-10,
         "dual_feasibility_tolerance": 1e-10,
-        # It goes on for ever where free variables without curvature leave many optima.
+        # It does not end if free variables without curvature leave many optima.
         "qp_iteration_limit": 10_000,
     },
 }
@@ -33,7 +33,7 @@ _SPARSE_SOLVERS = ("highs", "clarabel", "osqp", "scs")
 
 
 def by_proxqp(program: Program) -> Multipliers:
-    """ProxQP's object interface: its one-shot call takes feasible LPs for infeasible."""
+    """Return ProxQP's answer by its object interface: its one-shot call misjudges feasible LPs."""
     reduced, kept = without_fixed(program)
     n, m = reduced.A.shape[1], len(reduced.A)
     bounded = np.flatnonzero(np.isfinite(reduced.lb) | np.isfinite(reduced.ub))
@@ -44,7 +44,7 @@ def by_proxqp(program: Program) -> Multipliers:
     engine = proxqp.dense.QP(n, m, len(rows))
     engine.settings.eps_abs = SOLVER_TOLERANCE
     engine.settings.eps_rel = 0.0
-    # Feasible programs take some twenty iterations; more are spent on infeasible ones only.
+    # Feasible programs take some twenty iterations; only infeasible ones take more.
     engine.settings.max_iter, engine.settings.max_iter_in = 60, 50
     # Its own test calls feasible LPs infeasible: infeasibility is proven by the elastic program.
     engine.settings.eps_primal_inf = engine.settings.eps_dual_inf = 0.0
@@ -52,11 +52,11 @@ def by_proxqp(program: Program) -> Multipliers:
     engine.init(np.diag(reduced.P), reduced.c, reduced.A, reduced.b, rows, low, high)
     engine.solve()
     x, y, z = (np.array(part) for part in (engine.results.x, engine.results.y, engine.results.z))
-    return _restored(x, kept), y, z[: len(reduced.G)]
+    return _with_fixed_variables(x, kept), y, z[: len(reduced.G)]
 
 
 def by_qpsolvers(name: str) -> Backend:
-    """Return a backend that goes through qpsolvers."""
+    """Return a backend that calls a solver by its name in qpsolvers."""
 
     def backend(program: Program) -> Multipliers | None:
         reduced, kept = without_fixed(program)
@@ -86,13 +86,13 @@ def by_qpsolvers(name: str) -> Backend:
         if solution.z is not None and has_rows and len(solution.z) == len(rows):
             z[up] += solution.z[: up.sum()]
             z[down] -= solution.z[up.sum() :]
-        return _restored(solution.x, kept), np.asarray(y), z
+        return _with_fixed_variables(solution.x, kept), np.asarray(y), z
 
     return backend
 
 
-def _restored(x: FloatArray, kept: NDArray[np.bool_] | None) -> FloatArray:
-    """Return a solution of `without_fixed` with the dropped variables back, as zeros."""
+def _with_fixed_variables(x: FloatArray, kept: NDArray[np.bool_] | None) -> FloatArray:
+    """Return a solution of `without_fixed` with zeros for the variables that it dropped."""
     if kept is None:
         return x
     full = np.zeros(len(kept))

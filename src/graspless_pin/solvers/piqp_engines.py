@@ -1,4 +1,4 @@
-"""PIQP solvers that are kept for programs of one structure and told only what changes."""
+"""PIQP solvers that are kept for programs of one structure and updated with what changes."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from graspless_pin.programs.answers import Multipliers
 from graspless_pin.programs.program import Program
 
 SOLVER_TOLERANCE = 1e-10
-"""What all solvers are asked for, in scaled units."""
-# Programs are well scaled: interior points may go closer to the boundary than PIQP's default.
+"""Tolerance that all solvers get, in scaled units."""
+# Programs are well scaled: iterates may go closer to the boundary than PIQP's default.
 _STEP_TO_BOUNDARY = 0.9999
 _VARIABLE_UNIT = 10.0
-"""What PIQP's variables count in: it starts near one, and forces are some loads."""
+"""Unit of PIQP's variables: its starting point is near one, and forces are several loads."""
 _TOLERANCE = SOLVER_TOLERANCE / _VARIABLE_UNIT
 _FIRST_ITERATIONS, _COLUMNS_PER_ITERATION = 20, 10
-"""Steps after which it is asked whether there is a solution, and columns that take one more."""
+"""Iterations before the first check for infeasibility, and columns per further iteration."""
 _MOST_ITERATIONS = 250
 _ENGINES_PER_STRUCTURE = 2
 _MOST_STRUCTURES = 32
 
 
 class _Engine:
-    """A PIQP solver that is kept for programs of one structure and told only what changes.
+    """A PIQP solver that is kept for programs of one structure and updated with what changes.
 
-    Sparse, since each row but the balance knows one finger's or one contact's forces, and without
-    scaling of its own, since programs are scaled: so no answer depends on what it solved before.
+    It is sparse, since each row except the balance involves one finger's or one contact's forces,
+    and has no scaling of its own, since programs are scaled: so no answer depends on earlier ones.
     """
 
     def __init__(self, program: Program) -> None:
-        """Set up for a program and all of its structure."""
+        """Set up the solver for a program and all others of its structure."""
         n, count = len(program.c), len(program.b)
-        self._A, self._places_A = _columns(program.rows, slice(count))
-        self._G, self._places_G = _columns(program.rows, slice(count, None))
+        self._A, self._places_A = _compressed_columns(program.rows, slice(count))
+        self._G, self._places_G = _compressed_columns(program.rows, slice(count, None))
         self._P = scipy.sparse.csc_matrix(
             (_VARIABLE_UNIT * program.P, np.arange(n), np.arange(n + 1))
         )
-        self._known = program
+        self._loaded = program
         self._piqp = piqp.SparseSolver()
         settings = self._settings = self._piqp.settings
         settings.kkt_solver = piqp.KKTSolver.sparse_ldlt_ineq_cond
@@ -65,38 +65,38 @@ class _Engine:
         )
 
     def holds(self, program: Program) -> bool:
-        """Return whether the matrices of the program are those that were loaded last."""
-        return self._known.G is program.G and self._known.A is program.A
+        """Return whether the program has the matrices that were loaded last."""
+        return self._loaded.G is program.G and self._loaded.A is program.A
 
     def load(self, program: Program) -> None:
-        """Turn to another program of the same structure, or to other bounds of the same one."""
-        known = self._known
-        changed: dict[str, Any] = {}
-        if program.lb is not known.lb or program.ub is not known.ub:
-            changed["x_l"], changed["x_u"] = (
+        """Load another program of the same structure, or other bounds of the same program."""
+        loaded = self._loaded
+        updates: dict[str, Any] = {}
+        if program.lb is not loaded.lb or program.ub is not loaded.ub:
+            updates["x_l"], updates["x_u"] = (
                 program.lb / _VARIABLE_UNIT,
                 program.ub / _VARIABLE_UNIT,
             )
-        if program.c is not known.c:
-            changed["c"] = program.c
-        if program.b is not known.b:
-            changed["b"] = program.b / _VARIABLE_UNIT
-        if program.l is not known.l:  # both are made at once
-            changed["h_l"], changed["h_u"] = program.l / _VARIABLE_UNIT, program.u / _VARIABLE_UNIT
-        if program.P is not known.P:
+        if program.c is not loaded.c:
+            updates["c"] = program.c
+        if program.b is not loaded.b:
+            updates["b"] = program.b / _VARIABLE_UNIT
+        if program.l is not loaded.l:  # both are made at once
+            updates["h_l"], updates["h_u"] = program.l / _VARIABLE_UNIT, program.u / _VARIABLE_UNIT
+        if program.P is not loaded.P:
             np.multiply(program.P, _VARIABLE_UNIT, out=self._P.data)
-            changed["P"] = self._P
+            updates["P"] = self._P
         if not self.holds(program):
             entries = program.rows.T.ravel()
             entries.take(self._places_A, out=self._A.data, mode="clip")
             entries.take(self._places_G, out=self._G.data, mode="clip")
-            changed["A"], changed["G"] = self._A, self._G
-        if changed:
-            self._piqp.update(**changed)
-        self._known = program
+            updates["A"], updates["G"] = self._A, self._G
+        if updates:
+            self._piqp.update(**updates)
+        self._loaded = program
 
     def solve(self, program: Program) -> Multipliers:
-        """Solve, and stop early where the multipliers already prove that nothing is feasible.
+        """Solve the program, and stop early if the multipliers already prove infeasibility.
 
         A feasible program takes some ten iterations; on an infeasible one the multipliers grow
         until the iteration limit, long after they have become a proof.
@@ -108,37 +108,39 @@ class _Engine:
         ):
             self._settings.max_iter = _MOST_ITERATIONS
             self._piqp.solve()
-        # Bounds that meet are met to the solver's tolerance: the answer meets them exactly.
+        # The solver meets equal bounds to its tolerance only: the answer meets them exactly.
         x = np.minimum(np.maximum(_VARIABLE_UNIT * result.x, program.lb), program.ub)
         return x, np.array(result.y), result.z_u - result.z_l
 
 
-def _columns(rows: FloatArray, part: slice) -> tuple[Any, NDArray[np.int_]]:
-    """Return some of the rows in compressed columns, and the places of their entries among all.
+def _compressed_columns(rows: FloatArray, part: slice) -> tuple[Any, NDArray[np.int_]]:
+    """Return some rows as a sparse matrix, and its entries' flat indices in the transposed rows.
 
-    Both go column after column.
+    Both are in column order.
     """
-    filled = np.zeros(rows.T.shape, dtype=bool)
-    filled[:, part] = rows.T[:, part] != 0.0
-    starts = np.concatenate([[0], np.cumsum(filled.sum(axis=1))])
-    entries = rows.T[filled], np.nonzero(filled[:, part])[1], starts
-    size = filled[:, part].shape[1]
-    return scipy.sparse.csc_matrix(entries, shape=(size, len(filled))), np.flatnonzero(filled)
+    is_nonzero = np.zeros(rows.T.shape, dtype=bool)
+    is_nonzero[:, part] = rows.T[:, part] != 0.0
+    starts = np.concatenate([[0], np.cumsum(is_nonzero.sum(axis=1))])
+    entries = rows.T[is_nonzero], np.nonzero(is_nonzero[:, part])[1], starts
+    size = is_nonzero[:, part].shape[1]
+    return scipy.sparse.csc_matrix(entries, shape=(size, len(is_nonzero))), np.flatnonzero(
+        is_nonzero
+    )
 
 
 _kept: dict[tuple[int, int, int, bytes], list[_Engine]] = Bounded(_MOST_STRUCTURES)
-"""Engines that no thread uses, by the structure of their programs."""
+"""Idle engines, by the structure of their programs."""
 _LOCK = Lock()
 
 
 def by_piqp(program: Program) -> Multipliers:
-    """PIQP, with a solver kept from an earlier program of the same structure if there is one."""
+    """Return PIQP's answer, by an engine kept from a program of the same structure if possible."""
     structure = len(program.c), len(program.b), len(program.l), program.pattern
     engine = None
     with _LOCK:
         kept = _kept.get(structure, [])
-        matching = [index for index, one in enumerate(kept) if one.holds(program)]
-        # Two, so that one stays with a problem that is asked again while others pass.
+        matching = [index for index, idle in enumerate(kept) if idle.holds(program)]
+        # Two, so that one keeps a problem that is solved repeatedly while others pass.
         if matching or len(kept) >= _ENGINES_PER_STRUCTURE:
             engine = kept.pop(matching[0] if matching else 0)
     if engine is None:

@@ -1,7 +1,7 @@
-"""A linear program that grows, shrinks and is solved again from its last basis.
+"""A linear program whose rows change, and that is solved again from its last basis.
 
-Small ones are solved by a compiled dictionary, which a pivot goes over in a few microseconds. HiGHS
-solves the others, those that rounding spoils, and all where nothing is compiled.
+Small ones are solved by a compiled dictionary, with a few microseconds per pivot. HiGHS solves the
+larger ones, those on which rounding makes that fail, and all if nothing is compiled.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _OPTIONS: dict[str, bool | int | float | str] = {
     "threads": 1,
 }
 _MOST_DENSE_VARIABLES = 300
-"""Variables up to which a dictionary without zeros left out is the faster one."""
+"""Largest number of variables at which a dense dictionary is the faster one."""
 
 
 class SimplexOutcome(StrEnum):
-    """What the simplex method says of a linear program; nothing of it is proven by that."""
+    """The outcome of the simplex method on a linear program, without a proof."""
 
     OPTIMAL = "optimal"
     INFEASIBLE = "infeasible"
@@ -47,10 +47,9 @@ class SimplexAnswer:
     """An answer of the simplex method.
 
     Attributes:
-        outcome: What the method says.
+        outcome: The outcome.
         x: (n,) variables.
-        rows: (m,) marginals of the rows: the least cost rises by so much for each unit by which
-            the active side of a row rises.
+        rows: (m,) marginals of the rows: derivatives of the least cost by the active side of each.
     """
 
     outcome: SimplexOutcome
@@ -59,7 +58,7 @@ class SimplexAnswer:
 
     @cached_property
     def is_optimal(self) -> bool:
-        """Whether the method says that it is optimal, with finite numbers; the caller checks it."""
+        """Whether the outcome is optimal, with finite numbers; the caller checks optimality."""
         return (
             self.outcome is SimplexOutcome.OPTIMAL
             and bool(np.isfinite(self.x).all())
@@ -68,20 +67,20 @@ class SimplexAnswer:
 
 
 class _Engine(Protocol):
-    """What solves a program; answers are a number of `_OUTCOMES`, x and the rows' marginals."""
+    """A simplex solver; it returns an index of `_OUTCOMES`, x and the rows' marginals."""
 
     def solve(self) -> tuple[int, FloatArray, FloatArray]: ...
 
 
 class Simplex:
-    """Minimise c.x over lb <= x <= ub and low <= R x <= high, again and again.
+    """Minimise c.x over lb <= x <= ub and low <= R x <= high, repeatedly.
 
-    Rows are added at the end and taken away, bounds and costs change in place; each solve begins at
-    the basis of the last one.
+    Rows are added at the end and removed, bounds and costs change in place; each solve starts from
+    the last basis.
     """
 
     def __init__(self, cost: FloatArray, lb: FloatArray, ub: FloatArray) -> None:
-        """Begin without rows.
+        """Start without rows.
 
         Args:
             cost: (n,) c.
@@ -99,7 +98,7 @@ class Simplex:
         self.row_count += len(rows)
 
     def drop_rows(self, first: int, after: int) -> None:
-        """Take away the rows from ``first`` to before ``after``."""
+        """Remove the rows from ``first`` up to, but without, ``after``."""
         if after > first:
             self._engine.drop_rows(first, after)
             self.row_count -= after - first
@@ -117,19 +116,19 @@ class Simplex:
         self._engine.set_cost(cost)
 
     def solve(self) -> SimplexAnswer:
-        """Solve from the last basis; from none where that fails."""
+        """Solve from the last basis; if that fails, by HiGHS from no basis."""
         self.solves += 1
-        answer = self._answer(self._engine)
+        answer = self._engine_answer(self._engine)
         if answer.outcome is SimplexOutcome.FAILED and not isinstance(self._engine, _Highs):
             matrix, low, high, cost = self._engine.program()
             size = len(cost)
-            whole = _Highs(cost, low[:size], high[:size])
-            whole.add_rows(matrix, low[size:], high[size:])
-            answer = self._answer(whole)
+            highs = _Highs(cost, low[:size], high[:size])
+            highs.add_rows(matrix, low[size:], high[size:])
+            answer = self._engine_answer(highs)
         return answer
 
-    def _answer(self, engine: _Engine) -> SimplexAnswer:
-        """Return what an engine says; FAILED where it raises, or answers what was not asked."""
+    def _engine_answer(self, engine: _Engine) -> SimplexAnswer:
+        """Return an engine's answer; FAILED if it raises, or if sizes or numbers are wrong."""
         try:
             outcome, x, rows = engine.solve()
         except (ArithmeticError, RuntimeError, ValueError):
@@ -143,13 +142,13 @@ class Simplex:
 
 
 class _Highs:
-    """The same by HiGHS; answers are a number of `_OUTCOMES`, x and the rows' marginals."""
+    """HiGHS as an `_Engine`; it returns an index of `_OUTCOMES`, x and the rows' marginals."""
 
     def __init__(self, cost: FloatArray, lb: FloatArray, ub: FloatArray) -> None:
         import highspy
 
         status = highspy.HighsModelStatus
-        self._numbers = {status.kOptimal: 0, status.kInfeasible: 1, status.kUnbounded: 2}
+        self._outcome_indices = {status.kOptimal: 0, status.kInfeasible: 1, status.kUnbounded: 2}
         self._error = highspy.HighsStatus.kError
         self._highs = highspy.Highs()
         for name, value in _OPTIONS.items():
@@ -184,17 +183,17 @@ class _Highs:
     def solve(self) -> tuple[int, FloatArray, FloatArray]:
         if not self._is_whole:
             raise ArithmeticError("HiGHS leaves out rows with numbers above 1e15")
-        answer = self._run()
+        answer = self._run_highs()
         if answer[0] == _FAILED:
             self._highs.clearSolver()
-            answer = self._run()
+            answer = self._run_highs()
         return answer
 
-    def _run(self) -> tuple[int, FloatArray, FloatArray]:
+    def _run_highs(self) -> tuple[int, FloatArray, FloatArray]:
         self._highs.run()
         solution = self._highs.getSolution()
         return (
-            self._numbers.get(self._highs.getModelStatus(), _FAILED),
+            self._outcome_indices.get(self._highs.getModelStatus(), _FAILED),
             np.array(solution.col_value, dtype=np.float64),
             np.array(solution.row_dual, dtype=np.float64),
         )

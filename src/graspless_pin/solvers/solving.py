@@ -1,4 +1,4 @@
-"""Ask one solver after the other until an answer passes the check."""
+"""Call one solver after the other until an answer passes the check."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _BACKENDS: dict[str, Backend] = {"piqp": by_piqp, "proxqp": _by_proxqp}
 
 @cache
 def available_solvers() -> tuple[str, ...]:
-    """Return the names that can be given as ``solver`` besides ``auto``."""
+    """Return the valid names of ``solver`` besides ``auto``."""
     import qpsolvers
 
     return tuple(sorted({*_BACKENDS, *qpsolvers.available_solvers}))
 
 
 def check_solver(name: str) -> str:
-    """Return the name if such a solver is installed.
+    """Return the name of a solver if it is installed.
 
     Raises:
         SolverUnavailableError: Naming the solvers that are.
@@ -64,8 +64,8 @@ def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf)
 
     Args:
         program: The program.
-        solver: The solver to ask first; of those of linear programs only, second-order ones are
-            asked by tangent cuts.
+        solver: The solver to call first; solvers of linear programs get second-order programs by
+            tangent cuts.
         cutoff: A value above which solutions are of no interest: a proven bound above it counts
             as infeasible.
 
@@ -74,8 +74,8 @@ def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf)
     """
     cutoff = min(cutoff, program.cutoff)
     best_bound = -np.inf
-    names = _in_turn(solver, program.cone_count > 0)
-    # Of what cannot be resolved nothing is solved: it is infeasible, or nobody can tell.
+    names = _solver_order(solver, program.cone_count > 0)
+    # A program that is not resolved cannot be solved, only proven infeasible: two solvers suffice.
     for name in names if program.is_resolved else names[:2]:
         answer = checked_answer(program, _backend(name, program.cone_count > 0), name, cutoff)
         if answer.outcome is not Outcome.FAILED:
@@ -85,21 +85,21 @@ def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf)
 
 
 @cache
-def _in_turn(solver: str, conic: bool) -> tuple[str, ...]:
-    """Return the solvers to ask, one after the other."""
-    others = _CONIC_FALLBACKS if conic else _FALLBACKS
+def _solver_order(solver: str, conic: bool) -> tuple[str, ...]:
+    """Return the names of the solvers in the order in which to call them."""
+    fallbacks = _CONIC_FALLBACKS if conic else _FALLBACKS
     if solver == ANY_SOLVER:
-        return others
-    return (solver, *(other for other in others if other != solver))
+        return fallbacks
+    return (solver, *(name for name in fallbacks if name != solver))
 
 
 def _backend(name: str, conic: bool) -> Backend:
-    """Return what asks a solver for linear and quadratic, or for second-order programs."""
+    """Return the backend of a solver for linear and quadratic, or for second-order programs."""
     if conic and name == "clarabel":
         return by_clarabel
-    plain = _BACKENDS.get(name)
-    if plain is None:
+    backend = _BACKENDS.get(name)
+    if backend is None:
         from graspless_pin.solvers.other_backends import by_qpsolvers
 
-        plain = by_qpsolvers(name)
-    return by_cuts(plain) if conic else plain
+        backend = by_qpsolvers(name)
+    return by_cuts(backend) if conic else backend
