@@ -1,8 +1,8 @@
 """Figures of pinned states as one function of arrays with its Jacobian, for other libraries.
 
-A pose is a matrix, and its motions are six. The derivative by its entries is the one whose product
-with every change of a rigid pose is that of the figure: the gradient by the object's twist, pulled
-back. The chain rule is right through anything that makes rigid poses.
+A pose is a (4, 4) matrix with six degrees of freedom. The derivative by its entries is the pullback
+of the gradient by the object's twist: its product with every change of a rigid pose is the change
+of the figure. So the chain rule holds through any function that returns rigid poses.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["Optimum"]
 
 
 class Optimum(NamedTuple):
-    """What a differentiable operator returns, as arrays of its library with leading axes.
+    """Result of a differentiable operator, as arrays of its library with leading axes.
 
     Examples:
         >>> import numpy as np
@@ -36,11 +36,11 @@ class Optimum(NamedTuple):
         0.7
 
     Attributes:
-        value: (...) the largest margin, N, or the smallest torque, N m, or share. Where no torques
-            are found it is -inf, or inf for a torque, and its derivatives are zero.
-        gaps: (..., P) of the pins, negative where bodies overlap, m.
-        torques: (..., L) of the motors; NaN where none are found, with derivatives of zero. None:
-            they were not asked for.
+        value: (...) the largest margin, N, or the smallest torque, N m, or share. If no torques are
+            found it is -inf, or inf for a torque, and its derivatives are zero.
+        gaps: (..., P) gaps of the pins, negative where bodies overlap, m.
+        torques: (..., L) motor torques; NaN if none are found, with derivatives of zero. None: not
+            requested.
     """
 
     value: Any
@@ -49,15 +49,14 @@ class Optimum(NamedTuple):
 
 
 class _Sizes(NamedTuple):
-    """What is the same in all states of an evaluator.
+    """Sizes and defaults common to all states of an evaluator.
 
     Attributes:
-        inputs: What counts where nothing is given: (a,) positions, (4, 4) pose, (B,) friction and
-            mass.
+        inputs: Defaults of the inputs: (a,) positions, (4, 4) pose, (B,) friction and mass.
         gap_count: P.
-        torque_names: L.
-        worst: The optimum where there are no torques.
-        center: (3,) of mass, in the object's frame, m.
+        torque_names: L names.
+        worst: The optimum if there are no torques.
+        center: (3,) centre of mass, in the object's frame, m.
     """
 
     inputs: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
@@ -69,7 +68,7 @@ class _Sizes(NamedTuple):
 
 @Derived
 def _sizes_of(evaluator: Evaluator) -> _Sizes:
-    state = evaluator.pinned(twist=np.zeros(6))  # says what is wrong with the evaluator
+    state = evaluator.pinned(twist=np.zeros(6))  # raises an error for an unsuitable evaluator
     scene = evaluator.scene_at(twist=np.zeros(6))
     problem, own = scene.problem(), scene.object
     first = [state.bodies.index(body) for body in dict.fromkeys(state.bodies)]
@@ -83,12 +82,12 @@ def _sizes_of(evaluator: Evaluator) -> _Sizes:
 class Operator:
     """An evaluator's figures of pinned states as one function of arrays.
 
-    Its F figures are the optimum, the P gaps and, where asked for, the L torques. Its N inputs are
+    Its F figures are the optimum, the P gaps and, if requested, the L torques. Its N inputs are
     (a,) positions, (4, 4) poses, (B,) coefficients of friction and the mass, each with the same
     leading axes. Threads may share it.
 
     Attributes:
-        inputs: What counts where nothing is given.
+        inputs: Defaults of the inputs.
         size: F.
     """
 
@@ -100,13 +99,13 @@ class Operator:
         *,
         with_torques: bool,
     ) -> None:
-        """Take what the operators of the libraries take.
+        """Set up the operator from the arguments of the libraries' operators.
 
         Args:
             evaluator: The evaluator.
-            given: The inputs, None where one is not given: then it is not looked at.
+            given: The inputs; those that are None keep their defaults.
             twist: See `Evaluator.evaluate`.
-            with_torques: Whether torques are asked for.
+            with_torques: Whether torques are figures, too.
 
         Raises:
             ArgumentError: If the evaluator has no pins.
@@ -115,16 +114,16 @@ class Operator:
         if not (twist is None or isinstance(twist, Motion)):
             self._twist = finite_array("twist", twist, (*np.shape(twist)[:-1], 6))
         self._evaluator, self._with_torques = evaluator, with_torques
-        self._is_given = [one is not None for one in given]
+        self._is_given = [value is not None for value in given]
         self._sizes = sizes = _sizes_of(evaluator)
         self.inputs = sizes.inputs
         self.size = 1 + sizes.gap_count + with_torques * len(sizes.torque_names)
 
     def batch_shape(self, *shapes: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the leading axes that inputs of some shapes have together.
+        """Return the broadcast leading axes of inputs with the given shapes.
 
         Raises:
-            ArgumentError: If an input has another shape, or leading axes do not go together.
+            ArgumentError: If an input has a wrong shape, or leading axes do not broadcast.
         """
         names = ("q", "T_world_object", "friction", "mass")
         leading = []
@@ -143,24 +142,24 @@ class Operator:
             raise ArgumentError("q", f"and others have leading axes that differ: {each}") from None
 
     def optimum(self, figures: Any) -> Optimum:
-        """Return (..., F) figures by name."""
+        """Return (..., F) figures as an `Optimum`."""
         last = 1 + self._sizes.gap_count
         torques = figures[..., last:] if self._with_torques else None
         return Optimum(figures[..., 0], figures[..., 1:last], torques)
 
     def values(self, *inputs: Any) -> FloatArray:
-        """Return (..., F) the figures."""
-        return self._evaluated(inputs, derivatives=False)[0]
+        """Return the (..., F) figures."""
+        return self._figures_and_jacobian(inputs, derivatives=False)[0]
 
     def with_jacobian(self, *inputs: Any) -> tuple[FloatArray, FloatArray]:
-        """Return (..., F) the figures and (..., F, N) their derivatives by all inputs in a row.
+        """Return the (..., F) figures and their (..., F, N) derivatives by all inputs in one axis.
 
         Raises:
             ArgumentError: See `PinnedState.by_optimum`.
         """
-        return self._evaluated(inputs, derivatives=True)
+        return self._figures_and_jacobian(inputs, derivatives=True)
 
-    def _evaluated(
+    def _figures_and_jacobian(
         self, inputs: tuple[Any, ...], *, derivatives: bool
     ) -> tuple[FloatArray, FloatArray]:
         q, T, friction, mass = (np.asarray(one) for one in inputs)
@@ -170,7 +169,7 @@ class Operator:
             for one, own in ((q, self.inputs[0]), (friction, self.inputs[2]))
         )
         poses = T.reshape(count, 4, 4).astype(np.float64)
-        if T.dtype != np.float64:  # rigid to the rounding of its own kind of numbers alone
+        if T.dtype != np.float64:  # orthonormal only to the precision of its own dtype
             R = poses[:, :3, :3]
             poses[:, :3, :3] = 1.5 * R - 0.5 * R @ R.swapaxes(1, 2) @ R
         twists = self._twist
@@ -191,12 +190,12 @@ class Operator:
             except ArgumentError as error:
                 name = f"{error.argument}[{k}]" if leading else error.argument
                 raise ArgumentError(name, str(error.args[1])) from error
-            figures[k] = self._figures(state)
+            figures[k] = self._state_figures(state)
             if derivatives:
-                self._fill(jacobian[k], state, poses[k, :3, :3])
+                self._write_jacobian(jacobian[k], state, poses[k, :3, :3])
         return figures.reshape(*leading, self.size), jacobian.reshape(*leading, self.size, width)
 
-    def _figures(self, state: PinnedState) -> FloatArray:
+    def _state_figures(self, state: PinnedState) -> FloatArray:
         found, sizes = state.evaluation.found, self._sizes
         parts = [[state.optimum if found else sizes.worst], state.gaps]
         if self._with_torques:
@@ -206,21 +205,21 @@ class Operator:
             )
         return np.concatenate(parts)
 
-    def _fill(self, jacobian: FloatArray, state: PinnedState, R: FloatArray) -> None:
-        """Write the (F, N) derivatives of a state; what is not found has none."""
+    def _write_jacobian(self, jacobian: FloatArray, state: PinnedState, R: FloatArray) -> None:
+        """Write the (F, N) derivatives of a state; they stay zero for torques not found."""
         last, sizes = 1 + self._sizes.gap_count, self._sizes
-        jacobian[1:last] = self._by_inputs(state.by_gaps, R)
+        jacobian[1:last] = self._input_derivatives(state.by_gaps, R)
         if not state.evaluation.found:
             return
-        jacobian[0] = self._by_inputs(state.by_optimum, R)
+        jacobian[0] = self._input_derivatives(state.by_optimum, R)
         if self._with_torques:
             places = [sizes.torque_names.index(name) for name in state.evaluation.joint_names]
-            jacobian[last:][places] = self._by_inputs(state.by_torques, R)
+            jacobian[last:][places] = self._input_derivatives(state.by_torques, R)
 
-    def _by_inputs(self, by: Derivatives, R: FloatArray) -> FloatArray:
-        """(..., N) derivatives by the inputs, of which the pose is a matrix."""
+    def _input_derivatives(self, by: Derivatives, R: FloatArray) -> FloatArray:
+        """(..., N) derivatives by the inputs, with the pose as a matrix of 16 entries."""
         linear, angular = by.pose[..., :3], by.pose[..., 3:]
-        # Of a turn about the origin of the object's frame: the centre of mass moves along.
+        # By a rotation about the origin of the object's frame, which moves the centre of mass, too.
         turn = angular + np.cross(R @ self._sizes.center, linear)
         pose = np.zeros((*linear.shape[:-1], 4, 4))
         pose[..., :3, :3] = 0.5 * np.cross(turn[..., None, :], np.eye(3)).swapaxes(-1, -2) @ R

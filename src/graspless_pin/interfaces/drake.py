@@ -29,25 +29,25 @@ with optional_import("programs of Drake need it", "drake", ImportError):
 __all__ = ["PinnedFunctions", "plant_states"]
 
 ToState = Callable[[Any], tuple[Any, Any] | None]
-"""From variables to (a,) positions of joints and a pose (4, 4) or ``RigidTransform``; either may
-be None: as in the scene. Both are of floats or ``AutoDiffXd``, as the variables are."""
+"""Function from variables to (a,) joint positions and a pose (4, 4) or ``RigidTransform``; either
+may be None: as in the scene. Both consist of floats or ``AutoDiffXd``, as the variables do."""
 
 _MOST_STATES = 256
-_BEYOND_BOUND = 1e-6  # rad or m that a bound may be broken by: what optimisers leave
-_LINK_OFF = 1e-6  # m, and of the entries of rotations
+_BEYOND_BOUND = 1e-6  # rad or m: tolerance of joint limits, as optimisers violate bounds slightly
+_LINK_OFF = 1e-6  # tolerance of link poses: m, and of the entries of rotations
 
 
 class PinnedFunctions:
     """States with pinned contacts as functions that Drake evaluates, with their gradients.
 
     Each function takes an array of variables, floats or ``AutoDiffXd``, and returns an array, for
-    ``AddConstraint`` and, by an entry of it, ``AddCost``. A state is solved once, whichever
-    functions ask for it. Where there are no torques, optimum and torques are NaN, where there is no
-    such state the gaps, too, and so are their derivatives: SNOPT, IPOPT and NLopt take a shorter
-    step then. See `Evaluator.pinned`.
+    ``AddConstraint`` and, by an entry of it, ``AddCost``. A state is solved once for all functions.
+    If there are no torques, optimum and torques are NaN; if there is no such state, the gaps are
+    NaN, too. So are their derivatives: SNOPT, IPOPT and NLopt take a shorter step then. See
+    `Evaluator.pinned`.
 
     Attributes:
-        evaluator: Evaluates the states.
+        evaluator: The evaluator of the states.
 
     Examples:
         A fingertip is brought down to the box, and the others stay where they are:
@@ -77,13 +77,13 @@ class PinnedFunctions:
         *,
         twist: ArrayLike | Motion | None = None,
     ) -> None:
-        """Take the evaluator, and what its states are functions of.
+        """Set up the functions from an evaluator and a map from variables to its states.
 
         Args:
             evaluator: Has pins, and no regularisation.
-            to_state: From variables to (q, T_world_object), or None where there is no such state.
-                None: the variables are the positions of `Evaluator.joint_names`, and after them,
-                if there are seven more, the object's pose as Drake's floating bodies have it: a
+            to_state: Function from variables to (q, T_world_object), or to None if there is no such
+                state. None: the variables are the positions of `Evaluator.joint_names`, followed
+                by, if there are seven more, the object's pose as in Drake's floating bodies: a
                 quaternion w, x, y, z of any length, and the position, m.
             twist: See `Evaluator.evaluate`; the motion is the same in all states.
 
@@ -93,7 +93,7 @@ class PinnedFunctions:
         """
         first, scene = evaluator.pinned(None, None, twist), evaluator.scene
         if first.evaluation.found:
-            _ = first.by_optimum  # says what is wrong before a program asks
+            _ = first.by_optimum  # raises an error here, not in a program
         self.evaluator = evaluator
         self._to_state, self._twist = to_state or self._joints_and_pose, twist
         self._center = scene.object.center_of_mass
@@ -103,25 +103,27 @@ class PinnedFunctions:
 
     def gaps(self, variables: Any) -> Any:
         """Return the (P,) gaps of the pins, m: see `PinnedState.gaps`."""
-        return self._figures(variables, self._gap_count, lambda at: at.gaps, lambda at: at.by_gaps)
+        return self._with_gradient(
+            variables, self._gap_count, lambda s: s.gaps, lambda s: s.by_gaps
+        )
 
     def optimum(self, variables: Any) -> Any:
         """Return the (1,) optimum: the largest margin, N, or what `PinnedState.optimum` is."""
-        return self._figures(
-            variables, 1, lambda at: np.array([at.optimum]), lambda at: at.by_optimum, torques=True
+        return self._with_gradient(
+            variables, 1, lambda s: np.array([s.optimum]), lambda s: s.by_optimum, torques=True
         )
 
     def torques(self, variables: Any) -> Any:
         """Return the (L,) motor torques: see `PinnedState.torques`."""
-        return self._figures(
+        return self._with_gradient(
             variables,
             self._torque_count,
-            lambda at: at.torques,
-            lambda at: at.by_torques,
+            lambda s: s.torques,
+            lambda s: s.by_torques,
             torques=True,
         )
 
-    def _figures(
+    def _with_gradient(
         self,
         variables: Any,
         count: int,
@@ -131,42 +133,42 @@ class PinnedFunctions:
         torques: bool = False,
     ) -> Any:
         variables = np.asarray(variables)
-        found = self._to_state(variables)
-        q, T = (None, None) if found is None else found
-        q, T = _entries(q), _entries(T)
-        state = None if found is None else self._state(_values(q), _values(T))
-        known = state is not None and (state.evaluation.found or not torques)
-        values = values_of(state) if state is not None and known else np.full(count, np.nan)
+        q_and_T = self._to_state(variables)
+        q, T = (None, None) if q_and_T is None else q_and_T
+        q, T = _uniform_array(q), _uniform_array(T)
+        state = None if q_and_T is None else self._pinned_state(_float_values(q), _float_values(T))
+        is_defined = state is not None and (state.evaluation.found or not torques)
+        values = values_of(state) if state is not None and is_defined else np.full(count, np.nan)
         if variables.dtype != object:
             return np.array(values, dtype=float)
         size = _autodiff.ExtractGradient(variables[:, None]).shape[1]
         gradient = np.full((count, size), np.nan)
-        if state is not None and known:
-            gradient = self._chained(derivatives_of(state), q, T, size)
+        if state is not None and is_defined:
+            gradient = self._chain_rule(derivatives_of(state), q, T, size)
         return _autodiff.InitializeAutoDiff(values, gradient)[:, 0]
 
-    def _state(self, q: FloatArray | None, T: FloatArray | None) -> PinnedState | None:
-        """Return the state of a configuration; None: a joint is outside its limits."""
+    def _pinned_state(self, q: FloatArray | None, T: FloatArray | None) -> PinnedState | None:
+        """Return the pinned state of a configuration; None if a joint is outside its limits."""
         if q is not None:
-            inside = np.clip(q, *self.evaluator.joint_limits)
-            if np.abs(inside - q).max(initial=0.0) > _BEYOND_BOUND:
+            clipped = np.clip(q, *self.evaluator.joint_limits)
+            if np.abs(clipped - q).max(initial=0.0) > _BEYOND_BOUND:
                 return None
-            q = inside
-        key = b"".join([one.tobytes() for one in (q, T) if one is not None])
+            q = clipped
+        key = b"".join([array.tobytes() for array in (q, T) if array is not None])
         if key not in self._states:
             self._states[key] = self.evaluator.pinned(q, T, self._twist)
         return self._states[key]
 
-    def _chained(self, by: Derivatives, q: Any, T: Any, size: int) -> FloatArray:
-        """Return (count, size) derivatives by what q and T are functions of."""
+    def _chain_rule(self, by: Derivatives, q: Any, T: Any, size: int) -> FloatArray:
+        """Return (count, size) derivatives by the variables of which q and T are functions."""
         gradient = np.zeros((len(np.atleast_2d(by.q)), size))
         if q is not None:
             gradient += np.atleast_2d(by.q) @ _gradient(q, size)
         if T is not None:
-            R, moved = _values(T)[:3, :3], _gradient(T.ravel(), size).reshape(4, 4, size)
-            spin = np.einsum("ikn,jk->ijn", moved[:3, :3], R)
-            turned = np.einsum("ikn,k->in", moved[:3, :3], self._center)
-            twist = np.vstack([moved[:3, 3] + turned, spin[[2, 0, 1], [1, 2, 0]]])
+            R, by_T = _float_values(T)[:3, :3], _gradient(T.ravel(), size).reshape(4, 4, size)
+            spin = np.einsum("ikn,jk->ijn", by_T[:3, :3], R)
+            shift = np.einsum("ikn,k->in", by_T[:3, :3], self._center)
+            twist = np.vstack([by_T[:3, 3] + shift, spin[[2, 0, 1], [1, 2, 0]]])
             gradient += np.atleast_2d(by.pose) @ twist
         return gradient
 
@@ -182,25 +184,26 @@ class PinnedFunctions:
 
 
 def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
-    """Return what takes positions of a ``MultibodyPlant`` to states of an evaluator.
+    """Return the function from positions of a ``MultibodyPlant`` to states of an evaluator.
 
-    Joints have the same names in both; those of a mount with a prefix, ``left/joint``, are looked
-    for in the plant's model instance of that name. It is a ``to_state`` of `PinnedFunctions` for
-    programs with the variables of a plant, such as those of ``InverseKinematics``, and takes a
-    context to a scene: ``evaluator.scene_at(*states(plant.GetPositions(context)))``.
+    Joints have the same names in both; a joint of a mount with a prefix, ``left/joint``, is looked
+    up in the plant's model instance of that name. The function is a ``to_state`` of
+    `PinnedFunctions` for programs with the variables of a plant, such as those of
+    ``InverseKinematics``; it also converts a context to a scene:
+    ``evaluator.scene_at(*states(plant.GetPositions(context)))``.
 
     Args:
-        evaluator: Knows the scene.
+        evaluator: An evaluator of the scene.
         plant: Finalized; of floats.
         body: Name of the object's body in the plant; its frame is the object's.
 
     Returns:
-        From (n,) positions, floats or ``AutoDiffXd``, to ((a,) positions of
+        Function from (n,) positions, floats or ``AutoDiffXd``, to ((a,) positions of
         `Evaluator.joint_names`, (4, 4) pose of the object).
 
     Raises:
-        ArgumentError: If the plant lacks a joint or the body, or has a link elsewhere than the
-            scene has it.
+        ArgumentError: If the plant has no such joint or body, or a link at another pose than in the
+            scene.
 
     Examples:
         >>> import numpy as np
@@ -225,7 +228,7 @@ def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
         >>> bool(np.allclose(state.hand.positions, scene.hand.positions))
         True
     """
-    places = [_joint(plant, name).position_start() for name in evaluator.joint_names]
+    places = [_plant_joint(plant, name).position_start() for name in evaluator.joint_names]
     if not plant.HasBodyNamed(body):
         raise ArgumentError("body", f"{body!r} is none of the plant's; name the object's body")
     if evaluator.scene.hand is not None:
@@ -247,11 +250,11 @@ def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
     return to_state
 
 
-def _joint(plant: Any, name: str) -> Any:
-    """Return the joint of the plant that a scene's joint is."""
+def _plant_joint(plant: Any, name: str) -> Any:
+    """Return the plant's joint that corresponds to a joint of the scene."""
     prefix, _, own = name.rpartition("/")
     try:
-        joint = plant.GetJointByName(own, *_instances(plant, prefix))
+        joint = plant.GetJointByName(own, *_model_instances(plant, prefix))
     except RuntimeError as error:
         raise ArgumentError("plant", f"lacks the scene's joint {name!r}: {error}") from None
     if joint.num_positions() != 1:
@@ -260,26 +263,26 @@ def _joint(plant: Any, name: str) -> Any:
     return joint
 
 
-def _instances(plant: Any, prefix: str) -> list[Any]:
+def _model_instances(plant: Any, prefix: str) -> list[Any]:
     return [plant.GetModelInstanceByName(prefix)] if prefix else []
 
 
 def _check_links(plant: Any, hand: Hand) -> None:
-    """Compare the links that both have, with all joints as they are in the scene."""
+    """Check that links in both plant and hand have equal poses in the scene's configuration."""
     context = plant.CreateDefaultContext()
     positions = plant.GetPositions(context)
     for name, value in hand.q.items():
         prefix, _, own = name.rpartition("/")
-        if plant.HasJointNamed(own, *_instances(plant, prefix)):
-            positions[_joint(plant, name).position_start()] = value
+        if plant.HasJointNamed(own, *_model_instances(plant, prefix)):
+            positions[_plant_joint(plant, name).position_start()] = value
     plant.SetPositions(context, positions)
     for link in hand.link_names:
         prefix, _, own = link.rpartition("/")
-        instances = _instances(plant, prefix)
+        instances = _model_instances(plant, prefix)
         if not plant.HasBodyNamed(own, *instances):
             continue
-        there = plant.GetBodyByName(own, *instances)
-        T = plant.EvalBodyPoseInWorld(context, there).GetAsMatrix4()
+        own_body = plant.GetBodyByName(own, *instances)
+        T = plant.EvalBodyPoseInWorld(context, own_body).GetAsMatrix4()
         off = np.abs(T - hand.pose_of(link))[:3]
         if off.max() > _LINK_OFF:
             raise ArgumentError(
@@ -290,35 +293,35 @@ def _check_links(plant: Any, hand: Hand) -> None:
 
 
 def _pose(variables: Any) -> Any:
-    """Return (4, 4) of a quaternion w, x, y, z of any length, and a position."""
+    """Return the (4, 4) pose of a quaternion w, x, y, z of any length and a position."""
     number = _autodiff.AutoDiffXd if variables.dtype == object else float
     wxyz = variables[:4] / np.sqrt(variables[:4] @ variables[:4])
     turn = _eigen.Quaternion_[number](wxyz)
     return _math.RigidTransform_[number](turn, variables[4:]).GetAsMatrix4()
 
 
-def _entries(values: Any) -> Any:
-    """Return an array of floats or of ``AutoDiffXd``, never of both; None stays."""
+def _uniform_array(values: Any) -> Any:
+    """Return an array of floats only or of ``AutoDiffXd`` only; None stays None."""
     if values is None:
         return None
     if hasattr(values, "GetAsMatrix4"):
         values = values.GetAsMatrix4()
-    found = np.asarray(values)
-    if found.dtype != object:
-        return found.astype(float)
-    own = _autodiff.AutoDiffXd
-    each = [one if isinstance(one, own) else own(one) for one in found.flat]
-    return np.array(each, dtype=object).reshape(found.shape)
+    array = np.asarray(values)
+    if array.dtype != object:
+        return array.astype(float)
+    number = _autodiff.AutoDiffXd
+    numbers = [value if isinstance(value, number) else number(value) for value in array.flat]
+    return np.array(numbers, dtype=object).reshape(array.shape)
 
 
-def _values(entries: Any) -> Any:
+def _float_values(entries: Any) -> Any:
     if entries is None or entries.dtype != object:
         return entries
     return _autodiff.ExtractValue(entries.reshape(-1, 1)).reshape(entries.shape)
 
 
 def _gradient(entries: Any, size: int) -> FloatArray:
-    """Return (N, size) derivatives of N entries."""
+    """Return the (N, size) derivatives of N entries."""
     if entries.dtype != object:
         return np.zeros((len(entries), size))
     gradient = _autodiff.ExtractGradient(entries[:, None])

@@ -36,27 +36,27 @@ def optimum(
     """Return the optimum, the gaps and the torques of pinned states, for JAX to transform.
 
     It works under ``jit``, ``vmap``, ``grad``, ``jacfwd`` and ``jacrev``. Leading axes are states,
-    and those of all arguments are broadcast. What is computed is so in double precision, on the
-    host; without ``jax_enable_x64`` JAX takes and returns it in single precision. Derivatives are
-    those of `Evaluator.pinned`: of the optimum in its mode, and at a kink one of several one-sided
-    ones, which `PinnedState.by_optimum` tells. There are no second derivatives.
+    and those of all arguments are broadcast. Computation is in double precision, on the host;
+    without ``jax_enable_x64`` inputs and results are in single precision. Derivatives are those of
+    `Evaluator.pinned`: of the optimum in its mode, and at a kink one of several one-sided ones, see
+    `PinnedState.by_optimum`. There are no second derivatives.
 
     Args:
         evaluator: With pins, and without regularisation.
         q: (..., a) positions of `Evaluator.joint_names` within their limits, rad or m; None: as in
-            the scene, as for all that follow.
-        T_world_object: (..., 4, 4) poses, m. Their gradient is that of the object's motions alone:
-            make poses by what keeps them rigid, such as ``T @ jax.scipy.linalg.expm(...)``.
-        friction: (..., B) coefficients of the bodies that are pinned, each once in the order of
+            the scene, likewise for the next arguments.
+        T_world_object: (..., 4, 4) poses, m. Their gradient is that of rigid motions only: compute
+            poses by functions that keep them rigid, such as ``T @ jax.scipy.linalg.expm(...)``.
+        friction: (..., B) coefficients of the pinned bodies, each once in the order of
             `PinnedState.bodies`.
-        mass: (...) of the object, kg.
-        twist: (6,) or (..., 6) twists of the object, no arrays that JAX traces, or a `Motion`: see
-            `Evaluator.evaluate`. They are held fixed.
-        with_torques: Whether torques are asked for, too: their derivatives take as long again.
+        mass: (...) masses of the object, kg.
+        twist: (6,) or (..., 6) twists of the object, not traced by JAX, or a `Motion`: see
+            `Evaluator.evaluate`. They are constants.
+        with_torques: Whether to return torques, too: their derivatives double the time.
 
     Raises:
-        ArgumentError: If the evaluator has no pins, or a shape is wrong. Whatever else is wrong
-            with a state is told by an error of JAX.
+        ArgumentError: If the evaluator has no pins, or a shape is wrong. Any other error of a state
+            is raised as an error of JAX.
 
     Examples:
         >>> import jax
@@ -82,7 +82,7 @@ def optimum(
     ]
     leading = operator.batch_shape(*[one.shape for one in inputs])
     return operator.optimum(
-        _figures(operator)(
+        _host_figures(operator)(
             *[
                 jnp.broadcast_to(one, (*leading, *own.shape))
                 for one, own in zip(inputs, operator.inputs, strict=True)
@@ -91,12 +91,12 @@ def optimum(
     )
 
 
-def _figures(operator: Operator) -> Any:
-    """Return the function from inputs to (..., F) figures, as JAX calls it on the host."""
+def _host_figures(operator: Operator) -> Any:
+    """Return the function from inputs to (..., F) figures, which JAX calls on the host."""
     size = operator.size
     width = sum(own.size for own in operator.inputs)
 
-    def called(function: Any, inputs: Any, *shapes: tuple[int, ...]) -> Any:
+    def call_on_host(function: Any, inputs: Any, *shapes: tuple[int, ...]) -> Any:
         mass = inputs[-1]
         results = [jax.ShapeDtypeStruct((*mass.shape, *one), mass.dtype) for one in shapes]
 
@@ -108,11 +108,11 @@ def _figures(operator: Operator) -> Any:
 
     @jax.custom_jvp
     def figures(*inputs: Any) -> Any:
-        return called(lambda *arrays: [operator.values(*arrays)], inputs, (size,))[0]
+        return call_on_host(lambda *arrays: [operator.values(*arrays)], inputs, (size,))[0]
 
     @figures.defjvp
     def _(inputs: Any, changes: Any) -> Any:
-        found, jacobian = called(operator.with_jacobian, inputs, (size,), (size, width))
+        found, jacobian = call_on_host(operator.with_jacobian, inputs, (size,), (size, width))
         leading = inputs[-1].shape
         change = jnp.concatenate([one.reshape(*leading, -1) for one in changes], axis=-1)
         return found, jnp.einsum("...fn,...n->...f", jacobian, change)

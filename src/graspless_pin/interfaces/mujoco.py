@@ -1,7 +1,7 @@
-"""Whole scenes from MuJoCo, and back.
+"""Scenes from MuJoCo models, and back.
 
-From an MJCF with an object, a hand and what stands around them to a `Scene`: object, supports, hand
-and loads of a model.
+An MJCF with an object, a hand and their surroundings becomes a `Scene`: object, supports, hand and
+loads.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.holding.controller import Controller
-from graspless_pin.interfaces.mujoco_state import ModelState, PairFriction, source_of
+from graspless_pin.interfaces.mujoco_state import ModelState, PairFriction, read_source
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.stated import Load
 from graspless_pin.simulation.scene_document import NO_WORD_FOR, scene_to_mjcf
 
 _PAST_LIMIT = 1e-2
-"""rad or m by which MuJoCo's soft limits let joints pass."""
+"""Largest violation of a joint limit, which is soft in MuJoCo, rad or m."""
 _SAME_FRAME = 1e-12
-"""m, and of directions: a shape's frame that differs by less from its body's is that."""
+"""m, and entries of rotations: a shape's frame this near to its body's is the same."""
 _LINK_OFF = 1e-4
-"""m, and of directions: links that are farther from where MuJoCo has them are told."""
+"""m, and entries of rotations: larger differences of link poses from MuJoCo's are reported."""
 
 
-def object_of(at: ModelState) -> ManipulatedObject:
+def object_of(state: ModelState) -> ManipulatedObject:
     """Return the object, in the frame of its body.
 
     Raises:
-        SceneError: If it has no mass or no geom that touches anything.
+        SceneError: If it has no mass or no geom that can touch anything.
     """
-    model, data, own = at.model, at.data, np.flatnonzero(at.in_object)
-    name, T = at.source.body(at.object), at.pose_of(at.object)
+    model, data, own = state.model, state.data, np.flatnonzero(state.in_object)
+    name, T = state.source.body(state.object), state.pose_of(state.object)
     masses, R = model.body_mass[own], T[:3, :3]
-    geoms = at.geoms(at.in_object)
+    geoms = state.touching_geoms(state.in_object)
     if not (masses.sum() > 0.0 and geoms):
         missing = "mass" if geoms else "geom that touches anything (contype, conaffinity)"
-        raise SceneError(f"{at.source.path}: the object {name!r} has no {missing}; give it one")
+        raise SceneError(f"{state.source.path}: the object {name!r} has no {missing}; give it one")
     center = masses @ data.xipos[own] / masses.sum()
     inertia = np.zeros((3, 3))
     for body, mass in zip(own.tolist(), masses.tolist(), strict=True):
@@ -60,8 +60,10 @@ def object_of(at: ModelState) -> ManipulatedObject:
     inertia = R.T @ inertia @ R
     placed = []
     for geom in geoms:
-        shape, T_body_shape = body_shape(at.source, geom)
-        placed.append((shape, invert(T) @ at.pose_of(int(model.geom_bodyid[geom])) @ T_body_shape))
+        shape, T_body_shape = body_shape(state.source, geom)
+        placed.append(
+            (shape, invert(T) @ state.pose_of(int(model.geom_bodyid[geom])) @ T_body_shape)
+        )
     shape = placed[0][0]
     if len(placed) > 1 or not np.allclose(placed[0][1], np.eye(4), rtol=0.0, atol=_SAME_FRAME):
         shapes, poses = zip(*placed, strict=True)
@@ -76,16 +78,16 @@ def object_of(at: ModelState) -> ManipulatedObject:
     )
 
 
-def supports_of(at: ModelState, friction: PairFriction) -> tuple[Support, ...]:
-    """Return a support for each body around that can touch the object.
+def supports_of(state: ModelState, friction: PairFriction) -> tuple[Support, ...]:
+    """Return a support for each other body that can touch the object.
 
-    Geoms of the world, and those of a body whose friction differs, are supports of their own.
+    Geoms of the world, and geoms of one body with different friction, become separate supports.
     """
-    model, source = at.model, at.source
-    others = ~(at.in_object | at.in_hand)
+    model, source = state.model, state.source
+    others = ~(state.in_object | state.in_hand)
     groups: dict[tuple[int, float, int], list[tuple[Shape, FloatArray]]] = {}
-    for geom in at.geoms(others):
-        body, mu = int(model.geom_bodyid[geom]), friction.of_geom(geom)
+    for geom in state.touching_geoms(others):
+        body, mu = int(model.geom_bodyid[geom]), friction.smallest_coefficient(geom)
         if mu is None:
             continue
         is_plane = model.geom_type[geom] == source.mujoco.mjtGeom.mjGEOM_PLANE
@@ -97,157 +99,157 @@ def supports_of(at: ModelState, friction: PairFriction) -> tuple[Support, ...]:
             except RobotError as error:
                 message = str(error).removeprefix(f"{source.path}: ")
                 advice = "it is left out as a support: approximate it by several geoms"
-                at.emit(_geom_name(at, geom), message, advice)
+                state.emit(_geom_name(state, geom), message, advice)
                 continue
         groups.setdefault((body, mu, geom if is_plane or body == 0 else -1), []).append(placed)
     taken = {source.body(body) for body in np.flatnonzero(~others).tolist()}
     supports = []
     for (body, mu, geom), parts in groups.items():
-        name = source.body(body) if geom < 0 or body else _geom_name(at, geom)
+        name = source.body(body) if geom < 0 or body else _geom_name(state, geom)
         shape, T = parts[0]
         if len(parts) > 1:
             shapes, poses = zip(*parts, strict=True)
             shape, T = Compound(shapes, np.array(poses)), np.eye(4)
-        name = _unique(name, taken)
-        supports.append(Support(name, shape, at.pose_of(body) @ T, friction=mu))
+        name = _unique_name(name, taken)
+        supports.append(Support(name, shape, state.pose_of(body) @ T, friction=mu))
     for name in dict.fromkeys(source.body(body) for body, *_ in groups if model.body_weldid[body]):
         message = f"body {name!r} can move in MuJoCo, and is a support here"
-        at.emit(name, message, "what is said holds as long as it stands still")
+        state.emit(name, message, "what is said holds as long as it stands still")
     return tuple(supports)
 
 
-def _geom_name(at: ModelState, geom: int) -> str:
-    return at.model.geom(geom).name or f"geom_{geom}"
+def _geom_name(state: ModelState, geom: int) -> str:
+    return state.model.geom(geom).name or f"geom_{geom}"
 
 
 def hand_of(
-    at: ModelState,
+    state: ModelState,
     hand_body: str | None,
     control: ControlModes | None,
     effort_limits: Mapping[str, EffortLimit] | None,
 ) -> Hand | None:
     """Return the hand at its configuration."""
-    if at.hand is None:
+    if state.hand is None:
         return None
-    source, stated = at.source, at.beyond.get("hand", {})
+    source, stated = state.source, state.custom.get("hand", {})
     read = None if source.spec is not None else robot_of_source(source)
-    robot = RobotDescription(at.name, source.path, root_link=hand_body, read=read)
+    robot = RobotDescription(state.name, source.path, root_link=hand_body, read=read)
     fingers = {
         finger: FingerSpec(tuple(one["joints"]), tuple(one["links"]), one["tip"])
         for finger, one in stated.get("fingers", {}).items()
     }
     hand = Hand.assemble(
-        [Mount(robot, at.pose_of(at.hand), fingers=fingers or None)],
+        [Mount(robot, state.pose_of(state.hand), fingers=fingers or None)],
         control=control or stated.get("control"),
         effort_limits={**stated.get("effort_limits", {}), **(effort_limits or {})},
     )
-    joints = {source.joint(joint): joint for joint in range(at.model.njnt)}
-    addresses = [at.model.jnt_qposadr[joints[name]] for name in hand.control.joints]
-    q, (low, high) = at.data.qpos[addresses], hand.tree.ranges
+    joints = {source.joint(joint): joint for joint in range(state.model.njnt)}
+    addresses = [state.model.jnt_qposadr[joints[name]] for name in hand.control.joints]
+    q, (low, high) = state.data.qpos[addresses], hand.tree.ranges
     pressed = (np.maximum(low - q, q - high) <= _PAST_LIMIT) & (low <= high)
     hand = hand.with_configuration(np.where(pressed, np.clip(q, low, high), q))
-    _compare(at, hand)
+    _emit_pose_differences(state, hand)
     return hand
 
 
-def _compare(at: ModelState, hand: Hand) -> None:
-    """Tell of links that are not where MuJoCo has them, and of a base that floats there."""
-    source = at.source
-    apart = {
-        name: float(np.abs(hand.pose_of(name) - at.pose_of(body)).max())
-        for body in np.flatnonzero(at.in_hand).tolist()
+def _emit_pose_differences(state: ModelState, hand: Hand) -> None:
+    """Emit findings on links at other poses than in MuJoCo, and on a base with a free joint."""
+    source = state.source
+    differences = {
+        name: float(np.abs(hand.pose_of(name) - state.pose_of(body)).max())
+        for body in np.flatnonzero(state.in_hand).tolist()
         for name in [source.body(body)]
         if name in hand.link_names
     }
-    name = max(apart, key=lambda one: apart[one], default="")
-    if name and apart[name] > _LINK_OFF:
-        at.emit(name, f"link {name!r} is {1e3 * apart[name]:.2g} mm or mrad from where "
+    name = max(differences, key=lambda link: differences[link], default="")
+    if name and differences[name] > _LINK_OFF:
+        state.emit(name, f"link {name!r} is {1e3 * differences[name]:.2g} mm or mrad from where "
               "MuJoCo has it", "its joints are past their limits, or do not follow the joints "
               "that they are coupled to")  # fmt: skip
-    if at.hand and at.is_free(at.hand):
-        name = source.body(at.hand)
-        at.emit(name, f"body {name!r}, the hand's base, has a free joint",
+    if state.hand and state.is_free(state.hand):
+        name = source.body(state.hand)
+        state.emit(name, f"body {name!r}, the hand's base, has a free joint",
               "the hand is held where it is")  # fmt: skip
 
 
-def friction_of_links(at: ModelState, friction: PairFriction) -> dict[str, float]:
-    """Return coefficients by link; one for all where they agree."""
+def friction_of_links(state: ModelState, friction: PairFriction) -> dict[str, float]:
+    """Return coefficients by link, or one for the hand if all are equal."""
     of_body: dict[int, list[int]] = {}
-    for geom in at.geoms(at.in_hand):
-        of_body.setdefault(int(at.model.geom_bodyid[geom]), []).append(geom)
-    found = {}
+    for geom in state.touching_geoms(state.in_hand):
+        of_body.setdefault(int(state.model.geom_bodyid[geom]), []).append(geom)
+    by_link = {}
     for body, geoms in of_body.items():
-        name = at.source.body(body)
-        each = [friction.of_geom(geom) for geom in geoms]
+        name = state.source.body(body)
+        each = [friction.smallest_coefficient(geom) for geom in geoms]
         known = [mu for mu in each if mu is not None]
         if len(known) < len(each):
-            at.emit(name, f"MuJoCo lets no geom of the object touch {len(each) - len(known)}"
+            state.emit(name, f"MuJoCo lets no geom of the object touch {len(each) - len(known)}"
                   f" of the geoms of {name!r}", "here all of them touch")  # fmt: skip
         if len(set(known)) > 1:
-            at.emit(name, f"the geoms of {name!r} have the coefficients of friction "
+            state.emit(name, f"the geoms of {name!r} have the coefficients of friction "
                   f"{', '.join(f'{mu:g}' for mu in sorted(set(known)))} against the object",
                   "the smallest counts")  # fmt: skip
-        found[name] = min(known, default=0.0)
-    values = set(found.values())
-    return {"hand": values.pop()} if len(values) == 1 else found
+        by_link[name] = min(known, default=0.0)
+    values = set(by_link.values())
+    return {"hand": values.pop()} if len(values) == 1 else by_link
 
 
-def weight_counts(at: ModelState) -> bool:
-    """Return whether the hand's own weight counts; tell of compensation that is no yes or no."""
-    model, source = at.model, at.source
+def own_weight_counts(state: ModelState) -> bool:
+    """Return whether the hand's own weight counts; emit findings on partial compensation."""
+    model, source = state.model, state.source
     share = model.body_gravcomp
-    for body in np.flatnonzero(at.in_object & (share != 0.0)).tolist():
+    for body in np.flatnonzero(state.in_object & (share != 0.0)).tolist():
         name = source.body(body)
-        at.emit(name, f"the object's body {name!r} has gravcomp {share[body]:g}",
+        state.emit(name, f"the object's body {name!r} has gravcomp {share[body]:g}",
               "its whole weight counts here: change its mass or gravity")  # fmt: skip
-    heavy = at.in_hand & (model.body_mass > 0.0) & (model.body_weldid != 0)
+    heavy = state.in_hand & (model.body_mass > 0.0) & (model.body_weldid != 0)
     compensated = share[heavy] == 1.0
     if len(compensated) and not compensated.all() and (share[heavy] != 0.0).any():
         name = source.body(int(np.flatnonzero(heavy & (share != 0.0))[0]))
-        at.emit(name, f"body {name!r} has gravcomp, and others of the hand have not",
+        state.emit(name, f"body {name!r} has gravcomp, and others of the hand have not",
               "the weight of all links counts here")  # fmt: skip
     return not (len(compensated) and compensated.all())
 
 
-def loads_of(at: ModelState) -> tuple[Load, ...]:
-    """Return the forces that are applied to the object; tell of those on the hand."""
-    state, source = at.data, at.source
-    applied = np.array(state.xfrc_applied)
-    for body in np.flatnonzero(applied.any(axis=1) & ~at.in_object).tolist():
+def loads_of(state: ModelState) -> tuple[Load, ...]:
+    """Return the forces applied to the object; emit findings on all other applied forces."""
+    data, source = state.data, state.source
+    applied = np.array(data.xfrc_applied)
+    for body in np.flatnonzero(applied.any(axis=1) & ~state.in_object).tolist():
         name = source.body(body)
-        at.emit(name, f"xfrc_applied pushes body {name!r}",
+        state.emit(name, f"xfrc_applied pushes body {name!r}",
               "it is left out: loads are on the object")  # fmt: skip
-    if state.qfrc_applied.any():
-        at.emit("qfrc_applied", "qfrc_applied has forces",
+    if data.qfrc_applied.any():
+        state.emit("qfrc_applied", "qfrc_applied has forces",
               "they are left out: state them as loads")  # fmt: skip
-    own = np.flatnonzero(at.in_object)
+    own = np.flatnonzero(state.in_object)
     if not applied[own].any():
         return ()
-    masses = at.model.body_mass[own]
-    center = masses @ state.xipos[own] / masses.sum()
+    masses = state.model.body_mass[own]
+    center = masses @ data.xipos[own] / masses.sum()
     forces, moments = applied[own, :3], applied[own, 3:]
-    moments = moments + np.cross(state.xipos[own] - center, forces)
+    moments = moments + np.cross(data.xipos[own] - center, forces)
     return (Load("xfrc_applied", force=forces.sum(axis=0), moment=moments.sum(axis=0)),)
 
 
-def emit_equalities(at: ModelState) -> None:
-    """Tell of constraints that hold the object."""
-    model, kinds = at.model, at.source.mujoco.mjtEq
+def emit_equalities(state: ModelState) -> None:
+    """Emit findings on equality constraints that hold the object."""
+    model, kinds = state.model, state.source.mujoco.mjtEq
     for index in np.flatnonzero(model.eq_active0).tolist():
         if kinds(int(model.eq_type[index])) not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
             continue
         ends = model.eq_obj1id[index], model.eq_obj2id[index]
-        if model.eq_objtype[index] == at.source.mujoco.mjtObj.mjOBJ_SITE:
+        if model.eq_objtype[index] == state.source.mujoco.mjtObj.mjOBJ_SITE:
             ends = model.site_bodyid[ends[0]], model.site_bodyid[ends[1]]
-        if at.in_object[list(ends)].any():
+        if state.in_object[list(ends)].any():
             name = model.equality(index).name or f"no. {index + 1}"
-            at.emit(name, f"the equality {name!r} holds the object",
+            state.emit(name, f"the equality {name!r} holds the object",
                   "it is left out: contacts and loads alone hold it here")  # fmt: skip
 
 
-def emit_options(at: ModelState) -> None:
-    """Tell of options of the whole model that switch off or override what counts here."""
-    option, mujoco = at.model.opt, at.source.mujoco
+def emit_options(state: ModelState) -> None:
+    """Emit findings on options of the model that disable or override contacts or motors."""
+    option, mujoco = state.model.opt, state.source.mujoco
     disabled, enabled = mujoco.mjtDisableBit, mujoco.mjtEnableBit
     settings = {
         "contact": (option.disableflags & disabled.mjDSBL_CONTACT, "contacts are disabled"),
@@ -257,17 +259,17 @@ def emit_options(at: ModelState) -> None:
     }
     for name, (is_set, message) in settings.items():
         if is_set:
-            at.emit(name, f"{message} ({name})",
+            state.emit(name, f"{message} ({name})",
                     "it is left out: contacts and motors count as they are given")  # fmt: skip
 
 
-def _unique(name: str, taken: set[str]) -> str:
-    """Return a name that nothing has yet, and take it."""
-    number, found = 2, name
-    while found in taken:
-        found, number = f"{name}_{number}", number + 1
-    taken.add(found)
-    return found
+def _unique_name(name: str, taken: set[str]) -> str:
+    """Return a name that is not taken, and add it to the taken ones."""
+    number, unique = 2, name
+    while unique in taken:
+        unique, number = f"{name}_{number}", number + 1
+    taken.add(unique)
+    return unique
 
 
 __all__ = ["scene_from_mjcf", "scene_to_mjcf"]
@@ -285,13 +287,13 @@ def scene_from_mjcf(
 ) -> Scene:
     """Return the scene of a whole MJCF.
 
-    The body with a free joint becomes the object, with all that is fixed to it, its inertia as
-    MuJoCo has it and the frame of its body. The trees of bodies with motors become the hand, as
-    MJCFs of hands are read everywhere. Every other geom that can touch the object becomes a support
-    of its name; what could move there stands still, and a warning names it. Friction is MuJoCo's
-    sliding friction of each pair: the larger one, or that of the higher priority, or the pair's
-    own. Torsional and rolling friction, softness, margins and gaps of contacts and velocities are
-    left out, and so is what no rigid bodies at rest have a word for: a warning names the element.
+    The body with a free joint becomes the object, with all that is fixed to it, MuJoCo's inertia
+    and the frame of its body. The trees of bodies with motors become the hand, as in other MJCFs of
+    hands. Every other geom that can touch the object becomes a support of its name; bodies that
+    could move there are fixed, and a warning names them. Friction is MuJoCo's sliding friction of
+    each pair: the larger one, or that of the higher priority, or the pair's own. Torsional and
+    rolling friction, softness, margins and gaps of contacts and velocities are left out, and so are
+    elements without a meaning for rigid bodies at rest: a warning names them.
 
     Args:
         source: Path of the MJCF, ``mujoco.MjSpec`` or ``mujoco.MjModel``. `Scene.save` needs a
@@ -299,23 +301,23 @@ def scene_from_mjcf(
         data: ``mujoco.MjData`` with the positions of joints and object, and the forces in
             ``xfrc_applied`` as loads on the object; None: a keyframe.
         object_body: Name of the object's body; None: the only one with a free joint.
-        hand_body: Name of the body with which the hand begins; None: all trees with motors.
-        keyframe: Name or number of a keyframe; None: the only one, or, where there is none, the
+        hand_body: Name of the hand's first body; None: all trees with motors.
+        keyframe: Name or number of a keyframe; None: the only one, or, if there is none, the
             model's initial positions.
         control: See `Hand.assemble`.
-        effort_limits: See `Hand.assemble`; they replace what the motors' ranges and gears say.
+        effort_limits: See `Hand.assemble`; they replace the limits by the motors' ranges and gears.
 
     Returns:
         The scene; its other fields are set by `Scene.with_changes`.
 
     Raises:
-        ArgumentError: If a body or keyframe is unknown, or it has to be said which one.
+        ArgumentError: If a body or keyframe is unknown, or has to be specified.
         RobotError: If MuJoCo is not installed or refuses the file, or it has a hand or shape that
             cannot be read.
         SceneError: If joints are inside the object, or a motor moves it.
 
     Warns:
-        GrasplessPinWarning: Something is left out, or stands still that MuJoCo moves.
+        GrasplessPinWarning: Something is left out, or a body that MuJoCo moves is fixed here.
 
     Examples:
         >>> import mujoco
@@ -335,42 +337,42 @@ def scene_from_mjcf(
         >>> scene.supports[0].friction, scene.solve().found
         (0.5, True)
     """
-    with capture() as found:
-        at = ModelState(source_of(source), data, keyframe, object_body, hand_body)
-        scene = _scene(at, hand_body, control, effort_limits)
-    emit(*found)
+    with capture() as findings:
+        state = ModelState(read_source(source), data, keyframe, object_body, hand_body)
+        scene = _scene_of_state(state, hand_body, control, effort_limits)
+    emit(*findings)
     of_hand = () if scene.hand is None else scene.hand.findings
-    return scene.with_changes(load_findings=[one for one in found if one not in of_hand])
+    return scene.with_changes(load_findings=[one for one in findings if one not in of_hand])
 
 
-def _scene(
-    at: ModelState,
+def _scene_of_state(
+    state: ModelState,
     hand_body: str | None,
     control: ControlModes | None,
     effort_limits: Mapping[str, EffortLimit] | None,
 ) -> Scene:
-    friction = PairFriction(at)
-    supports = supports_of(at, friction)
-    by_link = friction_of_links(at, friction)
+    friction = PairFriction(state)
+    supports = supports_of(state, friction)
+    by_link = friction_of_links(state, friction)
     friction.emit()
-    emit_equalities(at)
-    emit_options(at)
-    gravity = np.array(at.model.opt.gravity)
-    if at.model.opt.disableflags & at.source.mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+    emit_equalities(state)
+    emit_options(state)
+    gravity = np.array(state.model.opt.gravity)
+    if state.model.opt.disableflags & state.source.mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         gravity = np.zeros(3)
     scene = Scene(
-        name=at.name,
-        object=object_of(at),
-        hand=hand_of(at, hand_body, control, effort_limits),
+        name=state.name,
+        object=object_of(state),
+        hand=hand_of(state, hand_body, control, effort_limits),
         supports=supports,
         friction=by_link or {"default": 0.0},  # supports have their own
         gravity=gravity,
-        loads=loads_of(at),
-        count_own_weight=weight_counts(at),
+        loads=loads_of(state),
+        count_own_weight=own_weight_counts(state),
     )
-    stated = {name: at.beyond[name] for name in NO_WORD_FOR if name in at.beyond}
-    if "controller" in at.beyond:
-        stated["controller"] = Controller(**at.beyond["controller"])
-    if "uncertainty" in at.beyond:
-        stated["uncertainty"] = Uncertainty(**at.beyond["uncertainty"])
+    stated = {name: state.custom[name] for name in NO_WORD_FOR if name in state.custom}
+    if "controller" in state.custom:
+        stated["controller"] = Controller(**state.custom["controller"])
+    if "uncertainty" in state.custom:
+        stated["uncertainty"] = Uncertainty(**state.custom["uncertainty"])
     return scene.with_changes(**stated) if stated else scene

@@ -1,6 +1,6 @@
-"""A model of MuJoCo in one state, and which of its bodies are object and hand.
+"""A MuJoCo model in one state, and which of its bodies are object and hand.
 
-And its friction of pairs of geoms, of which one is the object's.
+Also its friction of pairs of geoms, one of which is the object's.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from graspless_pin.simulation.scene_document import CUSTOM_TEXT
 from graspless_pin.suggestions import first_of, names_in_words
 
 
-def source_of(source: Any) -> MjcfSource:
-    """Return what MuJoCo has read of the path of an MJCF, a ``MjSpec`` or a ``MjModel``."""
+def read_source(source: Any) -> MjcfSource:
+    """Return the source read from the path of an MJCF, a ``MjSpec`` or a ``MjModel``."""
     if isinstance(source, str) and source.lstrip().startswith("<"):
         raise ArgumentError(
             "source", "is MJCF itself, not its path; give mujoco.MjSpec.from_string of it"
@@ -44,14 +44,14 @@ class ModelState:
     """A compiled model in one state.
 
     Attributes:
-        source: What MuJoCo has read.
+        source: The MJCF as MuJoCo has read it.
         model: ``mujoco.MjModel``.
-        data: ``mujoco.MjData`` of its own.
-        beyond: What `scene_to_mjcf` has written for lack of words in MJCF.
+        data: Its own ``mujoco.MjData``.
+        custom: Fields of a scene that MJCF cannot state, written by `scene_to_mjcf`.
         object: The object's body.
-        in_object: (nbody,) what is fixed to it.
+        in_object: (nbody,) mask of the bodies fixed to it.
         hand: The hand's first body, which may be the world; None: there is no hand.
-        in_hand: (nbody,) the hand's bodies, not the world.
+        in_hand: (nbody,) mask of the hand's bodies, without the world.
     """
 
     def __init__(
@@ -62,16 +62,16 @@ class ModelState:
         object_body: str | None,
         hand_body: str | None,
     ) -> None:
-        """Take what `scene_from_mjcf` takes."""
+        """Set up the state from the arguments of `scene_from_mjcf`."""
         self.source, self.model, self._mujoco = source, source.model, source.mujoco
         self.data = self._mujoco.MjData(self.model)
-        self._place(data, keyframe)
+        self._set_coordinates(data, keyframe)
         self._mujoco.mj_kinematics(self.model, self.data)
-        self.beyond = self._custom_text()
-        self.hand, self.in_hand = self._hand(hand_body)
-        self.object = self._object(object_body or self.beyond.get("object"))
-        self.in_object = self._below(self.object)
-        self._check_rigid()
+        self.custom = self._read_custom_text()
+        self.hand, self.in_hand = self._hand_bodies(hand_body)
+        self.object = self._object_body(object_body or self.custom.get("object"))
+        self.in_object = self._subtree(self.object)
+        self._check_rigid_object()
 
     @property
     def name(self) -> str:
@@ -80,7 +80,7 @@ class ModelState:
         return str(path) if self.source.spec is None else path.stem
 
     def is_free(self, body: int) -> bool:
-        """Return whether a body has a free joint, or three slides and three hinges that are one."""
+        """Return whether a body has a free joint, or three slides and three hinges instead."""
         kinds, first = self._mujoco.mjtJoint, int(self.model.body_jntadr[body])
         own = self.model.jnt_type[first : first + int(self.model.body_jntnum[body])].tolist()
         slides, hinges = own.count(kinds.mjJNT_SLIDE), own.count(kinds.mjJNT_HINGE)
@@ -90,8 +90,8 @@ class ModelState:
         """Return the (4, 4) pose of a body in the world, m."""
         return pose(self.data.xquat[body], self.data.xpos[body])
 
-    def geoms(self, inside: NDArray[np.bool_]) -> list[int]:
-        """Return the geoms of some bodies that touch anything."""
+    def touching_geoms(self, inside: NDArray[np.bool_]) -> list[int]:
+        """Return the geoms of the masked bodies that can touch any other geom."""
         model = self.model
         touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         for geom in (*model.pair_geom1, *model.pair_geom2):
@@ -105,11 +105,11 @@ class ModelState:
         advice: str,
         code: FindingCode = FindingCode.LEFT_OUT_OF_MJCF,
     ) -> None:
-        """Tell of something that is left out."""
+        """Emit a finding, by default on something that is left out."""
         emit(Finding(code, subject, f"{self.source.path}: {message}", advice))
 
-    def _place(self, data: Any, keyframe: str | int | None) -> None:
-        """Take the positions of joints and bodies."""
+    def _set_coordinates(self, data: Any, keyframe: str | int | None) -> None:
+        """Set the positions of joints and bodies from data or a keyframe."""
         model, count = self.model, self.model.nkey
         if data is not None:
             if keyframe is not None:
@@ -140,8 +140,8 @@ class ModelState:
             raise ArgumentError("keyframe", f"needs a number from 0 to {count - 1}, got {keyframe}")
         self._mujoco.mj_resetDataKeyframe(model, self.data, keyframe)
 
-    def _custom_text(self) -> dict[str, Any]:
-        """Return what `scene_to_mjcf` has written for lack of words in MJCF."""
+    def _read_custom_text(self) -> dict[str, Any]:
+        """Return the fields that `scene_to_mjcf` has written to the custom text."""
         model, kind = self.model, self._mujoco.mjtObj.mjOBJ_TEXT
         index = self._mujoco.mj_name2id(model, kind, CUSTOM_TEXT)
         if index < 0:
@@ -157,15 +157,15 @@ class ModelState:
             ) from error
         return found
 
-    def _hand(self, hand_body: str | None) -> tuple[int | None, NDArray[np.bool_]]:
-        """Return the hand's first body, and which bodies it has."""
+    def _hand_bodies(self, hand_body: str | None) -> tuple[int | None, NDArray[np.bool_]]:
+        """Return the hand's first body, and the (nbody,) mask of its bodies."""
         source, count = self.source, self.model.nbody
         if hand_body is not None:
             names = [source.body(body) for body in range(1, count)]
             if hand_body not in names:
                 raise unknown_name("hand_body", "body", hand_body, names)
             first = names.index(hand_body) + 1
-            return first, self._below(first)
+            return first, self._subtree(first)
         if not motor_joints(source):
             jointed = np.flatnonzero(self.model.body_jntnum).tolist()
             if not all(self.is_free(body) for body in jointed):
@@ -181,7 +181,7 @@ class ModelState:
         inside[0] = False
         return first, inside
 
-    def _object(self, name: str | None) -> int:
+    def _object_body(self, name: str | None) -> int:
         """Return the object's body."""
         names = [self.source.body(body) for body in range(self.model.nbody)]
         free = [
@@ -213,16 +213,16 @@ class ModelState:
             )  # fmt: skip
         return body
 
-    def _below(self, top: int) -> NDArray[np.bool_]:
-        """Return (nbody,) whether a body is one or hangs on it."""
+    def _subtree(self, top: int) -> NDArray[np.bool_]:
+        """Return the (nbody,) mask of a body and its descendants."""
         inside = np.zeros(self.model.nbody, dtype=bool)
         inside[top] = True
         for body in range(top + 1, self.model.nbody):
             inside[body] = inside[self.model.body_parentid[body]]
         return inside
 
-    def _check_rigid(self) -> None:
-        """Refuse an object with joints inside."""
+    def _check_rigid_object(self) -> None:
+        """Raise an error for an object with joints inside."""
         source, bodies = self.source, self.model.jnt_bodyid
         inside = np.flatnonzero(self.in_object[bodies] & (bodies != self.object)).tolist()
         if inside:
@@ -234,29 +234,29 @@ class ModelState:
 
 
 _MOST_NAMED = 4
-"""Geoms in one message."""
+"""Largest number of geoms in one message."""
 
 
 class PairFriction:
     """Coefficients of sliding friction against the object."""
 
     def __init__(self, at: ModelState) -> None:
-        """Take a model with its object."""
+        """Set up the pairs with the object's geoms."""
         self._at, self._model = at, at.model
-        self._own = at.geoms(at.in_object)
+        self._own = at.touching_geoms(at.in_object)
         self._differ: dict[str, list[float]] = {}
         self._beyond_sliding: set[str] = set()
 
-    def of_geom(self, geom: int) -> float | None:
-        """Return the smallest against the object's geoms; None: it can touch none of them."""
-        each = [self._of_pair(geom, own) for own in self._own]
-        known = [one for one in each if one is not None]
-        if len(set(known)) > 1:
-            self._differ[self._name(geom)] = sorted(set(known))
-        return min(known, default=None)
+    def smallest_coefficient(self, geom: int) -> float | None:
+        """Return a geom's smallest one against the object's geoms; None: it can touch none."""
+        each = [self._pair_coefficient(geom, own) for own in self._own]
+        coefficients = [one for one in each if one is not None]
+        if len(set(coefficients)) > 1:
+            self._differ[self._name(geom)] = sorted(set(coefficients))
+        return min(coefficients, default=None)
 
     def emit(self) -> None:
-        """Tell what of the pairs that were asked for is left out."""
+        """Emit findings on what is left out of the requested pairs."""
         for name, values in self._differ.items():
             figures = ", ".join(f"{mu:g}" for mu in values)
             self._at.emit(
@@ -273,33 +273,33 @@ class PairFriction:
                 "sliding friction alone counts",
             )
 
-    def _of_pair(self, one: int, other: int) -> float | None:
-        """Return the coefficient of two geoms; None: they do not touch."""
+    def _pair_coefficient(self, geom: int, own: int) -> float | None:
+        """Return the coefficient of two geoms; None: they cannot touch."""
         model = self._model
         pairs = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T
-        stated = np.flatnonzero((pairs == sorted((one, other))).all(axis=1))
-        if len(stated):
-            dimensions, friction = int(model.pair_dim[stated[0]]), model.pair_friction[stated[0]]
-            sliding, others = float(friction[:2].min()), friction[2:]
-        elif not self._meet(one, other):
+        pair = np.flatnonzero((pairs == sorted((geom, own))).all(axis=1))
+        if len(pair):
+            dimensions, friction = int(model.pair_dim[pair[0]]), model.pair_friction[pair[0]]
+            sliding, other_friction = float(friction[:2].min()), friction[2:]
+        elif not self._can_touch(geom, own):
             return None
         else:
-            ranks = model.geom_priority[[one, other]]
-            both = [one, other] if ranks[0] == ranks[1] else [(one, other)[int(ranks.argmax())]]
-            dimensions = int(model.geom_condim[both].max())
-            friction = model.geom_friction[both].max(axis=0)
-            sliding, others = float(friction[0]), friction[1:]
-        if dimensions > 3 and others.any():
-            self._beyond_sliding.add(self._name(one))
+            ranks = model.geom_priority[[geom, own]]
+            used = [geom, own] if ranks[0] == ranks[1] else [(geom, own)[int(ranks.argmax())]]
+            dimensions = int(model.geom_condim[used].max())
+            friction = model.geom_friction[used].max(axis=0)
+            sliding, other_friction = float(friction[0]), friction[1:]
+        if dimensions > 3 and other_friction.any():
+            self._beyond_sliding.add(self._name(geom))
         return sliding if dimensions > 1 else 0.0
 
-    def _meet(self, one: int, other: int) -> bool:
-        """Return whether two geoms are let touch each other."""
+    def _can_touch(self, geom: int, other_geom: int) -> bool:
+        """Return whether two geoms can touch each other."""
         model = self._model
-        bodies = int(model.geom_bodyid[one]), int(model.geom_bodyid[other])
+        bodies = int(model.geom_bodyid[geom]), int(model.geom_bodyid[other_geom])
         excluded = [(first << 16) + last for first, last in (bodies, bodies[::-1])]
-        kinds, meets = model.geom_contype, model.geom_conaffinity
-        touch = (kinds[one] & meets[other]) or (kinds[other] & meets[one])
+        types, affinities = model.geom_contype, model.geom_conaffinity
+        touch = (types[geom] & affinities[other_geom]) or (types[other_geom] & affinities[geom])
         return bool(touch) and not np.isin(excluded, model.exclude_signature).any()
 
     def _name(self, geom: int) -> str:

@@ -1,7 +1,7 @@
 """Evaluators for the planners of OMPL: valid states and motions, and objectives of margins.
 
-Needs the extra ``ompl``. OMPL's seed, ``ompl.util.RNG.setSeed``, counts only where it is set before
-any of OMPL's objects exists.
+Needs the extra ``ompl``. OMPL's seed, ``ompl.util.RNG.setSeed``, takes effect only if it is set
+before any of OMPL's objects exists.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ with optional_import("planning with OMPL needs it", "ompl", ImportError):
 __all__ = ["EvaluatedSpace", "MarginShortfall", "SmallestMargin", "attach_evaluator", "joint_space"]
 
 ToState = Callable[[Any], tuple[Configuration | None, ArrayLike | None] | None]
-"""From a state of OMPL to a configuration and the object's pose; None: there is no such state."""
+"""Function from a state of OMPL to a configuration and the object's pose; None: no such state."""
 Breakpoints = Callable[[Any, Any], Sequence[float]]
-"""From two states of OMPL to fractions of the motion between them."""
+"""Function from two states of OMPL to fractions of the motion between them."""
 
 _MOST_MOTIONS = 100_000
 
 
 class EvaluatedSpace:
-    """A state space of OMPL as an evaluator sees it: see `attach_evaluator`, which makes it.
+    """A state space of OMPL with its evaluator: see `attach_evaluator`, which returns it.
 
-    A motion of OMPL is cut into as many pieces as OMPL's resolution says
-    (``setStateValidityCheckingResolution``); at the ends of each are states of the evaluator, with
-    `Evaluator.first_invalid` in between. What was found of a motion is kept for the next time that
-    OMPL asks for it. See the example of `attach_evaluator`.
+    A motion of OMPL is cut into pieces by OMPL's resolution
+    (``setStateValidityCheckingResolution``). The ends of each piece are states of the evaluator,
+    which checks the piece by `Evaluator.first_invalid`. Results are kept by motion for OMPL's later
+    queries. See the example of `attach_evaluator`.
 
     Attributes:
         information: OMPL's ``SpaceInformation``.
-        evaluator: Evaluates states and motions.
-        margin: The margin that is asked for, N; -inf: none is.
+        evaluator: The evaluator of states and motions.
+        margin: The required margin, N; -inf: none.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class EvaluatedSpace:
         resolution: tuple[float, float] = RESOLUTION,
         breakpoints: Breakpoints | None = None,
     ) -> None:
-        """Take what `attach_evaluator` does.
+        """Set up the space from the arguments of `attach_evaluator`.
 
         Raises:
             ArgumentError: If the margin is negative.
@@ -70,7 +70,7 @@ class EvaluatedSpace:
         self.evaluator = evaluator
         self.margin = required_margin(margin, evaluator.required_margin)
         self._to_state, self._resolution, self._breakpoints = to_state, resolution, breakpoints
-        # What moves with a link rests in the hand, and takes no twist.
+        # An object attached to a link rests in the hand, and has no twist of its own.
         self._rest = np.zeros(6) if evaluator.attached_to is None else None
         self._space = information.getStateSpace()
         self._places = range(len(evaluator.joint_names))
@@ -81,15 +81,15 @@ class EvaluatedSpace:
 
     @property
     def object_stays(self) -> bool:
-        """Whether states are configurations alone: then a motion and its reverse are alike."""
+        """Whether states are configurations only: then a motion and its reverse cost the same."""
         return self._to_state is None
 
     def state(self, state: Any) -> tuple[FloatArray, ArrayLike | None] | None:
         """Return the configuration and the object's pose in a state of OMPL; None: no such state.
 
         Args:
-            state: Of a ``RealVectorStateSpace`` with a value for each of the evaluator's joints,
-                unless there is a function for it.
+            state: A state of a ``RealVectorStateSpace`` with a value for each of the evaluator's
+                joints, unless `attach_evaluator` got a ``to_state``.
         """
         if self._to_state is None:
             return np.array([*map(state.__getitem__, self._places)]), None
@@ -97,7 +97,7 @@ class EvaluatedSpace:
         return None if found is None else (self.evaluator.configuration(found[0]), found[1])
 
     def is_valid(self, state: Any) -> bool:
-        """Tell whether a state is valid by itself, at rest."""
+        """Return whether a state is valid at rest."""
         found = self.state(state)
         if found is None:
             return False
@@ -105,7 +105,7 @@ class EvaluatedSpace:
         return self.evaluator.is_feasible(q, T, self._rest, margin=self.margin)
 
     def margin_at_rest(self, state: Any) -> float:
-        """Return the largest margin of a state by itself, N; -inf where it is not valid."""
+        """Return the largest margin of a state at rest, N; -inf if it is not valid."""
         found = self.state(state)
         if found is None:
             return -np.inf
@@ -113,28 +113,28 @@ class EvaluatedSpace:
         return validity.margin if validity.valid else -np.inf
 
     def is_valid_motion(self, start: Any, end: Any) -> bool:
-        """Tell whether a motion from one state to another is valid; the last piece first."""
-        key = self._key(start, end)
+        """Return whether a motion between two states is valid; its last piece is checked first."""
+        key = self._motion_key(start, end)
         if key is None:
             return False
-        known = self._valid.get(key)
-        if known is None:
-            pieces = list(self._pieces(start, end))
-            known = self._valid[key] = all(
+        is_valid = self._valid.get(key)
+        if is_valid is None:
+            pieces = list(self._motion_pieces(start, end))
+            is_valid = self._valid[key] = all(
                 piece is not None
                 and self.evaluator.is_valid_motion(
                     *piece, margin=self.margin, resolution=self._resolution
                 )
                 for _, piece in [pieces[-1], *pieces[:-1]]
             )
-        return known
+        return is_valid
 
     def last_valid(self, start: Any, end: Any) -> float:
         """Return the fraction of a motion up to which it is valid, 1 if all of it is.
 
-        A motion that begins in a state that is not valid has 0.
+        It is 0 if the first state is not valid.
         """
-        for (begin, finish), piece in self._pieces(start, end):
+        for (begin, finish), piece in self._motion_pieces(start, end):
             fault = None if piece is None else self.evaluator.first_invalid(
                 *piece, margin=self.margin, resolution=self._resolution
             )  # fmt: skip
@@ -147,20 +147,20 @@ class EvaluatedSpace:
         """Return the largest margins along a motion.
 
         Returns:
-            (K,) fractions of the motion from 0 to 1, two alike where pieces meet; and (K,)
-            margins, N, the last one -inf where the motion is not valid.
+            (K,) fractions of the motion from 0 to 1, repeated where pieces meet; and (K,)
+            margins, N, the last one -inf if the motion is not valid.
         """
-        key = self._key(start, end)
-        known = None if key is None else self._margins.get(key)
-        if known is not None:
-            return known
+        key = self._motion_key(start, end)
+        kept = None if key is None else self._margins.get(key)
+        if kept is not None:
+            return kept
         fractions, margins = np.zeros(0), np.zeros(0)
-        for (begin, finish), piece in self._pieces(start, end):
-            at, own, smallest = np.zeros(1), [-np.inf], -np.inf
+        for (begin, finish), piece in self._motion_pieces(start, end):
+            shares, own, smallest = np.zeros(1), [-np.inf], -np.inf
             if piece is not None:
-                found = self.evaluator.motion_margins(*piece, resolution=self._resolution)
-                at, own, smallest = found.fractions, found.margins, found.smallest
-            fractions = np.append(fractions, begin + at * (finish - begin))
+                along = self.evaluator.motion_margins(*piece, resolution=self._resolution)
+                shares, own, smallest = along.fractions, along.margins, along.smallest
+            fractions = np.append(fractions, begin + shares * (finish - begin))
             margins = np.append(margins, own)
             if smallest == -np.inf:
                 break
@@ -168,14 +168,14 @@ class EvaluatedSpace:
             self._margins[key] = fractions, margins
         return fractions, margins
 
-    def _pieces(self, start: Any, end: Any) -> Iterator[Any]:
+    def _motion_pieces(self, start: Any, end: Any) -> Iterator[Any]:
         """Yield the ends of each piece of a motion, as fractions of it, and (q0, q1, T0, T1).
 
-        None instead of these where there is no such state.
+        The latter is None if one of the states does not exist.
         """
         fractions = np.array([0.0, 1.0])
         if not self.object_stays:
-            # OMPL's own count waits for its setup.
+            # OMPL's own count of segments is available only after its setup.
             share = self._space.getLongestValidSegmentFraction()
             longest = share * self.information.getMaximumExtent()
             count = max(1, math.ceil(self.information.distance(start, end) / longest))
@@ -184,20 +184,22 @@ class EvaluatedSpace:
                 fractions = np.union1d(fractions, self._breakpoints(start, end))
         before = self.state(start)
         for begin, finish in pairwise(fractions.tolist()):
-            after = self.state(end) if finish == 1.0 else self._at(start, end, finish)
+            after = (
+                self.state(end) if finish == 1.0 else self._interpolated_state(start, end, finish)
+            )
             piece = None
             if before is not None and after is not None:
                 piece = before[0], after[0], before[1], after[1]
             yield (begin, finish), piece
             before = after
 
-    def _at(self, start: Any, end: Any, fraction: float) -> Any:
+    def _interpolated_state(self, start: Any, end: Any, fraction: float) -> Any:
         with self._one_at_a_time:
             self._space.interpolate(start, end, fraction, self._between)
             return self.state(self._between)
 
-    def _key(self, start: Any, end: Any) -> Any:
-        """Return what tells a motion from others; None where one of its ends is no state."""
+    def _motion_key(self, start: Any, end: Any) -> Any:
+        """Return a key that identifies a motion; None if one of its ends is no state."""
         ends = self.state(start), self.state(end)
         if ends[0] is None or ends[1] is None:
             return None
@@ -208,14 +210,14 @@ _SPACES: WeakSet[EvaluatedSpace] = WeakSet()
 
 
 @atexit.register
-def _take_apart() -> None:
-    """End what OMPL's objects and ours keep of each other: its bindings report it as leaks."""
+def _clear_spaces() -> None:
+    """Break the reference cycles with OMPL's objects, which its bindings would report as leaks."""
     for space in list(_SPACES):
         vars(space).clear()
 
 
-class _Motions(base.MotionValidator):
-    """OMPL's question whether a motion is valid."""
+class _MotionValidator(base.MotionValidator):
+    """Validates motions for OMPL by an `EvaluatedSpace`."""
 
     def __init__(self, space: EvaluatedSpace) -> None:
         super().__init__(space.information)
@@ -234,34 +236,34 @@ def attach_evaluator(
     resolution: tuple[float, float] = RESOLUTION,
     breakpoints: Breakpoints | None = None,
 ) -> EvaluatedSpace:
-    """Let an evaluator tell OMPL which states and motions are valid.
+    """Let an evaluator decide for OMPL which states and motions are valid.
 
-    A state by itself is valid where the object can be held at rest, see `Evaluator.is_feasible`; a
-    motion where `Evaluator.is_valid_motion` says so, in the direction of the motion. OMPL keeps
-    what it is given here alive.
+    A state is valid if the object can be held at rest, see `Evaluator.is_feasible`; a motion if
+    `Evaluator.is_valid_motion` holds in the direction of the motion. OMPL keeps the objects that it
+    gets here alive.
 
-    OMPL 2.0 asks objects of Python for a motion's yes or no alone, and takes 0 for the last valid
-    fraction of a motion that is not valid: planners that would go on from there, such as KPIECE1,
-    begin anew. `EvaluatedSpace.last_valid` tells it.
+    OMPL 2.0 asks Python objects only whether a motion is valid, and takes 0 for the last valid
+    fraction of one that is not: planners that would continue from there, such as KPIECE1, start
+    again. `EvaluatedSpace.last_valid` returns that fraction.
 
     Args:
         setup: OMPL's ``SimpleSetup`` or ``SpaceInformation``.
         evaluator: The evaluator.
-        to_state: From a state of OMPL to (q, T_world_object) as `Evaluator.evaluate` takes them, or
-            None where there is no such state: out of reach, say. None: a state has the positions of
-            the evaluator's joints, and the object stays.
-        margin: The margin to keep, N; None: the evaluator's; -inf: none.
+        to_state: Function from a state of OMPL to (q, T_world_object), as for `Evaluator.evaluate`,
+            or to None if there is no such state, for example out of reach. None: a state has the
+            positions of the evaluator's joints, and the object stays.
+        margin: The required margin, N; None: the evaluator's; -inf: none.
         resolution: See `Evaluator.first_invalid`.
-        breakpoints: From two states of OMPL to the fractions of the motion between them at which
-            the object's motion becomes another one, in ascending order: slides end and pivots
-            begin there. None: a motion is of one kind.
+        breakpoints: Function from two states of OMPL to the fractions of the motion between them at
+            which the object's motion changes, in ascending order, for example from sliding to
+            pivoting. None: the motion does not change.
 
     Returns:
         The space, for `SmallestMargin` and `MarginShortfall`.
 
     Raises:
         ArgumentError: If the margin is negative, or states have other values than joints and
-            there is no function for them.
+            there is no ``to_state``.
 
     Examples:
         >>> from ompl import geometric
@@ -292,7 +294,7 @@ def attach_evaluator(
         breakpoints=breakpoints,
     )
     information.setStateValidityChecker(space.is_valid)
-    information.setMotionValidator(_Motions(space))
+    information.setMotionValidator(_MotionValidator(space))
     return space
 
 
@@ -302,7 +304,7 @@ def joint_space(evaluator: Evaluator, joints: Sequence[str] | None = None) -> An
     See the example of `attach_evaluator`.
 
     Args:
-        evaluator: Knows the joints.
+        evaluator: An evaluator with these joints.
         joints: Names of its joints in the order of a state's values; None: all, as in
             `Evaluator.joint_names`.
 
@@ -331,27 +333,27 @@ def joint_space(evaluator: Evaluator, joints: Sequence[str] | None = None) -> An
 
 
 class _MarginObjective(base.OptimizationObjective):
-    """What objectives of margins share."""
+    """Base class of the objectives of margins."""
 
     def __init__(self, space: EvaluatedSpace) -> None:
-        """Take the space that `attach_evaluator` has returned."""
+        """Set up the objective for a space from `attach_evaluator`."""
         super().__init__(space.information)
         self._space = space
 
     def isSymmetric(self) -> bool:
-        """Tell whether a motion costs as much as its reverse."""
+        """Return whether a motion costs as much as its reverse."""
         return self._space.object_stays
 
     def motionCostHeuristic(self, s1: Any, s2: Any) -> Any:  # noqa: ARG002
-        """Return a bound on what a motion costs: that of none."""
+        """Return a bound on the cost of a motion: the cost of no motion."""
         return self.identityCost()
 
 
 class SmallestMargin(_MarginObjective):
-    """An objective for OMPL: the largest smallest margin along a path, N.
+    """An objective for OMPL: maximise the smallest margin along a path, N.
 
-    Where the object moves, a motion and its reverse have costs of their own, and ``isSymmetric``
-    says so. See the example of `attach_evaluator`.
+    If the object moves, the costs of a motion and its reverse differ, and ``isSymmetric`` is false.
+    See the example of `attach_evaluator`.
     """
 
     def stateCost(self, state: Any) -> Any:
@@ -363,11 +365,11 @@ class SmallestMargin(_MarginObjective):
         return base.Cost(float(self._space.margins(s1, s2)[1].min()))
 
     def combineCosts(self, c1: Any, c2: Any) -> Any:
-        """Return the cost of two motions one after the other."""
+        """Return the cost of two consecutive motions."""
         return base.Cost(min(c1.value(), c2.value()))
 
     def isCostBetterThan(self, c1: Any, c2: Any) -> bool:
-        """Tell whether one margin is larger."""
+        """Return whether the first margin is larger."""
         return c1.value() > c2.value()
 
     def identityCost(self) -> Any:
@@ -380,16 +382,16 @@ class SmallestMargin(_MarginObjective):
 
 
 class MarginShortfall(_MarginObjective):
-    """An objective for OMPL: how much margin a path lacks, and for how long.
+    """An objective for OMPL: the integral of the shortfall of the margin along a path.
 
-    The integral of max(c - margin, 0) over the path, N times OMPL's distance, by the trapezoidal
-    rule between the states that are looked at. Where all margins are above c all paths are equally
-    good: add a length by OMPL's ``MultiOptimizationObjective``. ``isSymmetric`` as for
-    `SmallestMargin`. See the example of `attach_evaluator`.
+    It integrates max(c - margin, 0) over the path, N times OMPL's distance, by the trapezoidal rule
+    between evaluated states. Paths whose margins are all above c are equally good: add a length by
+    OMPL's ``MultiOptimizationObjective``. ``isSymmetric`` as for `SmallestMargin`. See the example
+    of `attach_evaluator`.
     """
 
     def __init__(self, space: EvaluatedSpace, margin: float) -> None:
-        """Take the space that `attach_evaluator` has returned, and the margin c, N.
+        """Set up the objective for a space from `attach_evaluator` and the margin c, N.
 
         Raises:
             ArgumentError: If the margin is negative or not finite.
@@ -398,11 +400,11 @@ class MarginShortfall(_MarginObjective):
         self._wanted = real_number("margin", margin, 0.0)
 
     def stateCost(self, state: Any) -> Any:
-        """Return what a state at rest lacks."""
+        """Return the shortfall of a state at rest."""
         return base.Cost(max(self._wanted - self._space.margin_at_rest(state), 0.0))
 
     def motionCost(self, s1: Any, s2: Any) -> Any:
-        """Return what a motion lacks; infinite where it is not valid."""
+        """Return the integrated shortfall of a motion; infinite if it is not valid."""
         fractions, margins = self._space.margins(s1, s2)
         if np.isinf(margins[-1]):
             return base.Cost(np.inf)

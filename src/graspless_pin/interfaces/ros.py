@@ -1,6 +1,6 @@
-"""Messages of ROS as paths of a scene: joint trajectories, and poses of the object.
+"""Waypoints of a scene from ROS messages: joint trajectories, and poses of the object.
 
-Nothing of ROS is imported: messages are objects with ROS's attributes, or mappings with its keys,
+No ROS package is imported: messages are objects with ROS's attributes, or mappings with its keys,
 as ``ros2 topic echo`` prints them.
 """
 
@@ -44,12 +44,12 @@ def waypoints_from_trajectory(
 ) -> list[Waypoint]:
     """Return the waypoints of a ``trajectory_msgs/JointTrajectory``, for `evaluate_path`.
 
-    A ``moveit_msgs/RobotTrajectory`` stands for its ``joint_trajectory``, and the goal of a
-    ``FollowJointTrajectory`` for its ``trajectory``.
+    Of a ``moveit_msgs/RobotTrajectory`` its ``joint_trajectory`` is used, and of the goal of a
+    ``FollowJointTrajectory`` its ``trajectory``.
 
-    Positions alone count: velocities, accelerations and efforts are not looked at. Joints may come
-    in any order, with the prefixes of the hand's mounts. Joints that follow others may be named; if
-    they are, their positions have to agree with the coupling.
+    Only positions are used: velocities, accelerations and efforts are ignored. Joints may be in any
+    order, with the prefixes of the hand's mounts. Joints that follow others may be included; then
+    their positions have to agree with the coupling.
 
     Args:
         scene: The scene, whose hand has the joints.
@@ -62,11 +62,11 @@ def waypoints_from_trajectory(
         stay: Joints that the trajectory does not name and that stay as in the scene.
 
     Returns:
-        The waypoints; times are those from the start, or None of a sequence of poses alone.
+        The waypoints; times are those from the start, or None for a sequence of poses only.
 
     Raises:
-        ArgumentError: If neither is given, something is missing or of the wrong length, a joint is
-            unknown or not named, a position is not finite, outside its limits or against a
+        ArgumentError: If neither is given, a part is missing or of the wrong length, a joint is
+            unknown or not named, a position is not finite, outside its limits or violates a
             coupling, a quaternion is no rotation, or times do not agree.
 
     Warns:
@@ -89,14 +89,14 @@ def waypoints_from_trajectory(
         raise ArgumentError("trajectory", "is None, and so is object_poses; give one of them")
     waypoints: list[Waypoint] = []
     if trajectory is not None:
-        waypoints = _joint_waypoints(scene, _of_joints(_loaded(trajectory)), stay)
+        waypoints = _joint_waypoints(scene, _joint_trajectory(_read_message(trajectory)), stay)
     if object_poses is None:
         return waypoints
     if isinstance(object_poses, Sequence) and not isinstance(object_poses, str):
         poses = [pose_from_message(one, f"object_poses[{k}]") for k, one in enumerate(object_poses)]
         times = None
     else:
-        times, poses = _object_path(_loaded(object_poses))
+        times, poses = _times_and_poses(_read_message(object_poses))
     if not waypoints:
         own = [None] * len(poses) if times is None else times
         return [Waypoint(T_world_object=T, time=at) for at, T in zip(own, poses, strict=True)]
@@ -119,9 +119,9 @@ def pose_from_message(message: Any, name: str = "pose") -> FloatArray:
     """Return the (4, 4) pose of a message, m.
 
     Args:
-        message: ``geometry_msgs`` ``Pose``, ``Transform`` or one of them with a stamp: an object or
-            a mapping. Its quaternion is x, y, z, w.
-        name: What errors call it.
+        message: ``geometry_msgs`` ``Pose``, ``Transform`` or a stamped one: an object or a mapping.
+            Its quaternion is x, y, z, w.
+        name: Its name in error messages.
 
     Raises:
         ArgumentError: If a part is missing, a number not finite, or the quaternion not of length 1
@@ -136,14 +136,14 @@ def pose_from_message(message: Any, name: str = "pose") -> FloatArray:
     """
     for inner in ("pose", "transform"):
         if _has(message, inner):
-            return pose_from_message(_part(message, inner, name), f"{name}.{inner}")
+            return pose_from_message(_field(message, inner, name), f"{name}.{inner}")
     keys = ("position", "orientation")
     if _has(message, "translation"):
         keys = ("translation", "rotation")
     parts = []
     for key, axes in zip(keys, ("xyz", "xyzw"), strict=True):
-        part = _part(message, key, name)
-        values = [_part(part, axis, f"{name}.{key}") for axis in axes]
+        part = _field(message, key, name)
+        values = [_field(part, axis, f"{name}.{key}") for axis in axes]
         parts.append(finite_array(f"{name}.{key}", values, (len(axes),)))
     length = float(np.linalg.norm(parts[1]))
     if abs(length - 1.0) > _NORM_ERROR:
@@ -157,24 +157,24 @@ def pose_from_message(message: Any, name: str = "pose") -> FloatArray:
     return T
 
 
-def _of_joints(message: Any) -> Any:
-    """Return the JointTrajectory that a RobotTrajectory or the goal of an action holds."""
+def _joint_trajectory(message: Any) -> Any:
+    """Return the JointTrajectory of a RobotTrajectory or of an action's goal."""
     if _has(message, "joint_names"):
         return message
     if _has(message, "joint_trajectory"):
         other = "multi_dof_joint_trajectory"
-        if _has(message, other) and len(_part(_part(message, other, ""), "joint_names", other)):
+        if _has(message, other) and len(_field(_field(message, other, ""), "joint_names", other)):
             raise ArgumentError(
                 "trajectory", f"has a {other}, too; pass its joint_trajectory, and the other one "
                 "as object_poses if it is the object's"
             )  # fmt: skip
-        return _part(message, "joint_trajectory", "trajectory")
-    inner = _part(message, "trajectory", "trajectory") if _has(message, "trajectory") else None
+        return _field(message, "joint_trajectory", "trajectory")
+    inner = _field(message, "trajectory", "trajectory") if _has(message, "trajectory") else None
     if isinstance(inner, Sequence) and not isinstance(inner, str):
         raise ArgumentError(
             "trajectory", f"holds {len(inner)} trajectories under 'trajectory'; pass one of them"
         )
-    return message if inner is None else _of_joints(inner)
+    return message if inner is None else _joint_trajectory(inner)
 
 
 def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Waypoint]:
@@ -182,21 +182,21 @@ def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Wa
     hand = scene.hand
     if hand is None:
         raise ArgumentError("trajectory", f"moves joints, and the scene {scene.name!r} has no hand")
-    names = [str(name) for name in _part(message, "joint_names", "trajectory")]
-    _check_names(hand, names, stay)
-    points = list(_part(message, "points", "trajectory"))
+    names = [str(name) for name in _field(message, "joint_names", "trajectory")]
+    _check_joint_names(hand, names, stay)
+    points = list(_field(message, "points", "trajectory"))
     if not points:
         raise ArgumentError("trajectory.points", "is empty; a trajectory has at least one")
     places, table = [f"trajectory.points[{k}]" for k in range(len(points))], []
     for where, point in zip(places, points, strict=True):
-        given = list(_part(point, "positions", where))
+        given = list(_field(point, "positions", where))
         if len(given) != len(names):
             raise ArgumentError(
                 f"{where}.positions",
                 f"has {len(given)} numbers and joint_names {len(names)}; give one for each joint",
             )
         table.append(finite_array(f"{where}.positions", given, (len(names),)))
-    in_degrees = _in_degrees(hand, names, np.array(table))
+    in_degrees = _degrees_advice(hand, names, np.array(table))
     waypoints = []
     for where, point, values in zip(places, points, table, strict=True):
         named = dict(zip(names, values.tolist(), strict=True))
@@ -206,15 +206,15 @@ def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Wa
             advice = f"; {in_degrees}" if in_degrees else ""
             raise ArgumentError(f"{where}.positions", f"{error}{advice}") from error
         own = {joint: float(q[hand.tree.joint_index[joint]]) for joint in hand.control.joints}
-        waypoints.append(Waypoint(q=own, time=_time(point, where)))
+        waypoints.append(Waypoint(q=own, time=_time_from_start(point, where)))
     if in_degrees:
         message = f"angles of the trajectory are more than a turn, {MOST_ANGLE:.4g} rad"
         emit(Finding(FindingCode.ANGLE_IN_DEGREES, "trajectory", message, in_degrees))
     return waypoints
 
 
-def _in_degrees(hand: Hand, names: list[str], table: FloatArray) -> str:
-    """Return what to say of (N, J) positions if they look like degrees; empty: they do not."""
+def _degrees_advice(hand: Hand, names: list[str], table: FloatArray) -> str:
+    """Return advice if (N, J) positions look like degrees; empty if they do not."""
     tree = hand.tree
     joints = [tree.joint_index[name] for name in names]
     turning = np.array([tree.joint_kinds[joint] != "prismatic" for joint in joints])
@@ -226,8 +226,8 @@ def _in_degrees(hand: Hand, names: list[str], table: FloatArray) -> str:
     return "all angles look like degrees: give radians, as ROS does (math.radians)"
 
 
-def _check_names(hand: Hand, names: list[str], stay: Sequence[str]) -> None:
-    """Refuse joints that the hand does not have, that come twice or are not named."""
+def _check_joint_names(hand: Hand, names: list[str], stay: Sequence[str]) -> None:
+    """Raise an error for joints that the hand does not have, that are repeated or missing."""
     where = "trajectory.joint_names"
     for name in (*names, *stay):
         if name not in hand.joint_names:
@@ -247,38 +247,38 @@ def _check_names(hand: Hand, names: list[str], stay: Sequence[str]) -> None:
         )
 
 
-def _object_path(message: Any) -> tuple[list[float], list[FloatArray]]:
-    """Return times and poses of a MultiDOFJointTrajectory of one joint."""
-    names = list(_part(message, "joint_names", "object_poses"))
+def _times_and_poses(message: Any) -> tuple[list[float], list[FloatArray]]:
+    """Return the times and poses of a MultiDOFJointTrajectory of one joint."""
+    names = list(_field(message, "joint_names", "object_poses"))
     if len(names) != 1:
         raise ArgumentError(
             "object_poses.joint_names", f"names {names}; the object is one, so give one joint"
         )
     times, poses = [], []
-    for k, point in enumerate(_part(message, "points", "object_poses")):
+    for k, point in enumerate(_field(message, "points", "object_poses")):
         where = f"object_poses.points[{k}]"
-        transforms = list(_part(point, "transforms", where))
+        transforms = list(_field(point, "transforms", where))
         if len(transforms) != 1:
             raise ArgumentError(f"{where}.transforms", f"has {len(transforms)} of them; give one")
         poses.append(pose_from_message(transforms[0], f"{where}.transforms[0]"))
-        times.append(_time(point, where))
+        times.append(_time_from_start(point, where))
     return times, poses
 
 
-def _time(point: Any, where: str) -> float:
-    """Return the time from the start, s: of ROS 2, of ROS 1, or a number."""
+def _time_from_start(point: Any, where: str) -> float:
+    """Return the time from the start, s, in the format of ROS 2 or ROS 1, or as a number."""
     name = f"{where}.time_from_start"
-    stated = _part(point, "time_from_start", where)
+    stated = _field(point, "time_from_start", where)
     if isinstance(stated, int | float):
         return float(finite_array(name, [stated], (1,))[0])
     keys = ("secs", "nsecs") if _has(stated, "secs") else ("sec", "nanosec")
-    values = [_part(stated, key, name) for key in keys]
+    values = [_field(stated, key, name) for key in keys]
     seconds, nanoseconds = finite_array(name, values, (2,)).tolist()
     return seconds + _NANO * nanoseconds
 
 
-def _loaded(message: Any) -> Any:
-    """Return a message, read if it is in a file."""
+def _read_message(message: Any) -> Any:
+    """Return the message itself, or that in the file of a path."""
     if not isinstance(message, str | Path):
         return message
     path = Path(message)
@@ -300,8 +300,8 @@ def _has(message: Any, key: str) -> bool:
     return key in message if isinstance(message, Mapping) else hasattr(message, key)
 
 
-def _part(message: Any, key: str, where: str) -> Any:
-    """Return an attribute of a message, or the value of a key.
+def _field(message: Any, key: str, where: str) -> Any:
+    """Return a field of a message: an attribute, or the value of a key.
 
     Raises:
         ArgumentError: If there is none.

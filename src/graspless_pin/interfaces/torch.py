@@ -34,26 +34,26 @@ def optimum(
     """Return the optimum, the gaps and the torques of pinned states, for `torch.autograd`.
 
     Leading axes are states, and those of all arguments are broadcast. The results are tensors of
-    the first argument's dtype and device; what is computed is so in double precision, on the CPU.
+    the first argument's dtype and device; computation is in double precision, on the CPU.
     Derivatives are those of `Evaluator.pinned`: of the optimum in its mode, and at a kink one of
-    several one-sided ones, which `PinnedState.by_optimum` tells. There are no second derivatives.
+    several one-sided ones, see `PinnedState.by_optimum`. There are no second derivatives.
 
     Args:
         evaluator: With pins, and without regularisation.
         q: (..., a) positions of `Evaluator.joint_names` within their limits, rad or m; None: as in
-            the scene, as for all that follow.
-        T_world_object: (..., 4, 4) poses, m. Their gradient is that of the object's motions alone:
-            make poses by what keeps them rigid, such as ``T @ torch.linalg.matrix_exp(...)``.
-        friction: (..., B) coefficients of the bodies that are pinned, each once in the order of
+            the scene, likewise for the next arguments.
+        T_world_object: (..., 4, 4) poses, m. Their gradient is that of rigid motions only: compute
+            poses by functions that keep them rigid, such as ``T @ torch.linalg.matrix_exp(...)``.
+        friction: (..., B) coefficients of the pinned bodies, each once in the order of
             `PinnedState.bodies`.
-        mass: (...) of the object, kg.
+        mass: (...) masses of the object, kg.
         twist: (6,) or (..., 6) twists of the object, or a `Motion`: see `Evaluator.evaluate`. They
-            are held fixed.
-        with_torques: Whether torques are asked for, too: their derivatives take as long again.
+            are constants.
+        with_torques: Whether to return torques, too: their derivatives double the time.
 
     Raises:
-        ArgumentError: As for `Evaluator.pinned`; if a shape is wrong; or as for
-            `PinnedState.by_optimum`, where derivatives are asked for.
+        ArgumentError: As for `Evaluator.pinned`; if a shape is wrong; or, if derivatives are
+            needed, as for `PinnedState.by_optimum`.
 
     Examples:
         >>> import torch
@@ -86,18 +86,18 @@ def optimum(
 
 
 class _Figures(torch.autograd.Function):
-    """An operator's figures, and beside them its Jacobian, which is kept for the way back."""
+    """An operator's figures and its Jacobian, which is saved for the backward pass."""
 
     @staticmethod
     def forward(operator: Operator, needed: bool, *inputs: Any) -> Any:
-        """Return (..., F) figures and (..., F, N) their derivatives, if they are needed."""
+        """Return (..., F) figures and, if needed, (..., F, N) their derivatives."""
         arrays = [one.detach().cpu().numpy() for one in inputs]
         found = operator.with_jacobian(*arrays) if needed else (operator.values(*arrays), ())
         return tuple(inputs[0].new_tensor(one) for one in found)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
-        """Keep the Jacobian."""
+        """Save the Jacobian."""
         ctx.operator = inputs[0]
         ctx.save_for_backward(output[1])
         ctx.mark_non_differentiable(output[1])
@@ -115,7 +115,7 @@ class _Figures(torch.autograd.Function):
 
     @staticmethod
     def vmap(info: Any, in_dims: Any, operator: Operator, needed: bool, *inputs: Any) -> Any:
-        """Return the same of one more axis."""
+        """Return the figures with one more leading axis."""
         mapped = [
             one.expand((info.batch_size, *one.shape)) if axis is None else one.movedim(axis, 0)
             for one, axis in zip(inputs, in_dims[2:], strict=True)

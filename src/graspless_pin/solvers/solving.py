@@ -75,7 +75,7 @@ def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf)
     cutoff = min(cutoff, program.cutoff)
     best_bound = -np.inf
     names = _solver_order(solver, program.cone_count > 0)
-    # A program that is not resolved cannot be solved, only proven infeasible: two solvers suffice.
+    # A program that is not resolved can only be proven infeasible: two solvers are called at most.
     for name in names if program.is_resolved else names[:2]:
         answer = checked_answer(program, _backend(name, program.cone_count > 0), name, cutoff)
         if answer.outcome is not Outcome.FAILED:
