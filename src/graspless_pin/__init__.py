@@ -8,5 +8,5 @@ Quasi-static Graspless Manipulation*.
 import lazy_loader
 
 # Each name is loaded at first use: arrays need no Pinocchio, scenes no pandas, and the command line
-# is there to answer Ctrl-C while all of them are loaded. Which they are stands in the .pyi beside.
+# can handle Ctrl-C while they are loaded. The .pyi file in this folder lists the names.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Files that are written beside their final name and moved there in one step."""
+"""Files that are written under a temporary name and moved to their final name in one step."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from pathlib import Path
 
 @contextmanager
 def draft_of(path: Path) -> Iterator[Path]:
-    """Give a file to write; it gets its final name when the block ends without an error.
+    """Yield the path of a draft, which gets its final name if the block ends without an error.
 
-    Its folder is made where there is none. Drafts of the same file that killed processes have left
-    are removed.
+    A missing folder is created. Drafts of the same file left by killed processes are removed.
 
     Args:
-        path: The final name. What has it is replaced.
+        path: The final name. An existing file is replaced.
 
     Raises:
         OSError: If the file cannot be moved, or the block raises it.
@@ -34,10 +33,10 @@ def draft_of(path: Path) -> Iterator[Path]:
 
 
 def make_folder_of(path: Path) -> None:
-    """Make the folder that a file is to stand in, and those above it, where there are none.
+    """Create the folder of a file, and missing folders above it.
 
     Raises:
-        OSError: If it cannot be made.
+        OSError: If it cannot be created.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -47,7 +46,7 @@ def make_folder_of(path: Path) -> None:
 
 
 def remove_stale_drafts(path: Path) -> None:
-    """Remove the drafts of a file whose processes are gone; nothing that goes wrong is told."""
+    """Remove the drafts of a file whose processes have ended; errors are ignored."""
     own = re.compile(rf"\.{re.escape(path.name)}\.([1-9][0-9]{{0,9}})\.part")
     with suppress(OSError):
         for other in path.parent.iterdir():
@@ -57,7 +56,7 @@ def remove_stale_drafts(path: Path) -> None:
 
 
 def _is_running(process: int) -> bool:
-    """Return whether a process of this number runs; True where that cannot be told."""
+    """Return whether a process with this number runs; True if that is unknown."""
     if os.name != "posix":
         return True
     try:

@@ -1,7 +1,7 @@
-"""The largest and smallest numbers that are taken, wherever they come from.
+"""The largest and smallest numbers that are accepted, from any input.
 
-Far wider than anything physical, and narrow enough that no product of a few of them overflows:
-beyond, libraries below this package fail in ways of their own.
+They are far beyond physical values, and small enough that products of a few of them do not
+overflow: with larger numbers, the libraries below this package fail unpredictably.
 """
 
 LARGEST = 1e30
@@ -9,7 +9,7 @@ LARGEST = 1e30
 SMALLEST = 1e-30
 """A mass, density or force limit that must be above zero."""
 SMALLEST_LOAD = 1e-40
-"""The largest entry of a wrench that is not zero, N or N m; shares of less are no figures."""
+"""The largest entry of a nonzero wrench, N or N m; shares of less are not representable."""
 LARGEST_LENGTH = 1e12
 """Any length, position, velocity or acceleration, SI."""
 SMALLEST_LENGTH = 1e-12

@@ -1,4 +1,4 @@
-"""Values that modules derive from records and keep for the next call: records are data only."""
+"""Caches of values derived from records: records hold data only."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ _Value = TypeVar("_Value")
 _Key = TypeVar("_Key")
 
 MOST_SOURCES = 8
-"""Sources that a value is kept for."""
+"""Number of sources whose values are kept."""
 
 
 class Derived(Generic[_Source, _Value]):
-    """A function of one source whose value is made once while the source is among the last few.
+    """A function of one source, whose values are cached for the last few sources.
 
-    A source is told apart by identity and held weakly: keeping it keeps no derived value alive for
-    long, and a source that is gone takes its value along. So a value must not refer to its source.
-    Threads may share the values: what two of them ask for at the same time is at worst made twice.
+    Sources are identified by identity and referenced weakly: the cache keeps no source alive, and
+    the value of a deleted source is deleted, too. So a value must not refer to its source. Threads
+    may share the cache: values that two of them need at the same time are at worst computed twice.
     """
 
     def __init__(self, make: Callable[[_Source], _Value], most: float = MOST_SOURCES) -> None:
-        """Keep what ``make`` returns, for some sources at the most."""
+        """Cache the results of ``make``, for at most ``most`` sources."""
         update_wrapper(self, make)
         self._make = make
         self._most = most
@@ -37,13 +37,13 @@ class Derived(Generic[_Source, _Value]):
         return len(self._entries)
 
     def __call__(self, source: _Source) -> _Value:
-        """Return the value of a source, made now if it is not kept."""
+        """Return the value of a source, computed now if it is not cached."""
         key, entries = id(source), self._entries
         entry = entries.get(key)
         if entry is not None and entry[0]() is source:
             return entry[1]
         value = self._make(source)
-        # A source that is gone tells before another one can have its identity.
+        # The callback of a deleted source runs before another one can have its identity.
         entries[key] = ref(source, lambda _: entries.pop(key, None)), value
         while len(entries) > self._most:
             try:
@@ -54,10 +54,10 @@ class Derived(Generic[_Source, _Value]):
 
 
 class Bounded(dict[_Key, _Value]):
-    """A dictionary that forgets all it holds before it would hold too much."""
+    """A dictionary that is cleared before it would exceed a number of entries."""
 
     def __init__(self, most: int) -> None:
-        """Begin empty; hold ``most`` entries at most."""
+        """Start empty; hold at most ``most`` entries."""
         super().__init__()
         self._most = most
 
@@ -69,47 +69,47 @@ class Bounded(dict[_Key, _Value]):
 
 
 class Latest:
-    """Values by name, each good while what it was made from is the same."""
+    """The latest value of each name, valid while the sources that it depends on are the same."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without values."""
         self._kept: dict[Any, tuple[tuple[Any, ...], Any]] = {}
 
     def get(self, name: Any, sources: tuple[Any, ...]) -> Any:
-        """Return the value that a name was given last; None if it was made from something else.
+        """Return the latest value of a name; None if it depends on other sources.
 
         Args:
-            name: What the value is called.
+            name: Name of the value.
             sources: All that it depends on: the same objects, or equal numbers and texts.
         """
-        kept = self._kept.get(name)
-        if kept is None or len(kept[0]) != len(sources):
+        entry = self._kept.get(name)
+        if entry is None or len(entry[0]) != len(sources):
             return None
-        return kept[1] if all(map(_is_same, kept[0], sources)) else None
+        return entry[1] if all(map(_is_same_source, entry[0], sources)) else None
 
     def made(self, name: Any, sources: tuple[Any, ...], make: Callable[[], _Value]) -> _Value:
-        """Return the value that a name was given last; made now if it was made from others.
+        """Return the latest value of a name; computed now if it depends on other sources.
 
         Args:
-            name: What the value is called.
+            name: Name of the value.
             sources: All that it depends on: the same objects, or equal numbers and texts.
-            make: Makes the value; it is not None.
+            make: Computes the value, which is not None.
         """
         value = self.get(name, sources)
         return self.put(name, sources, make()) if value is None else value
 
     def put(self, name: Any, sources: tuple[Any, ...], value: _Value) -> _Value:
-        """Keep the value of a name instead of the last one, and return it; see `get`."""
+        """Replace the value of a name, and return it; see `get`."""
         self._kept[name] = sources, value
         return value
 
 
 def is_alike(one: Any, other: Any) -> bool:
-    """Return whether two contents are the same, types, signs of zero and order included.
+    """Return whether two values are equal, including types, signs of zero and order.
 
     Args:
         one: A number, a text, None, or mappings and lists of these.
-        other: Another.
+        other: The value to compare with.
     """
     kind = type(one)
     if one is other or kind is not type(other):
@@ -129,6 +129,6 @@ def is_alike(one: Any, other: Any) -> bool:
 _PLAIN = frozenset({float, int, str, bool, bytes})
 
 
-def _is_same(one: Any, other: Any) -> bool:
+def _is_same_source(one: Any, other: Any) -> bool:
     """Return whether two sources are the same object, or equal numbers or texts."""
     return one is other or (type(one) in _PLAIN and is_alike(one, other))

@@ -1,9 +1,9 @@
-"""A process of our own that computes calls and can be ended at any moment.
+"""Child processes that compute calls and can be killed at any moment.
 
-Native libraries hold their process while they compute, and a fault in one ends it. What may take
-for ever or crash is therefore called in here: convex decomposition, the samples of a study, the
-viewer's solutions. Such processes are kept ready: one for each thread that asks at a time. They may
-share work: what all parts of it need is sent to each of them once.
+Native libraries block their process while they compute, and a fault in one ends it. Work that may
+never end or may crash is therefore called here: convex decomposition, the samples of a study, the
+viewer's solutions. Such processes are kept ready: one for each thread that uses one at a time. They
+may share work: data that all parts of it need are sent to each process once.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ _PROGRAM = (
 _LENGTH = struct.Struct("<Q")
 _BEGUN, _ITEM, _END, _ERROR = range(4)
 _ORPHAN_SLACK = 10.0
-"""Seconds beyond its limit after which a child that nobody ends ends itself."""
+"""Seconds beyond its limit after which a child ends itself if its parent has not killed it."""
 
 
 class ChildProcess:
     """A process that computes calls, one after the other, until it is closed.
 
-    It is started afresh and not forked, does not run the main script, ignores Ctrl-C and ends with
-    its parent. Functions and values go there and back by pickle; what a call prints goes to
-    standard error. Not to be shared between threads, but for `kill`.
+    It is a new interpreter, not a fork, does not run the main script, ignores Ctrl-C and ends with
+    its parent. Functions and values are transferred by pickle; what a call prints goes to standard
+    error. Threads must not share it, except for `kill`.
     """
 
     def __init__(
@@ -52,16 +52,16 @@ class ChildProcess:
         """Start the process.
 
         Args:
-            environment: Variables that it has beside those of this process.
-            idle_seconds: After how long without a call it ends; None: never.
+            environment: Environment variables in addition to those of this process.
+            idle_seconds: Time without a call after which it ends; None: never.
         """
         options = ["-P", "-c", _PROGRAM, *map(str, sys.path)]
-        more = {} if idle_seconds is None else {_IDLE: str(idle_seconds)}
+        idle = {} if idle_seconds is None else {_IDLE: str(idle_seconds)}
         self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and program
             [sys.executable, *options],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, **(environment or {}), **more},
+            env={**os.environ, **(environment or {}), **idle},
             start_new_session=True,  # or Ctrl-C in a terminal would reach it
         )
         self._answers: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
@@ -70,7 +70,7 @@ class ChildProcess:
 
     @property
     def is_running(self) -> bool:
-        """Whether it still runs."""
+        """Whether the process still runs."""
         return self._process.poll() is None
 
     def call(
@@ -79,50 +79,50 @@ class ChildProcess:
         """Compute one call.
 
         Args:
-            function: A function that a module has under its name.
-            *arguments: What it is called with.
-            limit: Seconds that it may take; None: as many as it needs.
+            function: A function that can be pickled, by its name in a module.
+            *arguments: Its arguments.
+            limit: Seconds that it may take; None: no limit.
 
         Returns:
-            What the function returns.
+            The function's result.
 
         Raises:
             CrashError: If the process ended.
             OverrunError: If the call took longer; the process was ended.
-            Exception: What the function raises.
+            Exception: The function's error.
         """
-        (result,) = self.iterate(_once, function, arguments, limit=limit)
+        (result,) = self.iterate(_single_call, function, arguments, limit=limit)
         return result
 
     def iterate(
         self, function: Callable[..., Iterator[Any]], *arguments: Any, limit: float | None = None
     ) -> Iterator[Any]:
-        """Run through what a function yields.
+        """Iterate over the items of a generator function.
 
         Args:
-            function: A generator function that a module has under its name.
-            *arguments: What it is called with.
-            limit: Seconds that each item may take; None: as many as it needs.
+            function: A generator function that can be pickled, by its name in a module.
+            *arguments: Its arguments.
+            limit: Seconds that each item may take; None: no limit.
 
         Returns:
-            The items, as they come. The function has begun: modules are loaded.
+            The items, as they arrive. The function has started: modules are loaded.
 
         Raises:
             CrashError: If the process ended, at once or at an item.
             OverrunError: If an item took longer; the process was ended.
-            Exception: What the function raises.
+            Exception: The function's error.
         """
         last = None if limit is None else limit + _ORPHAN_SLACK
         request = pickle.dumps((function, arguments, last), pickle.HIGHEST_PROTOCOL)
         try:
             _send(self._stdin, request)
         except (OSError, ValueError):  # it has died, or has been closed
-            raise self._crash() from None
-        self._answer(None)
-        return self._items(limit)
+            raise self._crash_error() from None
+        self._next_answer(None)
+        return self._answer_items(limit)
 
     def kill(self) -> None:
-        """End the process at once. Safe in any thread, more than once."""
+        """End the process at once. It may be called in any thread, and repeatedly."""
         self._process.kill()
 
     def close(self) -> None:
@@ -130,7 +130,7 @@ class ChildProcess:
         self.kill()
         self._process.wait()
         self._reader.join()
-        # What was on its way to a process that died cannot be flushed.
+        # Data still buffered for a dead process cannot be flushed.
         try:
             self._stdin.close()
         except OSError:
@@ -150,39 +150,39 @@ class ChildProcess:
         return self._process.stdin
 
     def _read(self) -> None:
-        """Put answers into the queue as they come, at the end None."""
+        """Queue the answers as they arrive, and None at the end."""
         assert self._process.stdout is not None  # noqa: S101 - it was asked for
         with self._process.stdout as stream:
             while (answer := _receive(stream)) is not None:
                 self._answers.put(answer)
         self._answers.put(None)
 
-    def _items(self, limit: float | None) -> Iterator[Any]:
+    def _answer_items(self, limit: float | None) -> Iterator[Any]:
         try:
             while True:
-                kind, value = self._answer(limit)
+                kind, value = self._next_answer(limit)
                 if kind == _END:
                     return
                 yield value
         except GeneratorExit:
-            self.close()  # or the rest would be taken for the answer to the next call
+            self.close()  # else remaining items would be taken for answers to the next call
             raise
 
-    def _answer(self, limit: float | None) -> tuple[int, Any]:
+    def _next_answer(self, limit: float | None) -> tuple[int, Any]:
         try:
             answer = self._answers.get(timeout=limit)
         except queue.Empty:
             self.close()
             raise OverrunError(f"took longer than {limit:g} s") from None
         if answer is None:
-            raise self._crash()
+            raise self._crash_error()
         kind, value = pickle.loads(answer)  # noqa: S301 - from our own process
         if kind == _ERROR:
             raise value
         return kind, value
 
-    def _crash(self) -> CrashError:
-        self._answers.put(None)  # for whoever asks again
+    def _crash_error(self) -> CrashError:
+        self._answers.put(None)  # for later calls
         code = self._process.wait()
         if code >= 0:
             return CrashError(f"the process ended with exit code {code}")
@@ -197,18 +197,18 @@ _IDLE = "GRASPLESS_PIN_IDLE_SECONDS"
 
 
 def serve() -> None:
-    """Be the child: answer what comes in on standard input until that ends."""
+    """Run the child: answer the requests on standard input until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # What is to be said of a scene, the parent says once.
+    # The parent emits the findings on a scene once.
     warnings.simplefilter("ignore", GrasplessPinWarning)
     stdin, stdout = os.dup(0), os.dup(1)
-    # What libraries print must not come between the answers, nor may they read requests.
+    # Libraries must not print into the answers, nor read requests.
     os.dup2(2, 1)
     with open(os.devnull, "rb") as nothing:  # noqa: PTH123 - a descriptor is wanted
         os.dup2(nothing.fileno(), 0)
     idle = os.environ.pop(_IDLE, None)
     requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(stdin, requests), daemon=True).start()
+    threading.Thread(target=_queue_requests, args=(stdin, requests), daemon=True).start()
     with os.fdopen(stdout, "wb") as answers:
         while True:
             try:
@@ -218,8 +218,8 @@ def serve() -> None:
             _answer_request(request, answers)
 
 
-def _listen(stdin: int, requests: queue.SimpleQueue[bytes]) -> None:
-    """Queue requests, and end this process when its parent does, even if that was killed."""
+def _queue_requests(stdin: int, requests: queue.SimpleQueue[bytes]) -> None:
+    """Queue requests, and end this process when its parent ends, even if that was killed."""
     with os.fdopen(stdin, "rb") as stream:
         while (request := _receive(stream)) is not None:
             requests.put(request)
@@ -230,10 +230,10 @@ def _answer_request(request: bytes, answers: IO[bytes]) -> None:
     try:
         function, arguments, last = pickle.loads(request)  # noqa: S301 - from our own parent
         _send(answers, pickle.dumps((_BEGUN, None)))
-        _end_after(last)
+        _end_process_after(last)
         for item in function(*arguments):
             _send(answers, pickle.dumps((_ITEM, item), pickle.HIGHEST_PROTOCOL))
-            _end_after(last)
+            _end_process_after(last)
         _send(answers, pickle.dumps((_END, None)))
     except Exception as error:  # it is the caller's
         _send(answers, _pickled_error(error))
@@ -241,10 +241,10 @@ def _answer_request(request: bytes, answers: IO[bytes]) -> None:
         faulthandler.cancel_dump_traceback_later()
 
 
-def _end_after(seconds: float | None) -> None:
-    """End this process later on, even in a native call that lets nobody run.
+def _end_process_after(seconds: float | None) -> None:
+    """End this process after some time, even in a native call that blocks all threads.
 
-    The parent does so earlier, if it has not been killed itself.
+    The parent ends it earlier, unless it has been killed itself.
     """
     if seconds is not None:
         with open(os.devnull, "w") as nowhere:  # noqa: PTH123 - a descriptor is wanted
@@ -252,7 +252,7 @@ def _end_after(seconds: float | None) -> None:
 
 
 def _pickled_error(error: Exception) -> bytes:
-    """Return an error, or its text where it cannot be pickled."""
+    """Return a pickled error, or one with its text if it cannot be pickled."""
     try:
         answer = pickle.dumps((_ERROR, error))
         pickle.loads(answer)  # noqa: S301 - our own; some errors only fail here
@@ -261,7 +261,7 @@ def _pickled_error(error: Exception) -> bytes:
     return answer
 
 
-def _once(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Iterator[Any]:
+def _single_call(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Iterator[Any]:
     yield function(*arguments)
 
 
@@ -292,24 +292,24 @@ _IDLE_SECONDS = 60.0
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 class ChildProcesses:
-    """Processes with one thread of linear algebra each, which wait for calls until they are ended.
+    """A pool of child processes, each with a single thread of linear algebra.
 
     Attributes:
-        stopped: Set once they were all ended.
+        stopped: Set once all were ended.
     """
 
     def __init__(self, *, idle_seconds: float | None = None) -> None:
-        """Start with none.
+        """Start without processes.
 
         Args:
-            idle_seconds: After how long without work a process ends; None: never.
+            idle_seconds: Time without work after which a process ends; None: never.
         """
         self._idle_seconds = idle_seconds
         self._lock = threading.Lock()
@@ -320,17 +320,17 @@ class ChildProcesses:
     def taken(
         self, function: Callable[..., object], instead_of: ChildProcess | None = None
     ) -> ChildProcess:
-        """Return a process that answers, to be given back.
+        """Return a process that answers, to be returned by `give_back`.
 
         Args:
-            function: What it will be asked to call; the modules that this needs are loaded now.
-            instead_of: One that was taken and has died, or has to end; None: a further one.
+            function: The function that it will call; the modules that this needs are loaded now.
+            instead_of: A taken process to discard, dead or not; None: an additional one.
 
         Raises:
             CrashError: If it does not start.
         """
         if instead_of is not None:
-            self._drop(instead_of)
+            self._discard(instead_of)
         with self._lock:
             was_idle = bool(self._idle) and instead_of is None
             if was_idle:
@@ -339,11 +339,11 @@ class ChildProcesses:
                 child = ChildProcess(environment=_ONE_THREAD, idle_seconds=self._idle_seconds)
             self._busy.add(child)
         try:
-            child.call(_loaded, function)
+            child.call(_confirm_loaded, function)
         except CrashError as error:
             if was_idle:
                 return self.taken(function, child)
-            self._drop(child)
+            self._discard(child)
             raise CrashError(f"the worker processes do not start ({error})") from None
         return child
 
@@ -358,7 +358,7 @@ class ChildProcesses:
             child.close()
 
     def stop(self) -> None:
-        """End all processes, whatever they compute."""
+        """End all processes, even during a call."""
         self.stopped.set()
         with self._lock:
             children = [*self._idle, *self._busy]
@@ -369,25 +369,25 @@ class ChildProcesses:
         for child in idle:
             child.close()
 
-    def _drop(self, child: ChildProcess) -> None:
+    def _discard(self, child: ChildProcess) -> None:
         with self._lock:
             self._busy.discard(child)
         child.close()
 
 
-def _loaded(_function: Callable[..., object]) -> bool:
-    """Answer: to be here the function was found in its module."""
+def _confirm_loaded(_function: Callable[..., object]) -> bool:
+    """Return True: the argument was unpickled, so its module is loaded."""
     return True
 
 
 def kept_processes() -> ChildProcesses:
-    """Return the processes that this process keeps; each ends after a minute without work."""
-    return _kept_by(os.getpid())
+    """Return the pool of this process; each of its processes ends after a minute without work."""
+    return _processes_of(os.getpid())
 
 
 @cache
-def _kept_by(_process: int) -> ChildProcesses:
-    """One set for each process: those of a parent that has forked are not ours."""
+def _processes_of(_process: int) -> ChildProcesses:
+    """Return the pool of a process by its number: a fork must not use the pool of its parent."""
     children = ChildProcesses(idle_seconds=_IDLE_SECONDS)
     atexit.register(children.stop)
     return children
@@ -396,7 +396,7 @@ def _kept_by(_process: int) -> ChildProcesses:
 _Part = TypeVar("_Part")
 _Found = TypeVar("_Found")
 _MOST_SHARED = 4
-"""Things that a process keeps for the parts of work to come."""
+"""Number of shared objects that a process keeps for later parts of work."""
 
 
 def shared_work(
@@ -406,51 +406,51 @@ def shared_work(
     workers: int,
     processes: ChildProcesses,
 ) -> Iterator[_Found]:
-    """Yield what is found of parts of some work, in their order.
+    """Yield the results of parts of some work, in their order.
 
-    Parts that were not begun when the caller stops are left out; those that were are waited for.
+    If the caller stops, parts that have not started are skipped, and the others are waited for.
 
     Args:
-        compute: Finds it, from what is shared and a part; a function that a module has under its
-            name. It never returns None.
-        shared: What all parts need; a process keeps it, with what it has learned, for the next.
+        compute: Returns the result, never None, from the shared object and a part; it must be
+            picklable, by its name in a module.
+        shared: Object that all parts need; a process keeps it, with its cached state, for the next.
         parts: The parts.
-        workers: How many processes work at a time.
-        processes: Where to take them from.
+        workers: Number of processes that work at a time.
+        processes: The pool of processes.
 
     Raises:
         CrashError: If a process dies.
-        Exception: What the function raises.
+        Exception: The function's error.
     """
     token = _token_of(shared)
 
-    def found(part: _Part) -> _Found:
-        child = processes.taken(_found_there)
+    def result_of(part: _Part) -> _Found:
+        child = processes.taken(_part_result)
         try:
-            there = child.call(_found_there, compute, token, None, part)
-            if there is None:
-                there = child.call(_found_there, compute, token, shared, part)
-            return there
+            result = child.call(_part_result, compute, token, None, part)
+            if result is None:
+                result = child.call(_part_result, compute, token, shared, part)
+            return result
         finally:
             processes.give_back(child)
 
     with ThreadPoolExecutor(workers, thread_name_prefix="graspless-work") as threads:
         try:
-            yield from threads.map(found, parts)
+            yield from threads.map(result_of, parts)
         finally:
             threads.shutdown(wait=True, cancel_futures=True)
 
 
 _token_of: Derived[Any, str] = Derived(lambda _: uuid4().hex, most=math.inf)
-"""What tells something from all else, in any process."""
+"""Returns a token that identifies an object in all processes."""
 _SHARED: dict[str, Any] = {}
-"""What this process was sent, by token."""
+"""Shared objects that this process has received, by token."""
 
 
-def _found_there(
+def _part_result(
     compute: Callable[[Any, Any], Any], token: str, shared: object | None, part: Any
 ) -> Any:
-    """Return what is found of a part in another process; None: what is shared is not there yet."""
+    """Return the result of a part, in a child; None if the shared object has not been sent yet."""
     if shared is not None:
         if len(_SHARED) >= _MOST_SHARED:
             del _SHARED[next(iter(_SHARED))]

@@ -1,4 +1,4 @@
-"""Every error that graspless_pin raises on purpose, under one root class.
+"""All errors that graspless_pin raises deliberately, under one root class.
 
 An infeasible problem is not an error: it is a solution whose ``found`` is False.
 """
@@ -49,16 +49,16 @@ class GrasplessPinError(Exception):
 def optional_import(
     what: str, extra: str, kind: type[Exception] = GrasplessPinError, *, instead: str = ""
 ) -> Iterator[None]:
-    """Import what an extra of this package brings, or say how to install it.
+    """Turn an import error in the block into one that says which extra of this package to install.
 
     Args:
-        what: What needs it, as a clause: ``"plots need matplotlib"``.
+        what: What needs the import, as a clause: ``"plots need matplotlib"``.
         extra: Name of the extra.
-        kind: The error to be raised.
-        instead: What else would do, behind a comma.
+        kind: Class of the error to raise.
+        instead: An alternative, after a comma.
 
     Raises:
-        Exception: Of that kind, if an import fails.
+        Exception: Of class ``kind``, if an import fails.
     """
     try:
         yield
@@ -78,7 +78,7 @@ class ArgumentError(GrasplessPinError, ValueError):
     """
 
     def __init__(self, argument: str, message: str) -> None:
-        """Take the name and what is wrong with it."""
+        """Create the error from the argument's name and what is wrong with it."""
         # Both are the exception's arguments, so that it can be pickled for another process.
         super().__init__(argument, message)
         self.argument, self.message = argument, message
@@ -89,7 +89,7 @@ class ArgumentError(GrasplessPinError, ValueError):
 
 
 class JointLimitError(ArgumentError):
-    """A joint is told to stand outside its limits. See the example of `GrasplessPinError`."""
+    """A given joint position is outside its limits. See the example of `GrasplessPinError`."""
 
 
 class SceneError(GrasplessPinError, ValueError):
@@ -99,12 +99,12 @@ class SceneError(GrasplessPinError, ValueError):
     """
 
     def at(self, where: str) -> Self:
-        """Return the same error with a place before its message."""
+        """Return the same error with a location before its message."""
         return type(self)(*self.args[:-1], f"{where}: {self}")
 
 
 class StateFault(Enum):
-    """What can be wrong with the state of a sound scene; the value is the message.
+    """Faults of a state of a valid scene; the value is the message.
 
     See the example of `GrasplessPinError`.
     """
@@ -117,16 +117,16 @@ class StateFault(Enum):
 
 
 class StateError(SceneError):
-    """A scene has no problem to solve in this state; with other poses or motions it may.
+    """A scene has no problem to solve in this state, but may have one with other poses or motions.
 
     See the example of `GrasplessPinError`.
 
     Attributes:
-        kind: What is wrong.
+        kind: The fault.
     """
 
     def __init__(self, kind: StateFault, message: str) -> None:
-        """Take what is wrong and the message that names the bodies."""
+        """Create the error from the fault and the message that names the bodies."""
         super().__init__(kind, message)
         self.kind = kind
 
@@ -162,11 +162,11 @@ class TextError(GrasplessPinError):
     See the example of `GrasplessPinError`.
 
     Attributes:
-        line: Where, from 1; None: not known.
+        line: Number of the line, from 1; None: not known.
     """
 
     def __init__(self, message: str, line: int | None = None) -> None:
-        """Take what is wrong, and where."""
+        """Create the error from its message and the line."""
         super().__init__(message, line)
         self.line = line
 
@@ -176,21 +176,21 @@ class TextError(GrasplessPinError):
 
 
 class NoSolutionError(GrasplessPinError, RuntimeError):
-    """Torques, forces or a mode were asked of a solution that has none.
+    """Torques, forces or a mode of a solution were read that has none.
 
     See the example of `GrasplessPinError`.
     """
 
 
 class SolverUnavailableError(GrasplessPinError, ValueError):
-    """The named solver is not known or not installed.
+    """The named solver is unknown or not installed.
 
     See the example of `GrasplessPinError`.
     """
 
 
 class UndecidedMotionError(GrasplessPinError, ArithmeticError):
-    """No solver decided whether there is a virtual motion behind a mode.
+    """No solver decided whether a mode has a virtual motion.
 
     `maximize_margin`, `minimize_torque` and `Evaluator` turn it into a status.
 
@@ -199,42 +199,42 @@ class UndecidedMotionError(GrasplessPinError, ArithmeticError):
 
 
 class CrashError(GrasplessPinError, RuntimeError):
-    """A process that computed something ended in the middle of it.
+    """A child process ended during a computation.
 
     See the example of `GrasplessPinError`.
     """
 
 
 class OverrunError(GrasplessPinError, TimeoutError):
-    """Something took more than its limit, of time or of nodes.
+    """A computation exceeded its limit of time or nodes.
 
     See the example of `GrasplessPinError`.
     """
 
 
 class GrasplessPinWarning(UserWarning):
-    """The warning of this package: something was found, and nobody asked for findings.
+    """The warning of this package: a finding outside `findings.capture`.
 
     See the example of `GrasplessPinError`.
 
     Attributes:
-        finding: What was found, a `graspless_pin.Finding`: its ``code`` tells one from another.
+        finding: A `graspless_pin.Finding`: its ``code`` says which kind it is.
     """
 
     def __init__(self, finding: object) -> None:
-        """Take what was found."""
+        """Create the warning from a finding."""
         super().__init__(finding)
         self.finding = finding
 
 
 def internal_error(error: BaseException) -> str:
-    """Return in one short line what was raised, and in which line of this package, for a report."""
-    where, at = "", error.__traceback__
-    while at is not None:
-        path = PurePath(at.tb_frame.f_code.co_filename)
+    """Return one short line on an unexpected error and its line in this package, for a report."""
+    where, traceback = "", error.__traceback__
+    while traceback is not None:
+        path = PurePath(traceback.tb_frame.f_code.co_filename)
         if __package__ in path.parts:
-            where = f" in {path.name}, line {at.tb_lineno}"
-        at = at.tb_next
+            where = f" in {path.name}, line {traceback.tb_lineno}"
+        traceback = traceback.tb_next
     words = " ".join(str(error).split())
     words = words if len(words) <= 200 else f"{words[:200]} [...]"
     return f"internal error{where}: {type(error).__name__}{words and f': {words}'}"

@@ -1,6 +1,6 @@
-"""What is wrong without being an error: one record for it, from wherever it is found.
+"""Findings: records of what looks wrong without being an error.
 
-What is found is emitted: inside `capture` it is kept, else it becomes a Python warning.
+Findings are emitted: inside `capture` they are collected, else they become Python warnings.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from graspless_pin.errors import GrasplessPinWarning
 
 
 class Severity(StrEnum):
-    """How much a finding weighs, the gravest first. See the example of `Finding`."""
+    """The severity of a finding, the gravest first. See the example of `Finding`."""
 
     SERIOUS = "serious"
-    """The answer is not one to the question that was meant, or the scene cannot be set up so."""
+    """The scene is not the intended one, or cannot exist as it is described."""
     WARNING = "warning"
-    """The answer may hang on it."""
+    """The answer may depend on it."""
     NOTE = "note"
-    """Worth to know."""
+    """Useful to know."""
 
 
 class FindingCode(StrEnum):
-    """What can be found; `docs/troubleshooting.md` has the cures. See the example of `Finding`."""
+    """Kinds of findings; `docs/troubleshooting.md` has remedies. See the example of `Finding`."""
 
     severity: Severity
 
     def __new__(cls, value: str, severity: Severity) -> Self:
-        """Make a member of its value and its severity."""
+        """Create a member from its value and its severity."""
         member = str.__new__(cls, value)
         member._value_ = value
         member.severity = severity
@@ -100,13 +100,13 @@ class FindingCode(StrEnum):
 
     @property
     def words(self) -> str:
-        """The code in words."""
+        """The code as words, without hyphens."""
         return self.replace("-", " ")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong, or looks so, with what to do about it.
+    """A fault, or what looks like one, with advice.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -116,12 +116,12 @@ class Finding:
         warning; steep-friction; the coefficient of friction 80 (default) is above 3
 
     Attributes:
-        code: What it is.
+        code: Its kind.
         subject: Name of the body, joint, link or file that it is about.
         message: What was found.
         advice: What to do.
-        key: Where the scene file says it, such as ``("supports", 0, "pose")``; empty: nowhere.
-        place: The file's name, line and key, where it is known.
+        key: Its key in the scene file, such as ``("supports", 0, "pose")``; empty: none.
+        place: The file's name, line and key, if known.
     """
 
     code: FindingCode
@@ -133,11 +133,11 @@ class Finding:
 
     @property
     def severity(self) -> Severity:
-        """How much it weighs."""
+        """Severity of its code."""
         return self.code.severity
 
     def __str__(self) -> str:
-        """Return where it is, what was found and what to do."""
+        """Return its place, message and advice."""
         place = f"{self.place}: " if self.place else ""
         return f"{place}{self.message}; {self.advice}"
 
@@ -147,27 +147,27 @@ _UNITS = frozenset({
     FindingCode.UNLIKELY_DENSITY, FindingCode.UNLIKELY_INERTIA, FindingCode.UNLIKELY_GRAVITY,
     FindingCode.MESH_SCALE,
 })  # fmt: skip
-"""What is found where a figure is in another unit than was meant."""
+"""Findings that are usually caused by a figure in a wrong unit."""
 
 
 def causes_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings in the order in which to look at them, each once.
+    """Return distinct findings in the order in which to handle them.
 
-    Wrong units come first: they explain what else is found. All others come by severity, then in
-    the order of their codes.
+    Wrong units come first: they often cause the others. All others are in the order of severity,
+    then of their codes.
     """
     codes, severities = list(FindingCode), list(Severity)
-    once = dict.fromkeys(findings)
+    distinct = dict.fromkeys(findings)
 
-    def place(one: Finding) -> tuple[bool, int, int]:
-        return one.code not in _UNITS, severities.index(one.severity), codes.index(one.code)
+    def rank(item: Finding) -> tuple[bool, int, int]:
+        return item.code not in _UNITS, severities.index(item.severity), codes.index(item.code)
 
-    return tuple(sorted(once, key=place))
+    return tuple(sorted(distinct, key=rank))
 
 
 def is_serious(findings: Iterable[Finding]) -> bool:
-    """Return whether any of them is serious."""
-    return any(one.severity is Severity.SERIOUS for one in findings)
+    """Return whether any finding is serious."""
+    return any(finding.severity is Severity.SERIOUS for finding in findings)
 
 
 def plain_findings(findings: Iterable[Finding]) -> list[dict[str, Any]]:
@@ -179,7 +179,7 @@ _LISTENER: ContextVar[list[Finding] | None] = ContextVar("listener", default=Non
 
 
 def emit(*findings: Finding) -> None:
-    """Pass on what was found: to the innermost `capture`, else as Python warnings.
+    """Emit findings to the innermost `capture`, else as Python warnings.
 
     Warns:
         GrasplessPinWarning: Outside any `capture`; the warning has the finding.
@@ -194,7 +194,7 @@ def emit(*findings: Finding) -> None:
 
 @contextmanager
 def capture() -> Iterator[list[Finding]]:
-    """Collect what is emitted inside, in this thread; nothing of it becomes a warning."""
+    """Collect the findings emitted in the block, in this thread; none becomes a warning."""
     found: list[Finding] = []
     token = _LISTENER.set(found)
     try:

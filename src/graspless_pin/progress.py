@@ -1,4 +1,4 @@
-"""Say what takes more than a second, while it does."""
+"""Progress messages for work that takes more than a second."""
 
 from __future__ import annotations
 
@@ -7,38 +7,38 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-_SHOWN_AFTER = 1.0  # s; what is done by then needs no word
+_SHOWN_AFTER = 1.0  # s; shorter work is not shown
 _SHOWN_EVERY = 0.2  # s
-_DOING: list[list[str]] = []  # in words: what, and how far it is
+_DOING: list[list[str]] = []  # texts of the work under way: what it is, and its status
 
 
 @contextmanager
 def waiting_for(what: str, *, everywhere: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show on standard error, if that is a terminal, what is being done; print nothing inside.
+    """Show on standard error, if that is a terminal, the work in the block; print nothing inside.
 
-    What is done inside of something else is shown behind it.
+    Nested work is shown behind the outer one.
 
     Args:
-        what: In words, such as ``looking for a verdict``.
-        everywhere: Whether to write a line, too, where standard error is no terminal.
+        what: A text, such as ``looking for a verdict``.
+        everywhere: Whether to write a line even if standard error is no terminal.
 
     Returns:
-        Takes how far it is, in words.
+        A function that sets the status text.
     """
-    own = [what]
+    texts = [what]
 
     def update(status: str) -> None:
-        own[1:] = [status]
+        texts[1:] = [status]
 
     on_terminal = sys.stderr.isatty()
     if not on_terminal and not everywhere:
         yield update
         return
     shown_already = on_terminal and len(_DOING) > 0
-    _DOING.append(own)
+    _DOING.append(texts)
     done = threading.Event()
     thread = threading.Thread(
-        target=_show if on_terminal else _write, args=(what, done), daemon=True
+        target=_show_status if on_terminal else _write_line, args=(what, done), daemon=True
     )
     if not shown_already:
         thread.start()
@@ -46,28 +46,28 @@ def waiting_for(what: str, *, everywhere: bool = False) -> Iterator[Callable[[st
         yield update
     finally:
         done.set()
-        _DOING[:] = [one for one in _DOING if one is not own]
+        _DOING[:] = [item for item in _DOING if item is not texts]
         if not shown_already:
             thread.join()
 
 
-def _show(_: str, done: threading.Event) -> None:
+def _show_status(_: str, done: threading.Event) -> None:
     if done.wait(_SHOWN_AFTER):
         return
     from rich.console import Console
     from rich.text import Text
 
-    def words() -> Text:
+    def status_text() -> Text:
         return Text(f"{': '.join(word for one in _DOING for word in one)} (Ctrl-C ends it)")
 
     if done.is_set():  # while rich was being imported
         return
-    with Console(stderr=True).status(words()) as status:
+    with Console(stderr=True).status(status_text()) as status:
         while not done.wait(_SHOWN_EVERY):
-            status.update(words())
+            status.update(status_text())
 
 
-def _write(what: str, done: threading.Event) -> None:
+def _write_line(what: str, done: threading.Event) -> None:
     if not done.wait(_SHOWN_AFTER):
         sys.stderr.write(f"{what}\n")
         sys.stderr.flush()

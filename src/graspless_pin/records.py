@@ -1,6 +1,6 @@
-"""What frozen records share: own arrays, pickles, a short ``repr``, copies not checked again.
+"""Base classes and copies of frozen records: own arrays, pickles, a short ``repr``.
 
-Frozen records are written into here, and while they are made.
+Only this module, and constructors, write into frozen records.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ _Record = TypeVar("_Record")
 
 
 def unchecked(kind: type[_Record], /, **values: Any) -> _Record:
-    """Return a record of values that are right by construction, without its constructor's checks.
+    """Return a record of values that are valid by construction, without the constructor's checks.
 
     Args:
         kind: The class of the record.
-        values: By name: all fields, and what else is known of it (cached properties).
+        values: By name: all fields, and cached properties that are known.
     """
     record = object.__new__(kind)
     record.__dict__.update(values)
@@ -35,11 +35,11 @@ def unchecked(kind: type[_Record], /, **values: Any) -> _Record:
 
 
 def changed(record: _Record, /, *forgotten: str, **values: Any) -> _Record:
-    """Return a copy of a record with other values, which are right by construction.
+    """Return a copy of a record with changed values, which are valid by construction.
 
     Args:
-        record: The record; what was derived from it goes along.
-        forgotten: Names of cached properties that hang on what changes.
+        record: The record; its cached properties are copied.
+        forgotten: Names of cached properties that depend on the changes.
         values: By name, see `unchecked`.
     """
     copied = object.__new__(type(record))
@@ -51,21 +51,21 @@ def changed(record: _Record, /, *forgotten: str, **values: Any) -> _Record:
 
 
 class Brief:
-    """A dataclass made with ``repr=False``, whose ``repr`` is a line or two."""
+    """A base of dataclasses with ``repr=False``: a ``repr`` of a line or two."""
 
     __slots__ = ()
 
     def __repr__(self) -> str:
-        """Return the fields, without what stands in arrays and long collections."""
+        """Return the fields, without the items of arrays and long collections."""
         shown = [
-            f"{one.name}={_value(getattr(self, one.name))}"
-            for one in fields(self)  # pyright: ignore[reportArgumentType]
-            if one.repr and not one.name.startswith("_")
+            f"{item.name}={_brief(getattr(self, item.name))}"
+            for item in fields(self)  # pyright: ignore[reportArgumentType]
+            if item.repr and not item.name.startswith("_")
         ]
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
-def _value(value: Any) -> str:
+def _brief(value: Any) -> str:
     match value:
         case Enum():
             return value.name
@@ -80,12 +80,12 @@ def _value(value: Any) -> str:
             return str(value.tolist()) if value.size < _FEW_ITEMS else f"<array {value.shape}>"
         case Mapping():
             if 0 < len(value) <= _FEW_ITEMS:
-                inside = ", ".join(f"{_value(key)}: {_value(one)}" for key, one in value.items())
-                return _few(f"{{{inside}}}", value)
+                inside = ", ".join(f"{_brief(key)}: {_brief(one)}" for key, one in value.items())
+                return _text_or_count(f"{{{inside}}}", value)
             return f"<{len(value)} entries>" if value else "{}"
         case tuple() | list() | AbstractSet():
             if 0 < len(value) <= _FEW_ITEMS:
-                return _few(f"({', '.join(map(_value, value))})", value)
+                return _text_or_count(f"({', '.join(map(_brief, value))})", value)
             return f"<{len(value)} items>" if value else "()"
         case _:
             # Records that hold arrays have no equality, and their long repr is not made.
@@ -94,17 +94,16 @@ def _value(value: Any) -> str:
             return text if 0 < len(text) <= 2 * _LONGEST_VALUE else f"<{type(value).__name__}>"
 
 
-def _few(text: str, values: Any) -> str:
-    """Return a text if it is short, else how many values it has."""
+def _text_or_count(text: str, values: Any) -> str:
+    """Return a text if it is short, else the number of its values."""
     return text if len(text) <= _LONGEST_VALUE else f"<{len(values)} items>"
 
 
 class PickledByFields:
-    """A dataclass that pickles make again from its fields.
+    """A dataclass that is unpickled by its constructor from its fields.
 
-    Arrays come out of a pickle writeable, read-only views of mappings do not go into one, and
-    cached values would travel with it; making the record anew does without all that and runs
-    ``__post_init__``.
+    By default unpickled arrays are writeable, read-only views of mappings cannot be pickled, and
+    cached values are pickled, too; the constructor avoids that and runs ``__post_init__``.
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -117,7 +116,7 @@ class Record(PickledByFields):
     """A frozen dataclass that owns its arrays and dictionaries."""
 
     def __post_init__(self) -> None:
-        """Make them read-only."""
+        """Make its arrays and dictionaries read-only."""
         for name, value in list(vars(self).items()):
             if (own := frozen(value)) is not value:
                 object.__setattr__(self, name, own)

@@ -1,4 +1,4 @@
-"""What to say of a name that is not known, and of an argument of another kind than is wanted."""
+"""Advice for error messages on unknown names and on arguments of a wrong type."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _MOST_NAMES = 30
 
 
 def nearest_name(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:
-    """Return the known name that was probably meant; None where none is so much alike, 0 to 1."""
-    plain = {str(one).casefold(): str(one) for one in known}
-    matches = difflib.get_close_matches(str(name).casefold(), plain, n=1, cutoff=alike)
-    return plain[matches[0]] if matches else None
+    """Return the known name most similar to a name; None below the similarity ``alike``, 0 to 1."""
+    by_folded_name = {str(candidate).casefold(): str(candidate) for candidate in known}
+    matches = difflib.get_close_matches(str(name).casefold(), by_folded_name, n=1, cutoff=alike)
+    return by_folded_name[matches[0]] if matches else None
 
 
 def names_in_words(name: str, known: Iterable[str]) -> str:
@@ -25,7 +25,7 @@ def names_in_words(name: str, known: Iterable[str]) -> str:
 
 
 def first_of(words: Sequence[str], most: int, between: str = ", ") -> str:
-    """Return the first few of some words in a row, and how many more there are."""
+    """Return the first ``most`` words, joined, and the number of the others."""
     more = f" and {len(words) - most} more" if len(words) > most else ""
     return between.join(words[:most]) + more
 
@@ -56,24 +56,24 @@ _INSTEAD = {
 
 
 def knows_instead(argument: str, value: object) -> bool:
-    """Return whether there is something else to pass for such a value."""
+    """Return whether there is advice on what to pass instead of such a value."""
     return (argument, type(value).__name__) in _INSTEAD
 
 
 def what_to_pass(argument: str, value: object, wanted: str) -> str:
-    """Return what to say of an argument that is of another kind, with what to pass instead.
+    """Return the error message for an argument of a wrong type, with what to pass instead.
 
     Args:
-        argument: Its name.
-        value: What was passed.
-        wanted: The kind that is wanted.
+        argument: Name of the argument.
+        value: The value that was passed.
+        wanted: The required type.
     """
     kind = type(value).__name__
     known = "str" if isinstance(value, PurePath) else kind
     advice = _INSTEAD.get((argument, known))
     ending = f"; {advice}" if advice else ""
-    return f"is {_a(kind)}; it must be {_a(wanted)}{ending}"
+    return f"is {_with_article(kind)}; it must be {_with_article(wanted)}{ending}"
 
 
-def _a(noun: str) -> str:
+def _with_article(noun: str) -> str:
     return f"{'an' if noun[:1] in 'AEIOaeiou' else 'a'} {noun}"

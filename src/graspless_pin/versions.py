@@ -1,4 +1,4 @@
-"""The versions of what the figures depend on, for studies and reports."""
+"""Versions of the packages that results depend on, for studies and reports."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from graspless_pin import compiled
 
-# What can change a figure: geometry, numerics and solvers.
+# Packages that can change results: geometry, numerics and solvers.
 _PACKAGES = (
     "graspless-pin", "numpy", "scipy", "pin", "coal", "trimesh", "coacd",
     "qpsolvers", "piqp", "proxsuite", "highspy", "clarabel",
@@ -15,25 +15,25 @@ _PACKAGES = (
 
 
 def has_compiled_loops() -> bool:
-    """Return whether compiled loops run; numpy does their work where they do not."""
+    """Return whether the compiled loops are available; otherwise numpy does their work."""
     return compiled.core is not None
 
 
 def versions() -> dict[str, str]:
-    """Return the version of each package that makes the figures, by name.
+    """Return the version of each package that results depend on, by name.
 
-    Beside them stands whether the compiled loops do, which round otherwise than numpy.
+    It also has whether compiled loops are used, whose rounding differs from numpy's.
     """
-    return {"compiled loops": "yes" if has_compiled_loops() else "no", **_installed()}
+    return {"compiled loops": "yes" if has_compiled_loops() else "no", **_installed_versions()}
 
 
 @cache
-def _installed() -> dict[str, str]:
-    """Return what is installed; finding it takes 10 ms."""
-    found = {}
+def _installed_versions() -> dict[str, str]:
+    """Return the versions of the installed packages; the lookup takes 10 ms."""
+    by_name = {}
     for name in _PACKAGES:
         try:
-            found[name] = version(name)
+            by_name[name] = version(name)
         except PackageNotFoundError:
             continue
-    return found
+    return by_name

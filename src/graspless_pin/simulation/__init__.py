@@ -1,4 +1,4 @@
-"""What MuJoCo says of a scene's rest: a model of the scene, and a protocol to simulate it by."""
+"""Simulation of a scene's rest in MuJoCo: the model of the scene, and the loading protocol."""
 
 from graspless_pin.simulation.model import ContactModel, SimulationModel, simulation_model
 from graspless_pin.simulation.protocol import (

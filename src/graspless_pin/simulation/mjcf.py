@@ -1,7 +1,7 @@
 """Shapes, poses and bodies as elements of MJCF, MuJoCo's own XML.
 
-Object, supports and friction of a scene are written so; what a scene in MuJoCo may not have is
-refused.
+It writes object, supports and friction of a scene, and raises errors for scenes that MuJoCo cannot
+simulate.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.problem_data import friction_at
 
 HAND: Mapping[str, int] = MappingProxyType({"priority": 1, "contype": 2, "conaffinity": 1})
-"""How links meet others: of two bodies the one of higher priority states the friction; ``contype``
-has the kinds that a body is, as bits, and ``conaffinity`` those that it meets."""
+"""Contact attributes of links: of two bodies the one with higher priority defines the friction;
+``contype`` has a body's own kinds, as bits, and ``conaffinity`` the kinds that it can touch."""
 _SUPPORT = MappingProxyType({"priority": 1, "contype": 0, "conaffinity": 3})
 _OBJECT = MappingProxyType({"priority": 0, "contype": 1, "conaffinity": 0})
 
 
 class Mjcf:
-    """An MJCF document that is being written; meshes go to its assets."""
+    """An MJCF document under construction; meshes are added to its assets."""
 
     def __init__(self, name: str) -> None:
-        """Begin a document."""
+        """Start an empty document."""
         self.root = ET.Element("mujoco", model=name)
 
     def section(self, name: str) -> ET.Element:
-        """Return the one element of a name below the root."""
-        found = self.root.find(name)
-        return ET.SubElement(self.root, name) if found is None else found
+        """Return the root's child element of a name, which is added if there is none."""
+        element = self.root.find(name)
+        return ET.SubElement(self.root, name) if element is None else element
 
-    def body(self, parent: ET.Element, name: str, T_parent_body: FloatArray) -> ET.Element:
+    def add_body(self, parent: ET.Element, name: str, T_parent_body: FloatArray) -> ET.Element:
         """Add a body at a (4, 4) pose in its parent's frame."""
         return add(parent, "body", name=name, **_pose(T_parent_body))
 
-    def shape(
+    def add_shape(
         self,
         body: ET.Element,
         name: str,
@@ -60,10 +60,10 @@ class Mjcf:
         Args:
             body: The body's element.
             name: Name of the shape.
-            geometry: What collision bodies are made of.
+            geometry: A collision geometry.
             T_body_shape: (4, 4) pose in the body's frame, m.
             friction: Coulomb's coefficient.
-            meets: How it meets others, see `HAND`.
+            meets: Contact attributes, see `HAND`.
         """
         form = shape_of(geometry).mjcf_geom()
         if "vertex" in form:
@@ -89,7 +89,7 @@ class Mjcf:
 
 def add(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:
     """Add an element with some attributes."""
-    words = {key: _words(value) for key, value in attributes.items()}
+    words = {key: _attribute_text(value) for key, value in attributes.items()}
     return ET.SubElement(parent, tag, words)
 
 
@@ -101,7 +101,7 @@ def add_tendon(document: Mjcf, name: str, arms: Mapping[str, float]) -> None:
 
 
 def add_mass(body: ET.Element, mass: float, center: FloatArray, inertia: FloatArray) -> None:
-    """State a body's mass (kg), centre of mass (3,) and inertia (3, 3) about it, in its frame."""
+    """Add a body's mass (kg), centre of mass (3,) and inertia (3, 3) about it, in its frame."""
     if not inertia.any():  # of a point; MuJoCo refuses zeros as fullinertia
         add(body, "inertial", mass=mass, pos=center, diaginertia=np.zeros(3))
         return
@@ -114,8 +114,8 @@ def _pose(T: FloatArray) -> dict[str, object]:
     return {"pos": T[:3, 3], "quat": turn.as_quat(canonical=True, scalar_first=True)}
 
 
-def _words(value: object) -> str:
-    """Return an attribute's value; numbers are read back exactly."""
+def _attribute_text(value: object) -> str:
+    """Return the text of an attribute's value; numbers are read back exactly."""
     match value:
         case str():
             return value
@@ -131,10 +131,10 @@ OBJECT = "object"
 
 
 def check_at_rest(scene: Scene) -> None:
-    """Refuse a scene in which something moves.
+    """Check that a scene declares no motion.
 
     Raises:
-        SceneError: If it does.
+        SceneError: If it declares one, or a support moves.
     """
     where = label_of(scene)
     if scene.motion is not None:
@@ -167,10 +167,10 @@ def write_supports(
     """
     for support in scene.supports:
         name = f"{prefix}{support.name}"
-        body = document.body(document.section("worldbody"), name, support.T_world_support)
+        body = document.add_body(document.section("worldbody"), name, support.T_world_support)
         friction = friction_factor * friction_at(scene, "supports", support.name)
         for number, (piece, T) in enumerate(placed_pieces(support)):
-            document.shape(body, f"{name}/{number}", piece, T, friction, _SUPPORT)
+            document.add_shape(body, f"{name}/{number}", piece, T, friction, _SUPPORT)
             yield f"{name}/{number}", support.name
 
 
@@ -178,14 +178,14 @@ def write_object(
     document: Mjcf, scene: Scene, manipulated: ManipulatedObject, name: str = OBJECT
 ) -> None:
     """Write the object at its pose, with a free joint and its payloads."""
-    body = document.body(document.section("worldbody"), name, manipulated.T_world_object)
+    body = document.add_body(document.section("worldbody"), name, manipulated.T_world_object)
     add(body, "freejoint", name=name)
     add_mass(body, manipulated.mass, manipulated.center_of_mass, manipulated.own_inertia)
     for load in scene.loads:
         if load.mass:
             at = manipulated.center_of_mass if load.at is None else load.at
-            payload = document.body(body, f"load/{load.name}", rigid(at))
+            payload = document.add_body(body, f"load/{load.name}", rigid(at))
             add_mass(payload, load.mass, np.zeros(3), np.zeros((3, 3)))
     for number, (piece, T) in enumerate(placed_pieces(manipulated)):
-        # The other body's friction counts.
-        document.shape(body, f"{name}/{number}", piece, T, 1.0, _OBJECT)
+        # The other body's coefficient is used.
+        document.add_shape(body, f"{name}/{number}", piece, T, 1.0, _OBJECT)

@@ -1,6 +1,6 @@
 """A scene as a MuJoCo model (MJCF): the same shapes, poses, inertias, friction and motors.
 
-Which joints of a hand move in a simulation, and what their motors do.
+Also which joints of a hand move in a simulation, and the commands of their motors.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from graspless_pin.simulation.mjcf import (
 
 
 class Axis(NamedTuple):
-    """A joint that moves.
+    """The axis of a joint that moves.
 
     Attributes:
-        name: Of the joint; of a hybrid finger, ``FINGER.normal_force``.
-        linear: Whether it slides.
+        name: Name of the joint; for a hybrid finger, ``FINGER.normal_force``.
+        linear: Whether it is prismatic.
         direction: (3,) unit vector, world axes.
-        hybrid: Whether it stands for a hybrid finger, which follows along its contact's normal.
+        hybrid: Whether it represents a hybrid finger, which moves along its contact's normal.
     """
 
     name: str
@@ -60,14 +60,14 @@ class Axis(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DrivenJoints:
-    """What moves in a hand of n joints.
+    """The moving joints of a hand of n joints, and their motors.
 
     Attributes:
-        axes: Joint by the index of the body that it moves.
+        axes: Joint axes by the index of the body that each moves.
         motors: Names of the joints that have a motor.
-        commands: (k,) what each motor does, N m or N.
-        idle: (k,) the same while nothing is touched: what carries the hand's own weight.
-        carried: (n,) whether a body's weight is borne by a hybrid finger's position control.
+        commands: (k,) torque or force of each motor, N m or N.
+        idle: (k,) commands without contacts, which carry the hand's own weight.
+        carried: (n,) whether a body's weight is carried by a hybrid finger's position control.
     """
 
     axes: Mapping[int, Axis]
@@ -78,7 +78,7 @@ class DrivenJoints:
 
 
 NOTHING_DRIVEN = DrivenJoints({}, (), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
-"""Without a hand."""
+"""The moving joints of a scene without a hand."""
 
 
 def driven_joints(
@@ -88,7 +88,7 @@ def driven_joints(
     torques: FloatArray,
     gravity_torques: FloatArray,
 ) -> DrivenJoints:
-    """Find what moves: force-controlled joints that move a touching link, and hybrid fingers.
+    """Return the joints that move: force-controlled ones of touching links, and hybrid fingers.
 
     Joints on common tendons move together.
 
@@ -97,7 +97,7 @@ def driven_joints(
         bodies: Its n bodies.
         contacts: The scene's contacts.
         torques: (L,) the motors' torques: actuators, then commands of hybrid fingers.
-        gravity_torques: (L,) the part of them that carries the hand's own weight.
+        gravity_torques: (L,) the part of the torques that carries the hand's own weight.
     """
     tree, coupling = hand.tree, hand.tree.coupling
     count = len(hand.actuated_joint_names)
@@ -113,11 +113,11 @@ def driven_joints(
     }
     motors = [bodies[index].joint for index in np.array(coupling.leaders)[free].tolist()]
     carried = np.zeros(len(bodies), dtype=bool)
-    for index, axis in _hybrid(hand, contacts):
+    for index, axis in _hybrid_axes(hand, contacts):
         axes[index] = axis
         motors.append(axis.name)
         carried |= tree.supports[1:, index]
-    # The one set of joint torques that the actuators' efforts stand for, see `Actuation`.
+    # The joint torques that correspond to the actuators' efforts, see `Actuation`.
     of_efforts = np.linalg.pinv(hand.actuation.from_independent.T)[free]
     commands, idle = (
         np.concatenate([of_efforts @ efforts[:count], efforts[count:]])
@@ -126,8 +126,8 @@ def driven_joints(
     return DrivenJoints(axes, tuple(motors), commands, idle, carried)
 
 
-def _hybrid(hand: Hand, contacts: SceneContacts) -> Iterator[tuple[int, Axis]]:
-    """Yield the first body and the joint of each hybrid finger that touches, as columns of J."""
+def _hybrid_axes(hand: Hand, contacts: SceneContacts) -> Iterator[tuple[int, Axis]]:
+    """Yield the first body and the axis of each touching hybrid finger, in the order of J."""
     touching, tree = contacts.arrays, hand.tree
     for link, normal in zip(touching.bodies[: touching.hand_count], touching.normals, strict=False):
         finger = hand.finger_of(link)
@@ -140,28 +140,28 @@ def _hybrid(hand: Hand, contacts: SceneContacts) -> Iterator[tuple[int, Axis]]:
 TIME_STEP = 5e-4
 """s."""
 HOLDING_GAIN = 1e2
-"""N m/rad: joints with this feedback stand still."""
+"""N m/rad: feedback that keeps joints in place."""
 _OUT_OF_REACH = 1e-3
-"""Of the largest singular value: gaps that are closed only by turning far stay open."""
+"""Relative to the largest singular value: gaps that need large rotations to close stay open."""
 _LEVER, _TURN = 0.05, 0.1
-"""m, and how readily the object turns beside joints: it moves where they cannot close a gap."""
+"""m, and weight of the object's rotation relative to joints, which close gaps first."""
 _NEWTON_STEPS, _CLOSED = 5, 1e-6
-"""Steps towards contacts without gaps, and the one that is small enough to stop, rad and m."""
+"""Largest number of steps that close gaps, and the step size at which they end, rad and m."""
 _START_OVERLAP = 1e-6
-"""m by which links that move overlap the object at the start: more than closing leaves open."""
+"""m: initial overlap of moving links and the object, more than the gap that closing leaves."""
 FIXTURE = "fixture"
 """Name of the weld that holds the object before its release."""
 
 
 @dataclass(frozen=True)
 class ContactModel:
-    """How hard bodies are: a simulator's contacts are never rigid.
+    """Stiffness of contacts, which are never rigid in a simulator.
 
     See the example of `simulate`.
 
     Attributes:
         name: ``stiff`` or ``soft``.
-        time_constant: In which an overlap goes back, s (solref).
+        time_constant: Time constant of the decay of an overlap, s (solref).
         impedance: Share of a contact's acceleration that its constraint takes, at no overlap and
             at 1 mm (solimp).
     """
@@ -177,24 +177,24 @@ SOFT = ContactModel("soft", 1e-2, (0.9, 0.99))
 
 @dataclass(frozen=True, eq=False)
 class SimulationModel(Record):
-    """A scene with its torques, ready to be simulated.
+    """The MuJoCo model of a scene with its torques.
 
     See the example of `simulation_model`.
 
     Attributes:
-        xml: The MJCF document; its key frame ``torques`` holds what the motors do.
+        xml: The MJCF document; its key frame ``torques`` has the motors' commands.
         motors: Names of the motors: joints, and the normal force of hybrid fingers.
         commands: (k,) torque or force of each motor, N m or N.
-        idle: (k,) the same while nothing is touched: what carries the hand's own weight.
+        idle: (k,) commands without contacts, which carry the hand's own weight.
         links: Name of the hand link or support by the name of its shape in the document.
-        left_out: Links that stand in a support at the start, with that support: contacts between
-            the two are left out.
+        left_out: Pairs of a link and a support that overlap at the start: contacts between the two
+            are left out.
         joints: Names of the k joints that move.
-        joint_rates: (k, L) their rates by those of the problem's joints; hybrid fingers stay.
-        closing: (k,) rad or m by which joints are off from the scene's, so that contacts have no
-            gaps, and links that move press by a micrometre.
-        object: The object, off from where the scene has it for the same reason.
-        loads: What acts on it beside gravity.
+        joint_rates: (k, L) their rates per rate of the problem's joints; zero for hybrid fingers.
+        closing: (k,) joint motions from the scene's configuration that close the gaps of contacts,
+            with a micrometre of overlap of moving links, rad or m.
+        object: The object, moved from its pose in the scene for the same reason.
+        loads: Forces on it besides gravity.
         link_wrenches: (6,) inertial [force; moment] about the centre of mass of each body of the
             hand that accelerates, world axes, N and N m, by its name in the document.
     """
@@ -221,26 +221,26 @@ def simulation_model(
     friction_factor: float = 1.0,
     contact_model: ContactModel = STIFF,
 ) -> SimulationModel:
-    """Build the MuJoCo model of a scene at rest.
+    """Return the MuJoCo model of a scene at rest.
 
-    All collision shapes of object, hand and supports are there. Contacts among hand links are left
+    It has all collision shapes of object, hand and supports. Contacts among hand links are left
     out: collision shapes of neighbours overlap. Joints that are position-controlled, or move no
-    link that touches the object, stand still; a hybrid finger slides along its contact's normal.
-    Joint coordinates are counted from the scene's configuration.
+    link that touches the object, are fixed; a hybrid finger slides along its contact's normal.
+    Joint coordinates are relative to the scene's configuration.
 
     Args:
         scene: The scene, without a declared motion.
         torques: (L,) the motors' torques, as solutions of the scene's problem give them, or by
             joint (`torques_by_joint`), N m (N).
-        controller: What runs on the free joints beside the torques, or the stiffness of its
-            position feedback, N m/rad; None: the scene's. Joints keep their own damping.
-        friction_factor: What all coefficients of friction are multiplied by.
-        contact_model: How hard bodies are.
+        controller: Controller of the free joints in addition to the torques, or the stiffness of
+            its position feedback, N m/rad; None: the scene's. Joints keep their own damping.
+        friction_factor: Factor of all coefficients of friction.
+        contact_model: Stiffness of contacts.
 
     Raises:
         ArgumentError: If the torques have the wrong shape.
         SceneError: If the scene declares a motion, has a body without a coefficient of friction or
-            another cone model than Coulomb's law, or see `Scene.contacts`.
+            a cone model other than Coulomb's law, or see `Scene.contacts`.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -257,7 +257,7 @@ def simulation_model(
             f"{label_of(scene)}: cone: is {problem.cone!r}, and the simulation has Coulomb's law; "
             "use 'edges' or 'round'"
         )
-    given = motor_torques(problem.joint_names, torques)
+    tau = motor_torques(problem.joint_names, torques)
     feedback = scene.controller if controller is None else Controller.of("controller", controller)
     document = Mjcf(scene.name)
     write_options(document, scene, contact_model)
@@ -269,14 +269,14 @@ def simulation_model(
     hand = scene.hand
     if hand is not None:
         bodies = jointed_bodies(hand)
-        joints = driven_joints(hand, bodies, scene.contacts, given, problem.gravity_torques)
+        joints = driven_joints(hand, bodies, scene.contacts, tau, problem.gravity_torques)
         elements = _write_hand(document, scene, bodies, joints, feedback)
         links |= _write_links(document, scene, hand, elements, friction_factor)
         _write_couplings(document, hand, joints)
         left_out = _write_exclusions(document, scene, hand)
         wrenches = _link_wrenches(scene, hand, joints)
     rates = _joint_rates(hand, joints, problem.joint_count)
-    travel, manipulated = _closed(scene, rates)
+    travel, manipulated = _with_closed_gaps(scene, rates)
     write_object(document, scene, manipulated)
     add(document.section("equality"), "weld", name=FIXTURE, body1=OBJECT)
     _write_motors(document, joints)
@@ -291,13 +291,13 @@ def simulation_model(
         rates,
         travel,
         manipulated,
-        tuple(one for one in acting_forces(scene) if not one.of_gravity),
+        tuple(force for force in acting_forces(scene) if not force.of_gravity),
         wrenches,
     )
 
 
 def _link_wrenches(scene: Scene, hand: Hand, joints: DrivenJoints) -> dict[str, FloatArray]:
-    """Return the inertial wrench about its centre of mass of each body whose weight counts."""
+    """Return the inertial wrench, about its centre of mass, of each body whose weight counts."""
     motions = hand_motion(scene)
     if motions is None or not scene.count_own_weight:
         return {}
@@ -306,7 +306,7 @@ def _link_wrenches(scene: Scene, hand: Hand, joints: DrivenJoints) -> dict[str, 
 
 
 def _joint_rates(hand: Hand | None, joints: DrivenJoints, count: int) -> FloatArray:
-    """Return (k, L) the rates of the joints that move by those of the problem's joints."""
+    """Return the (k, L) rates of the joints that move per rate of the problem's joints."""
     rates = np.zeros((len(joints.axes), count))
     if hand is not None:
         own = hand.actuation.from_joints[[*joints.axes]]
@@ -315,25 +315,25 @@ def _joint_rates(hand: Hand | None, joints: DrivenJoints, count: int) -> FloatAr
     return rates
 
 
-def _closed(scene: Scene, rates: FloatArray) -> tuple[FloatArray, ManipulatedObject]:
-    """Return (k,) how far joints go until contacts have no gaps, and the object then.
+def _with_closed_gaps(scene: Scene, rates: FloatArray) -> tuple[FloatArray, ManipulatedObject]:
+    """Return the (k,) joint motions that close the gaps of contacts, and the object then.
 
-    Fingers that cross a gap under torques bend in themselves on the way, and shift the object
-    where one of them arrives first. Where friction bears most of a torque, a tip that does not
-    touch may even go along the object and off. Newton's method, as a tip goes along a curve.
+    Fingers that cross a gap under torques would bend on the way, and shift the object if one of
+    them arrives first. If friction bears most of a torque, a tip without contact may even slide
+    along the object and off it. Gaps are closed by Newton's method, as tips move on curves.
     """
-    moves, travel = np.any(rates != 0.0, axis=0), np.zeros(len(rates))
-    there, hand, manipulated = scene, scene.hand, scene.object
+    is_moving, travel = np.any(rates != 0.0, axis=0), np.zeros(len(rates))
+    moved_scene, hand, manipulated = scene, scene.hand, scene.object
     for _ in range(_NEWTON_STEPS):
-        step = _closing(there.contacts, there.problem(), moves)
+        step = _closing_step(moved_scene.contacts, moved_scene.problem(), is_moving)
         travel += rates @ step[6:]
-        manipulated = _moved(manipulated, step[:6])
+        manipulated = _displaced(manipulated, step[:6])
         if np.abs(step).max() < _CLOSED:
             break
         try:
             hand = None if hand is None else bent_hand(hand, step[6:])
-            there = there.with_changes(object=manipulated, hand=hand)
-            has_all = there.problem().joint_count == len(moves)
+            moved_scene = moved_scene.with_changes(object=manipulated, hand=hand)
+            has_all = moved_scene.problem().joint_count == len(is_moving)
         except SceneError:  # a joint beyond its limits, which the simulation does not have
             has_all = False
         if not has_all:
@@ -341,12 +341,12 @@ def _closed(scene: Scene, rates: FloatArray) -> tuple[FloatArray, ManipulatedObj
     return travel, manipulated
 
 
-def _closing(
+def _closing_step(
     contacts: SceneContacts, problem: QuasistaticProblem, moves: NDArray[np.bool_]
 ) -> FloatArray:
-    """Return the least motion (6 + L,) of joints that move, and of the object, that closes gaps.
+    """Return the least motion (6 + L,) of the object and the moving joints that closes gaps.
 
-    The object moves where joints cannot close a gap.
+    The object moves if joints cannot close a gap.
     """
     share = np.concatenate([np.full(3, _TURN * _LEVER), np.full(3, _TURN), moves.astype(float)])
     approach = contact_jacobian(problem)[:, 0] * share
@@ -356,23 +356,23 @@ def _closing(
     return share * np.asarray(steps, dtype=float)
 
 
-def _moved(manipulated: ManipulatedObject, motion: FloatArray) -> ManipulatedObject:
-    """Return the object moved by (6,): of its centre of mass, m, and about it, rad."""
+def _displaced(manipulated: ManipulatedObject, motion: FloatArray) -> ManipulatedObject:
+    """Return the object after a motion (6,): translation, m, and rotation about its centre, rad."""
     R = Rotation.from_rotvec(motion[3:]).as_matrix()
     move = turned_about(manipulated.center_of_mass_world, R, motion[:3])
     return manipulated.with_pose(move @ manipulated.T_world_object)
 
 
 def write_options(document: Mjcf, scene: Scene, contact_model: ContactModel) -> None:
-    """Write how MuJoCo is to compute."""
+    """Write the options of MuJoCo's solver, and the contact model."""
     add(document.root, "compiler", angle="radian", boundmass=1e-6, boundinertia=1e-9,
         balanceinertia=True)  # fmt: skip
     # Defaults (pyramidal cones, impratio 1) creep at 1.3 times the critical friction.
     option = add(document.root, "option", timestep=TIME_STEP, gravity=scene.gravity,
         integrator="implicitfast", cone="elliptic", impratio=1000.0, noslip_iterations=30,
         iterations=100, tolerance=1e-10)  # fmt: skip
-    # The usual estimate of a contact's inertia leaves out armature: light links would be soft. The
-    # default detector turns normals of meshes by degrees where bodies overlap by nanometres.
+    # The default estimate of a contact's inertia omits armature: light links would be soft. The
+    # default detector rotates normals of meshes by degrees if bodies overlap by nanometres.
     add(option, "flag", diagexact="enable", nativeccd="disable")
     add(document.section("visual"), "headlight", ambient=[0.4] * 3, diffuse=[0.6] * 3)
     geom = add(document.section("default"), "geom")
@@ -398,14 +398,14 @@ def _write_hand(
     if controller.holds_joints:
         stiffness = HOLDING_GAIN * shares
     figures = np.column_stack([stiffness, damping, ARMATURE * shares])
-    own = dict(zip(joints.axes, figures.tolist(), strict=True))
+    figures_by_body = dict(zip(joints.axes, figures.tolist(), strict=True))
     poses: list[FloatArray] = [np.eye(4)]
-    elements = [document.body(document.section("worldbody"), "hand", np.eye(4))]
+    elements = [document.add_body(document.section("worldbody"), "hand", np.eye(4))]
     for index, body in enumerate(bodies):
-        above = 0 if body.parent is None else body.parent + 1
+        parent = 0 if body.parent is None else body.parent + 1
         poses.append(body.T_world_body)
-        T = invert(poses[above]) @ body.T_world_body
-        element = document.body(elements[above], f"hand/{body.joint}", T)
+        T = invert(poses[parent]) @ body.T_world_body
+        element = document.add_body(elements[parent], f"hand/{body.joint}", T)
         elements.append(element)
         add_mass(element, body.mass, body.center_of_mass, body.inertia)
         if joints.carried[index] or not scene.count_own_weight:
@@ -418,9 +418,9 @@ def _write_hand(
                 name=axis.name,
                 type="slide" if axis.linear else "hinge",
                 axis=body.T_world_body[:3, :3].T @ axis.direction,
-                damping=own[index][1],
-                armature=max(body.rotor_inertia, own[index][2]),
-                stiffness=0.0 if axis.hybrid else own[index][0],
+                damping=figures_by_body[index][1],
+                armature=max(body.rotor_inertia, figures_by_body[index][2]),
+                stiffness=0.0 if axis.hybrid else figures_by_body[index][0],
             )
     return elements
 
@@ -439,12 +439,12 @@ def _write_links(
         name = f"hand/{link}/{number}"
         element = elements[int(carriers[number])]
         friction = friction_factor * friction_at(scene, "hand", link)
-        document.shape(element, name, geometry, placements[number], friction, HAND)
+        document.add_shape(element, name, geometry, placements[number], friction, HAND)
         yield name, link
 
 
 def _write_couplings(document: Mjcf, hand: Hand, joints: DrivenJoints) -> None:
-    """Tie joints that follow others to those: of tendons, the lengths stay what they are."""
+    """Couple joints that follow others to their leaders, by tendons of constant length."""
     coupling = hand.tree.coupling
     for index in sorted(joints.axes.keys() - set(coupling.leaders)):
         name, *_ = joints.axes[index]
@@ -458,7 +458,7 @@ def _write_couplings(document: Mjcf, hand: Hand, joints: DrivenJoints) -> None:
 
 
 def _write_exclusions(document: Mjcf, scene: Scene, hand: Hand) -> tuple[tuple[str, str], ...]:
-    """Leave out contacts of links and the supports that they stand in; return these pairs."""
+    """Exclude contacts between links and the supports that they overlap; return these pairs."""
     names = ("hand", *(f"hand/{joint}" for joint in hand.joint_names))
     pairs = [
         (overlap.link, overlap.other)

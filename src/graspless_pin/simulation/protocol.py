@@ -1,4 +1,4 @@
-"""Load the object, held in a fixture or free, and see whether it stays."""
+"""Loading protocols: load the object, held in a fixture or free, and observe whether it stays."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ from graspless_pin.simulation.model import (
 from graspless_pin.solution.tables import Table
 
 FIXTURE_TIME = 0.3
-"""s in which the object is held; the load grows during the first two thirds."""
+"""Time for which the object is held, s; the load grows during the first two thirds."""
 RELEASE_TIME = 0.2
-"""s in which the damping of the object's motion fades after that."""
+"""Time after that in which the damping of the object's motion fades, s."""
 
 _PARTS_OF_STEP = 5
-"""Of a time step, where contacts close with an impact. Stiff bodies go back in two time steps: in
-whole steps they bounce for ever, and the object drifts on although friction would stop it."""
+"""Substeps of a time step if contacts close with an impact: overlaps of stiff bodies decay in two
+time steps, and with whole steps bodies bounce for ever, and drift in spite of friction."""
 _DAMPING_RATES = 1e5, 1e-1  # 1/s, first and last: the object's damping over its inertia
 _HOLDING_GAINS = HOLDING_GAIN, 1e-3  # N m/rad, first and last: the joints' until the release ends
 
@@ -73,7 +73,7 @@ class World:
             GrasplessPinError: If MuJoCo is not installed or refuses the model.
         """
         self._mujoco = load_mujoco()
-        # Its own way to warn is a log file in the current folder.
+        # MuJoCo's default is to write warnings to a log file in the current folder.
         self._mujoco.set_mju_user_warning(lambda _: None)
         try:
             self.model = self._mujoco.MjModel.from_xml_string(model.xml)
@@ -94,13 +94,13 @@ class World:
             self.data.xfrc_applied[self.model.body(body).id] = wrench
 
     def load_and_release(self, push: FloatArray) -> None:
-        """Hold the object while torques and a push (3,) (N, world axes) grow; then let it go.
+        """Hold the object while torques and a push (3,) (N, world axes) grow; then release it.
 
-        The torques grow from what carries the hand's own weight. Feedback holds the joints where
-        they stand until contacts bear the torques.
+        The torques grow from those that carry the hand's own weight. Feedback holds the joints in
+        place until contacts bear the torques.
         """
         steps = round(FIXTURE_TIME / TIME_STEP)
-        self._hold(_HOLDING_GAINS[0])
+        self._set_holding_gain(_HOLDING_GAINS[0])
         for step in range(1, steps + 1):
             share = min(1.0, 1.5 * step / steps)
             self.data.ctrl = self._idle + share * (self._commands - self._idle)
@@ -110,7 +110,7 @@ class World:
         self._release()
 
     def load_at_once(self, push: FloatArray) -> None:
-        """Let the whole load act from the first step on, with nothing that holds the object."""
+        """Apply the whole load from the first step on, to a free object."""
         self.data.eq_active[self.model.equality(FIXTURE).id] = False
         self._parts = _PARTS_OF_STEP
         self.model.opt.timestep = TIME_STEP / _PARTS_OF_STEP
@@ -118,7 +118,7 @@ class World:
         self._push, self._share = push, 1.0
 
     def _release(self) -> None:
-        """Let go without an impact: contacts that just touch close while all motion is slow."""
+        """Release the object without impact: contacts close while damping keeps motions slow."""
         body = self.model.body(OBJECT)
         inertia = np.concatenate([np.repeat(body.mass, 3), body.inertia])
         steps = round(RELEASE_TIME / TIME_STEP)
@@ -126,19 +126,19 @@ class World:
             np.geomspace(*_DAMPING_RATES, steps), np.geomspace(*_HOLDING_GAINS, steps), strict=True
         ):
             self.model.dof_damping[-6:] = rate * inertia
-            self._hold(gain)
+            self._set_holding_gain(gain)
             self.step(1)
         self.model.dof_damping[-6:] = 0.0
-        self._hold(0.0)
+        self._set_holding_gain(0.0)
 
-    def _hold(self, gain: float) -> None:
-        """Add feedback to the controller's at joints that are not commanded a force, N m/rad."""
+    def _set_holding_gain(self, gain: float) -> None:
+        """Add position feedback, N m/rad, to the controller's; not at hybrid fingers."""
         held = self._joints[self._rates.any(axis=1)]
         slides = self.model.jnt_type[held] == self._mujoco.mjtJoint.mjJNT_SLIDE
         self.model.jnt_stiffness[held] = self._gains[held] + gain * gain_shares(slides)
 
     def displace(self, motion: FloatArray) -> None:
-        """Move object and joints by a small motion (6 + L,), as the problem has them."""
+        """Move object and joints by a small motion (6 + L,) in the problem's coordinates."""
         self.data.qpos[self._joints] += self._rates @ motion[6:]
         linear, angular = motion[:3], motion[3:6]
         origin, R = self.data.qpos[-7:-4], self.data.xmat[self._object].reshape(3, 3)
@@ -146,36 +146,36 @@ class World:
         self._mujoco.mju_quatIntegrate(self.data.qpos[-4:], R.T @ angular, 1.0)
 
     def step(self, count: int) -> None:
-        """Go on by some time steps.
+        """Simulate a number of time steps.
 
         Raises:
             GrasplessPinError: If the state is no longer finite.
         """
-        # Levers turn with the object: where loads have some, each step has its own wrench.
+        # Levers of loads rotate with the object: with loads, each step has its own wrench.
         at_once = 1 if self._loads else count * self._parts
         for _ in range(count * self._parts // at_once):
-            self.data.xfrc_applied[self._object] = self._share * self._load()
+            self.data.xfrc_applied[self._object] = self._share * self._object_wrench()
             self._mujoco.mj_step(self.model, self.data, at_once)
         if not np.isfinite(self.data.qpos).all():
             raise GrasplessPinError(
                 f"MuJoCo's simulation has no finite state any more at {self.data.time:.3f} s"
             )
 
-    def _load(self) -> FloatArray:
-        """(6,) what acts on the object about its centre of mass as it is turned now."""
+    def _object_wrench(self) -> FloatArray:
+        """(6,) wrench of push and loads on the object about its centre of mass, as it is turned."""
         wrench = np.concatenate([self._push, np.zeros(3)])
         if self._loads:
             R = self.data.xmat[self._object].reshape(3, 3) @ self._R0.T
-            for one in self._loads:
-                turned = R if one.turns else np.eye(3)
-                acting = one._replace(
-                    force=turned @ one.force, moment=turned @ one.moment, lever=R @ one.lever
+            for load in self._loads:
+                turn = R if load.turns else np.eye(3)
+                rotated = load._replace(
+                    force=turn @ load.force, moment=turn @ load.moment, lever=R @ load.lever
                 )
-                wrench = wrench + acting.wrench
+                wrench = wrench + rotated.wrench
         return wrench
 
     def joint_moves(self) -> FloatArray:
-        """(k,) how far each joint has gone, rad or m."""
+        """(k,) displacement of each joint, rad or m."""
         return self.data.qpos[:-7].copy()
 
     def object_pose(self) -> FloatArray:
@@ -196,56 +196,56 @@ class World:
 
 
 HELD = 1e-3, float(np.radians(0.5))
-"""m, rad: what is held goes less far than either."""
+"""m, rad: a held object moves less than both."""
 MOVED = 5e-3, float(np.radians(2.0))
-"""m, rad: what has moved went farther than one of them."""
+"""m, rad: a moved object has moved more than one of them."""
 
-_STOP_FACTOR = 10.0  # times that, and nothing new is to be seen
+_STOP_FACTOR = 10.0  # a run ends at this multiple of `MOVED`
 _RESTING_SHARE = 0.1
-"""Of what is held: what goes less far in the last quarter of the time rests."""
-_STEPS_PER_LOOK = 20  # from one look at the object to the next
+"""Relative to `HELD`: an object that moves less in the last quarter of the time is at rest."""
+_STEPS_PER_LOOK = 20  # time steps between two observations of the object
 _LOOK_TIME = _STEPS_PER_LOOK * TIME_STEP  # s
 _LOOKS_OF_FORCES = 20
 _LONGEST_RUN = 600.0  # s
 
 
 class LoadingProtocol(StrEnum):
-    """How the load comes upon a simulated object. See the example of `simulate`."""
+    """How the load is applied to a simulated object. See the example of `simulate`."""
 
     FIXTURE = "fixture"
-    """A fixture holds the object while the load grows, and lets go without an impact."""
+    """A fixture holds the object while the load grows, and releases it without an impact."""
     STEP = "step"
-    """Torques, weight and push act at once on an object that is free."""
+    """Torques, weight and push act at once on a free object."""
 
 
 class SimulatedOutcome(StrEnum):
-    """What a simulated object does once the load is on it. See the example of `simulate`."""
+    """The behaviour of a simulated object under the load. See the example of `simulate`."""
 
     HELD = "held"
     """It stays within 1 mm and 0.5 degrees."""
     SHIFTED = "shifted"
-    """It goes farther than it may to stay, and then rests, touched by all that touched it."""
+    """It moves farther than held ones, then rests, touched by all that touched it at first."""
     CREPT = "crept"
-    """It neither stays nor moves."""
+    """It moves farther than held ones and does not rest, but less than moved ones."""
     MOVED = "moved"
-    """It goes beyond 5 mm or 2 degrees."""
+    """It moves by more than 5 mm or 2 degrees, and does not rest."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedRun(Brief, Record):
-    """One run with one hardness of the bodies. See the example of `simulate`.
+    """One simulated run with one contact model. See the example of `simulate`.
 
     Attributes:
-        contact_model: How hard bodies are.
-        outcome: What the object does.
-        displacement: Largest distance of the centre of mass from where contacts have no gaps, m.
-        rotation: Largest angle from there, rad.
-        moved_after: When it has moved, s after the release; None: never.
+        contact_model: Stiffness of contacts.
+        outcome: Behaviour of the object.
+        displacement: Largest distance of the centre of mass from its pose with closed gaps, m.
+        rotation: Largest angle from that pose, rad.
+        moved_after: Time after the release at which it counts as moved, s; None: never.
         normal_forces: Mean normal force on the object over the last 0.2 s, N, by the hand link or
-            support that bears it.
+            support that exerts it.
         times: (K,) s after the release.
-        T_world_object: (K, 4, 4) poses of the object then, m.
-        joint_moves: (K, k) how far each joint that moves has gone then, rad or m.
+        T_world_object: (K, 4, 4) poses of the object at these times, m.
+        joint_moves: (K, k) displacements of the joints that move at these times, rad or m.
     """
 
     contact_model: ContactModel
@@ -259,12 +259,12 @@ class SimulatedRun(Brief, Record):
     joint_moves: FloatArray
 
     def __str__(self) -> str:
-        """Return what the object does, and how far it goes, as a table."""
+        """Return the outcome, displacement and rotation as a table."""
         return str(Table([self.row], _COLUMNS))
 
     @property
     def row(self) -> list[object]:
-        """What a table of runs tells of it."""
+        """Its row in a table of runs."""
         return [
             self.contact_model.name,
             str(self.outcome),
@@ -285,7 +285,7 @@ _WORDS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulation(Brief):
-    """What MuJoCo says of a scene's rest under constant torques.
+    """MuJoCo's simulations of a scene's rest under constant torques.
 
     See the example of `simulate`.
 
@@ -303,12 +303,12 @@ class Simulation(Brief):
 
     @property
     def outcome(self) -> SimulatedOutcome:
-        """Moved if the object moves in any run; else what it does with stiff bodies."""
+        """Moved if the object moves in any run; else the outcome of the first run."""
         outcomes = [run.outcome for run in self.runs]
         return SimulatedOutcome.MOVED if SimulatedOutcome.MOVED in outcomes else outcomes[0]
 
     def __str__(self) -> str:
-        """Return the outcome, with which bodies it is another one, and a table of the runs."""
+        """Return the outcome, the runs with a different outcome, and a table of all runs."""
         others = [
             f"{run.contact_model.name} bodies: {run.outcome}"
             for run in self.runs
@@ -332,27 +332,27 @@ def simulate(
 ) -> Simulation:
     """Simulate a scene's rest with MuJoCo, with stiff bodies and with soft ones.
 
-    Gaps at contacts are closed first, by joints where they can do so, else by moving the object;
-    what it does is told from there on. It is held in a fixture for 0.3 s while torques and push
-    grow to what they are, and feedback holds the joints. Then both are let go, through a damping
-    that fades within 0.2 s: contacts that just touch would close with an impact otherwise. The
-    torques stay constant. A run ends early where the object is far away. With ``protocol="step"``
-    all acts at once on the free object, impact included.
+    Gaps at contacts are closed first, by joints if they can, else by moving the object; its motion
+    is measured from there. It is held in a fixture for 0.3 s while torques and push grow to their
+    full values, and feedback holds the joints. Then both are released, with a damping that fades
+    within 0.2 s: contacts that just touch would close with an impact otherwise. The torques stay
+    constant. A run ends early if the object has moved far. With ``protocol="step"`` everything acts
+    at once on the free object, impact included.
 
     Args:
         scene: The scene, without a declared motion.
         torques: (L,) the motors' torques, as solutions of the scene's problem give them, or by
             joint (`torques_by_joint`), N m (N).
-        controller: What runs on the joints that move beside the torques, or the stiffness of its
-            position feedback, N m/rad; None: the scene's.
+        controller: Controller of the joints that move in addition to the torques, or the stiffness
+            of its position feedback, N m/rad; None: the scene's.
         push: (3,) force on the object's centre of mass, world axes, N.
-        friction_factor: What all coefficients of friction are multiplied by.
-        seconds: From the release on.
-        protocol: How the load comes upon the object.
-        displacement: (6 + L,) by which object [of the centre of mass; turn] and joints are off
-            where they are let go, m and rad, world axes, such as 1e-3 times the motion that a
-            verdict's ``small_motions`` say grows; None: by nothing.
-        contact_models: How hard bodies are, a run each; stiff and soft ones unless told otherwise.
+        friction_factor: Factor of all coefficients of friction.
+        seconds: Duration after the release.
+        protocol: How the load is applied to the object.
+        displacement: (6 + L,) displacement of object [of the centre of mass; rotation] and joints
+            at the release, m and rad, world axes, such as 1e-3 times a growing motion of a
+            verdict's ``small_motions``; None: zero.
+        contact_models: Stiffness of contacts, one run for each; by default stiff and soft.
 
     Raises:
         ArgumentError: If an argument is out of range or has the wrong shape.
@@ -389,17 +389,17 @@ def simulate(
         for contact_model in hardness
     ]
     runs = [
-        _run(model, contact_model, force, span, how, start)
+        _simulated_run(model, contact_model, force, span, how, start)
         for model, contact_model in zip(models, hardness, strict=True)
     ]
     return Simulation(tuple(runs), models[0], problem, given)
 
 
 def checked_figures(friction_factor: float, seconds: float) -> tuple[float, float]:
-    """Return two arguments of `simulate`, before any work is done for what cannot be simulated.
+    """Return the checked friction factor and duration of `simulate`; check that MuJoCo is there.
 
     Raises:
-        ArgumentError: If one is wrong.
+        ArgumentError: If one is out of range.
         GrasplessPinError: If MuJoCo is not installed.
     """
     factor = real_number("friction_factor", friction_factor, 0.0)
@@ -410,7 +410,7 @@ def checked_figures(friction_factor: float, seconds: float) -> tuple[float, floa
     return factor, span
 
 
-def _run(
+def _simulated_run(
     model: SimulationModel,
     contact_model: ContactModel,
     push: FloatArray,
@@ -443,10 +443,10 @@ def _run(
             break
     distance, rotation = np.max(changes, axis=0).tolist()
     touched = sorted({body for look in forces for body in look})
-    rests = _rests(manipulated, poses) and touched_first <= {*touched}
+    rests = _comes_to_rest(manipulated, poses) and touched_first <= {*touched}
     return SimulatedRun(
         contact_model,
-        _outcome(distance, rotation, rests=rests),
+        _classified_outcome(distance, rotation, rests=rests),
         distance,
         rotation,
         moved_after,
@@ -460,22 +460,22 @@ def _run(
 def change_of_pose(
     manipulated: ManipulatedObject, T: FloatArray, T0: FloatArray | None = None
 ) -> tuple[float, float]:
-    """Return how far an object at a pose (4, 4) is from another one, its own if None: m, rad."""
+    """Return the distance, m, and angle, rad, between poses (4, 4); ``T0`` None: the object's."""
     T0 = manipulated.T_world_object if T0 is None else T0
     shift = transformed(T, manipulated.center_of_mass) - transformed(T0, manipulated.center_of_mass)
     turn = Rotation.from_matrix(T[:3, :3] @ T0[:3, :3].T)
     return float(np.linalg.norm(shift)), float(turn.magnitude())
 
 
-def _rests(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:
-    """Return whether the object stays where it is in the last quarter of the time."""
+def _comes_to_rest(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:
+    """Return whether the object is at rest in the last quarter of the time."""
     *_, last = poses
     quarter = poses[-max(len(poses) // 4, 2) :]
     moves = [np.divide(change_of_pose(manipulated, T, last), HELD).max() for T in quarter]
     return max(moves) < _RESTING_SHARE
 
 
-def _outcome(displacement: float, rotation: float, *, rests: bool) -> SimulatedOutcome:
+def _classified_outcome(displacement: float, rotation: float, *, rests: bool) -> SimulatedOutcome:
     if displacement < HELD[0] and rotation < HELD[1]:
         return SimulatedOutcome.HELD
     if rests:

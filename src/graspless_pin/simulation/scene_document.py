@@ -1,7 +1,7 @@
-"""A scene as a whole MJCF, for MuJoCo: all joints of the hand, their limits and motors.
+"""A scene as a complete MJCF, for MuJoCo: all joints of the hand, their limits and motors.
 
-`simulation_model` writes another one, of a scene under given torques: the joints that move there,
-with their gaps to the object closed.
+`simulation_model` writes a different one, of a scene under given torques: only the joints that move
+there, with the gaps to the object closed.
 """
 
 from __future__ import annotations
@@ -41,33 +41,33 @@ from graspless_pin.simulation.mjcf import (
 from graspless_pin.simulation.model import STIFF, write_options
 
 CUSTOM_TEXT = "graspless_pin"
-"""Name of the text under ``<custom>`` that holds what MJCF has no word for."""
+"""Name of the text under ``<custom>`` with the fields that MJCF cannot state."""
 KEYFRAME = "scene"
 """Name of the keyframe that holds the scene's configuration."""
 NO_WORD_FOR = (
     "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
     "points_per_patch", "tangent_axes", "count_own_weight", "hybrid_force_limit", "solve_options",
 )  # fmt: skip
-"""Fields of a scene that go to the text."""
+"""Fields of a scene that are written to this text."""
 
 _LIGHTEST = 1e-9, 1e-12
-"""kg and kg m^2 of a moving body without mass, which MuJoCo refuses."""
+"""kg and kg m^2: written for a moving body without mass, which MuJoCo refuses."""
 
 
 def scene_to_mjcf(scene: Scene) -> str:
     """Return a scene as an MJCF that `scene_from_mjcf` reads back to the same problem.
 
     Links and joints keep their names; the keyframe ``scene`` has the configuration. A link's
-    shapes are what contacts are found of: a mesh is written as its convex hull. Motors have the
-    effort limits as ``ctrlrange``. What MJCF has no word for (control modes, fingers, the largest
-    normal force, tolerances) stands in a text under ``<custom>`` that MuJoCo does not read.
+    shapes are those used to find contacts: a mesh is written as its convex hull. Motors have the
+    effort limits as ``ctrlrange``. Fields that MJCF cannot state (control modes, fingers, the
+    largest normal force, tolerances) are in a text under ``<custom>`` that MuJoCo does not read.
 
     Args:
-        scene: The scene, at rest and with found contacts.
+        scene: The scene, at rest and without given contacts.
 
     Raises:
-        SceneError: If something moves or accelerates, contacts are given, a body has no
-            coefficient of friction, or there is a load that is no payload.
+        SceneError: If a body moves or accelerates, contacts are given, a body has no coefficient of
+            friction, or there is a load that is no payload.
 
     Examples:
         >>> import mujoco
@@ -80,7 +80,7 @@ def scene_to_mjcf(scene: Scene) -> str:
         True
     """
     check_at_rest(scene)
-    _check_sayable(scene)
+    _check_expressible(scene)
     document = Mjcf(scene.name)
     write_options(document, scene, STIFF)
     for compiler in document.root.iter("compiler"):
@@ -89,32 +89,32 @@ def scene_to_mjcf(scene: Scene) -> str:
         compiler.set("inertiafromgeom", "false")  # links without mass have none
     list(write_supports(document, scene, prefix=""))
     positions = {}
-    beyond: dict[str, Any] = {"object": scene.object.name}
+    custom: dict[str, Any] = {"object": scene.object.name}
     if scene.hand is not None:
         _write_hand(document, scene, scene.hand)
-        _write_followers(document, scene.hand)
+        _write_couplings(document, scene.hand)
         _write_motors(document, scene.hand)
         positions = dict(scene.hand.q)
-        beyond["hand"] = _hand_beyond(scene.hand)
+        custom["hand"] = _custom_hand_fields(scene.hand)
     write_object(document, scene, scene.object, scene.object.name)
     stated = stated_scene(scene, str)
-    beyond |= {name: stated[name] for name in NO_WORD_FOR if name in stated}
-    beyond |= {"count_own_weight": scene.count_own_weight, "solve_options": stated["solve"]}
-    beyond |= {"hybrid_force_limit": scene.hybrid_force_limit, "controller": vars(scene.controller)}
+    custom |= {name: stated[name] for name in NO_WORD_FOR if name in stated}
+    custom |= {"count_own_weight": scene.count_own_weight, "solve_options": stated["solve"]}
+    custom |= {"hybrid_force_limit": scene.hybrid_force_limit, "controller": vars(scene.controller)}
     if stated["uncertainty"] is not None:
-        known = stated["uncertainty"].items()
-        beyond["uncertainty"] = {name: value for name, value in known if value is not None}
-    add(document.section("custom"), "text", name=CUSTOM_TEXT, data=json.dumps(plain(beyond)))
-    qpos = _coordinates(document.root, positions, scene.object.T_world_object)
+        figures = stated["uncertainty"].items()
+        custom["uncertainty"] = {name: value for name, value in figures if value is not None}
+    add(document.section("custom"), "text", name=CUSTOM_TEXT, data=json.dumps(plain(custom)))
+    qpos = _keyframe_coordinates(document.root, positions, scene.object.T_world_object)
     add(document.section("keyframe"), "key", name=KEYFRAME, qpos=qpos)
     return document.text()
 
 
-def _check_sayable(scene: Scene) -> None:
-    """Refuse what an MJCF cannot say.
+def _check_expressible(scene: Scene) -> None:
+    """Check that an MJCF can express the scene.
 
     Raises:
-        SceneError: If there is something.
+        SceneError: If it cannot.
     """
     where = label_of(scene)
     if scene.given_contacts is not None:
@@ -130,12 +130,14 @@ def _check_sayable(scene: Scene) -> None:
 
 
 def _write_hand(document: Mjcf, scene: Scene, hand: Hand) -> None:
-    """Write links as bodies, joints at zero."""
+    """Write links as bodies, with joints at zero."""
     tree, bodies = hand.tree, jointed_bodies(hand)
     links = {link.name: link for link in placed_links(hand)}
     elements: dict[str | None, ET.Element] = {None: document.section("worldbody")}
     for link in links.values():
-        element = document.body(elements[link.parent], _body_name(link.name), link.T_parent_link)
+        element = document.add_body(
+            elements[link.parent], _body_name(link.name), link.T_parent_link
+        )
         elements[link.name] = element
         if not scene.count_own_weight:
             element.set("gravcomp", "1")
@@ -145,11 +147,11 @@ def _write_hand(document: Mjcf, scene: Scene, hand: Hand) -> None:
     for number, (link, geometry) in enumerate(shapes):
         T = invert(links[link].T_joint_link) @ tree.shape_placements[1][number]
         friction = friction_at(scene, "hand", link)
-        document.shape(elements[link], f"{link}/{number}", geometry, T, friction, HAND)
+        document.add_shape(elements[link], f"{link}/{number}", geometry, T, friction, HAND)
 
 
 def _write_joint(element: ET.Element, hand: Hand, link: PlacedLink, body: JointedBody) -> None:
-    """Write the joint that carries a link, and the mass of all that is fixed to that."""
+    """Write the joint that carries a link, and the mass of all bodies fixed to the link."""
     tree, index = hand.tree, link.joint
     low, high = float(tree.lower[index]), float(tree.upper[index])
     limits: dict[str, Any] = {"limited": False}
@@ -170,8 +172,8 @@ def _write_joint(element: ET.Element, hand: Hand, link: PlacedLink, body: Jointe
     add_mass(element, mass, body.center_of_mass, inertia)
 
 
-def _write_followers(document: Mjcf, hand: Hand) -> None:
-    """Tie joints that follow others to them."""
+def _write_couplings(document: Mjcf, hand: Hand) -> None:
+    """Couple joints that follow others to their leaders."""
     coupling, names = hand.tree.coupling, hand.joint_names
     for index in sorted(set(range(len(names))) - set(coupling.leaders)):
         factors = {
@@ -192,7 +194,7 @@ def _write_followers(document: Mjcf, hand: Hand) -> None:
 
 
 def _write_motors(document: Mjcf, hand: Hand) -> None:
-    """Write a motor for each tendon, and for each joint that leads and that no tendon pulls."""
+    """Write a motor for each tendon, and for each leading joint without a tendon."""
     actuation, leaders = hand.actuation, tuple(hand.control.joints)
     limits = dict(zip(actuation.names, zip(*hand.effort_limits, strict=True), strict=True))
     columns = [actuation.names.index(name) for name in actuation.tendons]
@@ -220,18 +222,18 @@ def _write_motor(document: Mjcf, name: str, limits: Any, **target: str) -> None:
     add(document.section("actuator"), "motor", name=name, **target, **own)
 
 
-def _hand_beyond(hand: Hand) -> dict[str, Any]:
-    """Return what MJCF has no word for: control modes, fingers, limits that differ both ways."""
+def _custom_hand_fields(hand: Hand) -> dict[str, Any]:
+    """Return fields that MJCF cannot state: control modes, fingers, some effort limits."""
     limits = zip(hand.actuation.names, *hand.effort_limits, strict=True)
     return {
         "control": stated_hand(hand, str)["control"],
         "fingers": {
             name: {
-                "joints": one.joints,
-                "links": [_body_name(link) for link in one.links],
-                "tip": one.tip,
+                "joints": finger.joints,
+                "links": [_body_name(link) for link in finger.links],
+                "tip": finger.tip,
             }
-            for name, one in hand.fingers.items()
+            for name, finger in hand.fingers.items()
         },
         "effort_limits": {
             name: [float(low), float(high)]
@@ -242,14 +244,14 @@ def _hand_beyond(hand: Hand) -> dict[str, Any]:
 
 
 def _body_name(link: str) -> str:
-    """Return the name of a link's body; MuJoCo's own is called world."""
+    """Return the name of a link's body; ``world`` is reserved by MuJoCo."""
     return "world_link" if link == "world" else link
 
 
-def _coordinates(
+def _keyframe_coordinates(
     root: ET.Element, positions: dict[str, float], T_world_object: FloatArray
 ) -> list[float]:
-    """Return MuJoCo's coordinates, which are in the order of the document."""
+    """Return MuJoCo's coordinates, in the order of the document."""
     x, y, z, w = Rotation.from_matrix(T_world_object[:3, :3]).as_quat(canonical=True).tolist()
     worldbody = root.find("worldbody")
     qpos: list[float] = []

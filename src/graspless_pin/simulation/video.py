@@ -1,4 +1,4 @@
-"""A simulated run as a video, where a renderer and an encoder are found."""
+"""A simulated run as a video, if a renderer and an encoder are available."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _LOOKS_PER_SECOND = 100
 
 
 def write_video(simulation: Simulation, path: Path) -> bool:
-    """Write the run with stiff bodies as a video at half the speed.
+    """Write the run with stiff bodies as a video at half speed.
 
     Args:
         simulation: The simulation.
         path: MP4 file.
 
     Returns:
-        Whether there is one; else a warning says what is lacking.
+        Whether it was written; else a warning says what is missing.
 
     Raises:
         SceneError: If the file cannot be written.
@@ -45,7 +45,7 @@ def write_video(simulation: Simulation, path: Path) -> bool:
     """
     encoder = _encoder()
     if encoder is None:
-        return _without("no encoder is found (the program ffmpeg, or the package imageio-ffmpeg)")
+        return _no_video("no encoder is found (the program ffmpeg, or the package imageio-ffmpeg)")
     run = simulation.runs[0]
     poses = run.T_world_object[:: _LOOKS_PER_SECOND // _FRAMES]
     turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
@@ -54,16 +54,16 @@ def write_video(simulation: Simulation, path: Path) -> bool:
     variables = {} if "DISPLAY" in os.environ else {"MUJOCO_GL": "egl"}
     try:
         with draft_of(path) as draft, ChildProcess(environment=variables) as child:
-            # Drawing needs the machine's graphics library, which may end the process.
-            child.call(_write, simulation.model.xml, states, encoder, str(draft), limit=_SLOWEST)
+            # Rendering needs the machine's graphics library, which may crash the process.
+            child.call(_render, simulation.model.xml, states, encoder, str(draft), limit=_SLOWEST)
     except OSError as error:
         raise SceneError(f"{path}: cannot be written ({error.strerror})") from error
     except Exception as error:  # of any graphics library
-        return _without(f"MuJoCo cannot draw here ({error})")
+        return _no_video(f"MuJoCo cannot draw here ({error})")
     return True
 
 
-def _without(reason: str) -> bool:
+def _no_video(reason: str) -> bool:
     emit(
         Finding(FindingCode.NO_VIDEO, "video", f"there is no video: {reason}", "save .html instead")
     )
@@ -71,7 +71,7 @@ def _without(reason: str) -> bool:
 
 
 def _encoder() -> str | None:
-    """Return the program that encodes videos."""
+    """Return the path of a program that encodes videos; None if there is none."""
     program = shutil.which("ffmpeg")
     if program is None and find_spec("imageio_ffmpeg") is not None:
         from imageio_ffmpeg import get_ffmpeg_exe  # pyright: ignore[reportMissingImports]
@@ -80,8 +80,8 @@ def _encoder() -> str | None:
     return program
 
 
-def _write(xml: str, states: FloatArray, encoder: str, path: str) -> None:
-    """Draw and encode some states (K, nq), in a process of its own."""
+def _render(xml: str, states: FloatArray, encoder: str, path: str) -> None:
+    """Render and encode states (K, nq), in a separate process."""
     mujoco = load_mujoco()
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
