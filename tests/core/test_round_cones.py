@@ -28,8 +28,8 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.programs.answers import (
     GAP_TOLERANCE,
     PRIMAL_TOLERANCE,
-    elastic,
     elastic_multipliers,
+    elastic_program,
 )
 from graspless_pin.programs.objectives import Margin, Torque, scaled_program
 from graspless_pin.solvers import Outcome, solve, solving
@@ -166,11 +166,11 @@ def test_infeasible_round_programs_are_proven_so():
     program = scaled_program(problem, Torque(0.0)).program
     answer = solve(program)
     assert answer.outcome is Outcome.INFEASIBLE
-    relaxed = elastic(program)
+    relaxed = elastic_program(program)
     _, y, z = by_clarabel(relaxed)
     assert program.infeasibility_bound(*elastic_multipliers(program, np.append(y, z))) > 0.01
     enough = replace(program, u=np.where(np.isfinite(program.u), 2.0 * program.u, program.u))
-    assert elastic(enough).cone_count == program.cone_count
+    assert elastic_program(enough).cone_count == program.cone_count
 
 
 @pytest.mark.sampled(1)

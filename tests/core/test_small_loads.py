@@ -9,7 +9,7 @@ import pytest
 from graspless_pin import QuasistaticProblem, Status, explain, maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import is_too_small
-from graspless_pin.programs.answers import call_solver, clipped, elastic
+from graspless_pin.programs.answers import call_solver, elastic_program, within_solver_range
 from graspless_pin.programs.program import LARGEST_FIGURE, Program
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -131,16 +131,16 @@ def test_no_solver_is_given_figures_that_it_does_not_bear(name, shape, figure):
 def test_limits_that_cannot_be_met_are_given_to_no_solver(figure):
     for wrong in ({"u": [-figure]}, {"l": [figure]}, {"lb": [figure, 0]}, {"ub": [-figure, 1]}):
         changed = {name: np.array(side, dtype=float) for name, side in wrong.items()}
-        assert clipped(program(**changed)) is None
+        assert within_solver_range(program(**changed)) is None
 
 
 def test_limits_beyond_reach_are_none():
     far = program(u=np.full(1, 1e22), lb=np.full(2, -1e16), ub=np.array([1e300, 1.0]))
-    near = clipped(far)
+    near = within_solver_range(far)
     assert near is not None
     assert near.u.tolist() == [1e12]  # a row without sides has one
     assert near.lb.tolist() == [-np.inf] * 2 and near.ub.tolist() == [np.inf, 1.0]
     assert near.G is far.G and near.A is far.A
     within = program(u=np.full(1, LARGEST_FIGURE))
-    assert clipped(within) is within
-    assert clipped(elastic(program())) is not None
+    assert within_solver_range(within) is within
+    assert within_solver_range(elastic_program(program())) is not None

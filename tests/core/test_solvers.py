@@ -19,7 +19,7 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
-from graspless_pin.programs.answers import checked_answer, elastic
+from graspless_pin.programs.answers import checked_answer, elastic_program
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import (
     Outcome,
@@ -122,7 +122,7 @@ def test_no_multipliers_prove_a_feasible_program_infeasible(seed, size):
 @settings(max_examples=60)
 @given(SEEDS, st.booleans())
 def test_the_elastic_program_tells_feasible_from_infeasible(seed, feasible):
-    relaxed = elastic(random_program(seed, feasible=feasible))
+    relaxed = elastic_program(random_program(seed, feasible=feasible))
     violation = by_linprog(relaxed)
     assert violation is not None
     if feasible:
@@ -142,7 +142,7 @@ def test_a_cone_is_violated_by_what_its_first_entry_lacks():
         l=np.zeros(3), u=np.zeros(3), lb=fixed, ub=fixed, box=np.array([fixed, fixed]),
         cone_count=1,
     )  # fmt: skip
-    answer = solve(elastic(one))
+    answer = solve(elastic_program(one))
     assert answer.outcome is Outcome.SOLVED
     assert answer.value == pytest.approx(5.0 - 1.0, abs=1e-6)
 
@@ -156,7 +156,7 @@ def test_infeasibility_is_proven(seed, solver):
     answer = solve(program, solver)
     assert answer.outcome is Outcome.INFEASIBLE
     assert answer.x.size == 0
-    violation = by_linprog(elastic(program))
+    violation = by_linprog(elastic_program(program))
     assert violation is not None
     assert 0.0 < answer.proof <= violation + 1e-6
 

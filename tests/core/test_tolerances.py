@@ -8,7 +8,12 @@ import pytest
 from graspless_pin.programs import answers
 from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.active_set_polish import polished
-from graspless_pin.programs.answers import UNREACHED, checked_answer, proven, without_far_limits
+from graspless_pin.programs.answers import (
+    UNREACHED,
+    checked_answer,
+    proven_answer,
+    without_far_limits,
+)
 from graspless_pin.programs.program import FARTHEST, Program
 from graspless_pin.solvers import Outcome
 
@@ -31,7 +36,7 @@ def program(
 
 
 def outcome(one: Program, x: float, z: tuple[float, ...] = (), cutoff: float = np.inf) -> Outcome:
-    return proven(one, (np.array([x]), NONE, np.array(z)), "", cutoff).outcome
+    return proven_answer(one, (np.array([x]), NONE, np.array(z)), "", cutoff).outcome
 
 
 @pytest.mark.parametrize(("off", "passes"), [(0.9e-7, True), (1.1e-7, False), (1e-5, False)])
@@ -127,7 +132,7 @@ def test_limits_that_no_double_resolves_are_kept_from_solvers():
 
 def test_active_constraints_that_contradict_each_other_by_a_hair_are_not_carried_over():
     first = program(rows=((1.0, 0.0, np.inf), (1.0, -np.inf, 0.0)), bounds=(-1.0, 1.0))
-    answer = proven(first, (np.zeros(1), NONE, np.array([-1.5, 0.5])), "", np.inf)
+    answer = proven_answer(first, (np.zeros(1), NONE, np.array([-1.5, 0.5])), "", np.inf)
     near = active_set_of(first, answer)
     assert near is not None
     assert len(near.rows) == 2
@@ -179,12 +184,12 @@ def test_multipliers_between_rows_that_say_the_same_take_nothing_from_a_proof(si
     off = 1e-10
     twice = replace(one, A=np.vstack([one.A, one.A[0]]), b=np.append(one.b, one.b[0] + off))
     found = optimum, np.append(y + np.array([size, 0.0, 0.0]), -size), z
-    assert proven(twice, found, "", np.inf).outcome is (
+    assert proven_answer(twice, found, "", np.inf).outcome is (
         Outcome.SOLVED if size * off < 1e-7 else Outcome.FAILED
     )
     nearer = polished(twice, found)
     assert nearer is not None
-    assert proven(twice, nearer, "", np.inf).outcome is Outcome.SOLVED
+    assert proven_answer(twice, nearer, "", np.inf).outcome is Outcome.SOLVED
     bound, value, _ = twice.assess(*nearer)
     assert abs(value - bound) <= 10.0 * off
 
@@ -198,10 +203,10 @@ def test_multipliers_that_cancel_but_for_a_variable_at_its_limit_take_nothing_fr
     upper[0] = held
     beside = replace(one, A=A, b=np.append(one.b, one.b[0] + 0.5 * held + off), ub=upper)
     found = optimum, np.append(y + np.array([size, 0.0, 0.0]), -size), z
-    assert proven(beside, found, "", np.inf).outcome is Outcome.FAILED
+    assert proven_answer(beside, found, "", np.inf).outcome is Outcome.FAILED
     nearer = polished(beside, found)
     assert nearer is not None
-    assert proven(beside, nearer, "", np.inf).outcome is Outcome.SOLVED
+    assert proven_answer(beside, nearer, "", np.inf).outcome is Outcome.SOLVED
 
 
 @pytest.mark.parametrize(("near", "seed"), [(1, 0), (2, 6), (3, 0), (3, 69), (4, 6), (5, 19)])

@@ -252,7 +252,7 @@ class PairFriction:
         each = [self._pair_coefficient(geom, own) for own in self._own]
         coefficients = [one for one in each if one is not None]
         if len(set(coefficients)) > 1:
-            self._differ[self._name(geom)] = sorted(set(coefficients))
+            self._differ[self._geom_name(geom)] = sorted(set(coefficients))
         return min(coefficients, default=None)
 
     def emit(self) -> None:
@@ -290,7 +290,7 @@ class PairFriction:
             friction = model.geom_friction[used].max(axis=0)
             sliding, other_friction = float(friction[0]), friction[1:]
         if dimensions > 3 and other_friction.any():
-            self._beyond_sliding.add(self._name(geom))
+            self._beyond_sliding.add(self._geom_name(geom))
         return sliding if dimensions > 1 else 0.0
 
     def _can_touch(self, geom: int, other_geom: int) -> bool:
@@ -302,7 +302,7 @@ class PairFriction:
         touch = (types[geom] & affinities[other_geom]) or (types[other_geom] & affinities[geom])
         return bool(touch) and not np.isin(excluded, model.exclude_signature).any()
 
-    def _name(self, geom: int) -> str:
+    def _geom_name(self, geom: int) -> str:
         return self._model.geom(geom).name or self._at.source.body(
             int(self._model.geom_bodyid[geom])
         )

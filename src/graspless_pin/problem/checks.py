@@ -53,7 +53,7 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     else:
         _refuse_masks(name, value)
     if array is None:
-        text = next((one for one in _flattened(value) if isinstance(one, str)), None)
+        text = next((one for one in _nested_items(value) if isinstance(one, str)), None)
         if knows_instead(name, value):
             raise ArgumentError(name, what_to_pass(name, value, "array of real numbers"))
         must = "it must be an array of real numbers"
@@ -216,11 +216,11 @@ def _text_advice(value: object) -> str:
     return ", not text"
 
 
-def _flattened(value: Any) -> Iterator[Any]:
+def _nested_items(value: Any) -> Iterator[Any]:
     """Yield the items of nested lists and tuples."""
     if isinstance(value, list | tuple):
         for item in value:
-            yield from _flattened(item)
+            yield from _nested_items(item)
     else:
         yield value
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
 from graspless_pin.problem.checks import FloatArray, all_finite
-from graspless_pin.programs.answers import Answer, Outcome, proven
+from graspless_pin.programs.answers import Answer, Outcome, proven_answer
 from graspless_pin.programs.program import Program
 
 # Regularises rank-deficient systems: relative to the trace of the Gram matrix, far above its
@@ -106,7 +106,7 @@ def solved_on(program: Program, near: ActiveSet, cutoff: float) -> tuple[Answer,
         return None
     x, weights, multipliers = refined
     duals = multipliers[: sizes[0]], multipliers[sizes[0] :]
-    answer = proven(program, (x, *duals), near.solver, cutoff)
+    answer = proven_answer(program, (x, *duals), near.solver, cutoff)
     if answer.outcome is Outcome.FAILED:
         return None
     tolerance = EXACT * max(1.0, abs(answer.value))

@@ -85,7 +85,7 @@ def without_far_limits(program: Program) -> Program:
     )
 
 
-def clipped(program: Program) -> Program | None:
+def within_solver_range(program: Program) -> Program | None:
     """Return a program without limits above `LARGEST_FIGURE`; None if other figures are larger.
 
     Solver libraries crash on such figures, or print. Limits that large are treated as infinite.
@@ -120,7 +120,7 @@ def without_far_multipliers(program: Program, z: FloatArray) -> FloatArray:
     return np.where(is_removed, 0.0, z)
 
 
-def rescaled(program: Program, factor: float) -> Program:
+def rescaled_program(program: Program, factor: float) -> Program:
     """Return the program in variables divided by a factor; its multipliers are the same.
 
     Args:
@@ -140,7 +140,7 @@ def rescaled(program: Program, factor: float) -> Program:
     )
 
 
-def elastic(program: Program) -> Program:
+def elastic_program(program: Program) -> Program:
     """Return the elastic program, whose optimum is the smallest common violation of all rows.
 
     One variable s >= 0 is added: -s <= A x - b <= s, l - s <= G x <= u + s, the first entries of
@@ -195,7 +195,7 @@ def elastic_multipliers(program: Program, multipliers: FloatArray) -> tuple[Floa
 
     Args:
         program: The program.
-        multipliers: Multipliers of the rows of `elastic`.
+        multipliers: Multipliers of the rows of `elastic_program`.
     """
     m, k = len(program.b), program.flat_count
     up, down = np.isfinite(program.u[:k]), np.isfinite(program.l[:k])
@@ -306,17 +306,17 @@ def _rescaled_answer(
     program: Program, reduced: Program, factor: float, backend: Backend, name: str, cutoff: float
 ) -> Answer:
     """Return a solver's answer to a program rescaled by a factor, checked in the program itself."""
-    raw = call_solver(backend, reduced if factor == 1.0 else rescaled(reduced, factor))
+    raw = call_solver(backend, reduced if factor == 1.0 else rescaled_program(reduced, factor))
     if raw is None:
         return failed(-np.inf)
     x, y, z = raw
     multipliers = factor * x, y, z if reduced is program else without_far_multipliers(program, z)
-    answer = proven(program, multipliers, name, cutoff)
+    answer = proven_answer(program, multipliers, name, cutoff)
     if answer.outcome is not Outcome.FAILED:
         return answer
     refined = polished(program, multipliers)
     if refined is not None:
-        refined_answer = proven(program, refined, name, cutoff)
+        refined_answer = proven_answer(program, refined, name, cutoff)
         if refined_answer.outcome is not Outcome.FAILED:
             return refined_answer
     if program.residual(multipliers[0]) <= _LEAST_VIOLATION:
@@ -358,12 +358,12 @@ def call_solver(backend: Backend, program: Program) -> Multipliers | None:
         backend: The solver.
         program: The program.
     """
-    within_range = clipped(program)
+    within_range = within_solver_range(program)
     raw = None if within_range is None else backend(within_range)
     return None if raw is None or not all_within(raw, _LARGEST_ANSWER) else raw
 
 
-def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> Answer:
+def proven_answer(program: Program, found: Multipliers, name: str, cutoff: float) -> Answer:
     """Return the checked answer that a solution and its own multipliers prove.
 
     Args:
@@ -472,7 +472,7 @@ def _infeasible_answer(
 
 def _elastic_proof(program: Program, backend: Backend) -> tuple[FloatArray, FloatArray] | None:
     """Multipliers (y, z) from the elastic program that prove a common violation of all rows."""
-    relaxed = elastic(program)
+    relaxed = elastic_program(program)
     raw = call_solver(backend, relaxed)
     if raw is None:
         return None

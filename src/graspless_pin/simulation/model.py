@@ -327,7 +327,7 @@ def _with_closed_gaps(scene: Scene, rates: FloatArray) -> tuple[FloatArray, Mani
     for _ in range(_NEWTON_STEPS):
         step = _closing_step(moved_scene.contacts, moved_scene.problem(), is_moving)
         travel += rates @ step[6:]
-        manipulated = _displaced(manipulated, step[:6])
+        manipulated = _displaced_object(manipulated, step[:6])
         if np.abs(step).max() < _CLOSED:
             break
         try:
@@ -356,7 +356,7 @@ def _closing_step(
     return share * np.asarray(steps, dtype=float)
 
 
-def _displaced(manipulated: ManipulatedObject, motion: FloatArray) -> ManipulatedObject:
+def _displaced_object(manipulated: ManipulatedObject, motion: FloatArray) -> ManipulatedObject:
     """Return the object after a motion (6,): translation, m, and rotation about its centre, rad."""
     R = Rotation.from_rotvec(motion[3:]).as_matrix()
     move = turned_about(manipulated.center_of_mass_world, R, motion[:3])
