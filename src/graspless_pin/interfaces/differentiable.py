@@ -70,13 +70,13 @@ class _Sizes(NamedTuple):
 def _sizes_of(evaluator: Evaluator) -> _Sizes:
     state = evaluator.pinned(twist=np.zeros(6))  # raises an error for an unsuitable evaluator
     scene = evaluator.scene_at(twist=np.zeros(6))
-    problem, own = scene.problem(), scene.object
+    problem, obj = scene.problem(), scene.object
     first = [state.bodies.index(body) for body in dict.fromkeys(state.bodies)]
     inputs = (
-        evaluator.configuration(), own.T_world_object, problem.friction[first], np.array(own.mass)
+        evaluator.configuration(), obj.T_world_object, problem.friction[first], np.array(obj.mass)
     )  # fmt: skip
     worst = np.inf if evaluator.algorithm is Algorithm.TORQUE else -np.inf
-    return _Sizes(inputs, len(state.gaps), problem.joint_names, worst, own.center_of_mass)
+    return _Sizes(inputs, len(state.gaps), problem.joint_names, worst, obj.center_of_mass)
 
 
 class Operator:
@@ -127,10 +127,10 @@ class Operator:
         """
         names = ("q", "T_world_object", "friction", "mass")
         leading = []
-        for name, shape, own in zip(names, shapes, self.inputs, strict=True):
-            cut = len(shape) - own.ndim
-            if cut < 0 or shape[cut:] != own.shape:
-                wanted = ", ".join(["...", *map(str, own.shape)])
+        for name, shape, default in zip(names, shapes, self.inputs, strict=True):
+            cut = len(shape) - default.ndim
+            if cut < 0 or shape[cut:] != default.shape:
+                wanted = ", ".join(["...", *map(str, default.shape)])
                 raise ArgumentError(name, f"has the shape {tuple(shape)}; it must be ({wanted})")
             leading.append(shape[:cut])
         if isinstance(self._twist, np.ndarray):
@@ -162,11 +162,11 @@ class Operator:
     def _figures_and_jacobian(
         self, inputs: tuple[Any, ...], *, derivatives: bool
     ) -> tuple[FloatArray, FloatArray]:
-        q, T, friction, mass = (np.asarray(one) for one in inputs)
+        q, T, friction, mass = (np.asarray(value) for value in inputs)
         leading, count = mass.shape, mass.size
         q, friction = (
-            one.reshape(count, own.size).astype(np.float64)
-            for one, own in ((q, self.inputs[0]), (friction, self.inputs[2]))
+            value.reshape(count, default.size).astype(np.float64)
+            for value, default in ((q, self.inputs[0]), (friction, self.inputs[2]))
         )
         poses = T.reshape(count, 4, 4).astype(np.float64)
         if T.dtype != np.float64:  # orthonormal only to the precision of its own dtype
@@ -176,7 +176,7 @@ class Operator:
         if isinstance(twists, np.ndarray):
             twists = np.broadcast_to(twists, (*leading, 6)).reshape(count, 6)
         with_q, with_pose, with_friction, with_mass = self._is_given
-        width = sum(own.size for own in self.inputs) if derivatives else 0
+        width = sum(default.size for default in self.inputs) if derivatives else 0
         figures, jacobian = np.empty((count, self.size)), np.zeros((count, self.size, width))
         for k in range(count):
             try:
@@ -196,12 +196,12 @@ class Operator:
         return figures.reshape(*leading, self.size), jacobian.reshape(*leading, self.size, width)
 
     def _state_figures(self, state: PinnedState) -> FloatArray:
-        found, sizes = state.evaluation.found, self._sizes
-        parts = [[state.optimum if found else sizes.worst], state.gaps]
+        is_found, sizes = state.evaluation.found, self._sizes
+        parts = [[state.optimum if is_found else sizes.worst], state.gaps]
         if self._with_torques:
-            torques = state.evaluation.torques_by_joint if found else {}
+            torques = state.evaluation.torques_by_joint if is_found else {}
             parts.append(
-                [torques.get(name, 0.0 if found else np.nan) for name in sizes.torque_names]
+                [torques.get(name, 0.0 if is_found else np.nan) for name in sizes.torque_names]
             )
         return np.concatenate(parts)
 

@@ -240,11 +240,11 @@ def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
         positions = np.asarray(positions)
         differentiated = positions.dtype == object
         if differentiated not in plants:
-            other = plant.ToAutoDiffXd()
-            plants[True] = other, other.CreateDefaultContext()
-        own, context = plants[differentiated]
-        own.SetPositions(context, positions)
-        T = own.EvalBodyPoseInWorld(context, own.get_body(index)).GetAsMatrix4()
+            autodiff_plant = plant.ToAutoDiffXd()
+            plants[True] = autodiff_plant, autodiff_plant.CreateDefaultContext()
+        model, context = plants[differentiated]
+        model.SetPositions(context, positions)
+        T = model.EvalBodyPoseInWorld(context, model.get_body(index)).GetAsMatrix4()
         return positions[places], T
 
     return to_state
@@ -252,9 +252,9 @@ def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
 
 def _plant_joint(plant: Any, name: str) -> Any:
     """Return the plant's joint that corresponds to a joint of the scene."""
-    prefix, _, own = name.rpartition("/")
+    prefix, _, joint_name = name.rpartition("/")
     try:
-        joint = plant.GetJointByName(own, *_model_instances(plant, prefix))
+        joint = plant.GetJointByName(joint_name, *_model_instances(plant, prefix))
     except RuntimeError as error:
         raise ArgumentError("plant", f"lacks the scene's joint {name!r}: {error}") from None
     if joint.num_positions() != 1:

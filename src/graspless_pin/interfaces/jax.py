@@ -77,15 +77,15 @@ def optimum(
     given = (q, T_world_object, friction, mass)
     operator = Operator(evaluator, given, twist, with_torques=with_torques)
     inputs = [
-        jnp.asarray(own if one is None else one, dtype=jnp.result_type(float))
-        for one, own in zip(given, operator.inputs, strict=True)
+        jnp.asarray(default if value is None else value, dtype=jnp.result_type(float))
+        for value, default in zip(given, operator.inputs, strict=True)
     ]
-    leading = operator.batch_shape(*[one.shape for one in inputs])
+    leading = operator.batch_shape(*[value.shape for value in inputs])
     return operator.optimum(
         _host_figures(operator)(
             *[
-                jnp.broadcast_to(one, (*leading, *own.shape))
-                for one, own in zip(inputs, operator.inputs, strict=True)
+                jnp.broadcast_to(value, (*leading, *default.shape))
+                for value, default in zip(inputs, operator.inputs, strict=True)
             ]
         )
     )
@@ -101,8 +101,8 @@ def _host_figures(operator: Operator) -> Any:
         results = [jax.ShapeDtypeStruct((*mass.shape, *one), mass.dtype) for one in shapes]
 
         def on_host(*arrays: Any) -> Any:
-            found = function(*[np.asarray(one) for one in arrays])
-            return [one.astype(mass.dtype) for one in found]
+            results = function(*[np.asarray(array) for array in arrays])
+            return [array.astype(mass.dtype) for array in results]
 
         return jax.pure_callback(on_host, results, *inputs, vmap_method="broadcast_all")
 

@@ -44,16 +44,16 @@ def object_of(state: ModelState) -> ManipulatedObject:
     Raises:
         SceneError: If it has no mass or no geom that can touch anything.
     """
-    model, data, own = state.model, state.data, np.flatnonzero(state.in_object)
+    model, data, bodies = state.model, state.data, np.flatnonzero(state.in_object)
     name, T = state.source.body(state.object), state.pose_of(state.object)
-    masses, R = model.body_mass[own], T[:3, :3]
+    masses, R = model.body_mass[bodies], T[:3, :3]
     geoms = state.touching_geoms(state.in_object)
     if not (masses.sum() > 0.0 and geoms):
         missing = "mass" if geoms else "geom that touches anything (contype, conaffinity)"
         raise SceneError(f"{state.source.path}: the object {name!r} has no {missing}; give it one")
-    center = masses @ data.xipos[own] / masses.sum()
+    center = masses @ data.xipos[bodies] / masses.sum()
     inertia = np.zeros((3, 3))
-    for body, mass in zip(own.tolist(), masses.tolist(), strict=True):
+    for body, mass in zip(bodies.tolist(), masses.tolist(), strict=True):
         axes, arm = data.ximat[body].reshape(3, 3), data.xipos[body] - center
         inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T
         inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
@@ -84,9 +84,9 @@ def supports_of(state: ModelState, friction: PairFriction) -> tuple[Support, ...
     Geoms of the world, and geoms of one body with different friction, become separate supports.
     """
     model, source = state.model, state.source
-    others = ~(state.in_object | state.in_hand)
+    surrounding = ~(state.in_object | state.in_hand)
     groups: dict[tuple[int, float, int], list[tuple[Shape, FloatArray]]] = {}
-    for geom in state.touching_geoms(others):
+    for geom in state.touching_geoms(surrounding):
         body, mu = int(model.geom_bodyid[geom]), friction.smallest_coefficient(geom)
         if mu is None:
             continue
@@ -102,7 +102,7 @@ def supports_of(state: ModelState, friction: PairFriction) -> tuple[Support, ...
                 state.emit(_geom_name(state, geom), message, advice)
                 continue
         groups.setdefault((body, mu, geom if is_plane or body == 0 else -1), []).append(placed)
-    taken = {source.body(body) for body in np.flatnonzero(~others).tolist()}
+    taken = {source.body(body) for body in np.flatnonzero(~surrounding).tolist()}
     supports = []
     for (body, mu, geom), parts in groups.items():
         name = source.body(body) if geom < 0 or body else _geom_name(state, geom)
@@ -222,13 +222,13 @@ def loads_of(state: ModelState) -> tuple[Load, ...]:
     if data.qfrc_applied.any():
         state.emit("qfrc_applied", "qfrc_applied has forces",
               "they are left out: state them as loads")  # fmt: skip
-    own = np.flatnonzero(state.in_object)
-    if not applied[own].any():
+    bodies = np.flatnonzero(state.in_object)
+    if not applied[bodies].any():
         return ()
-    masses = state.model.body_mass[own]
-    center = masses @ data.xipos[own] / masses.sum()
-    forces, moments = applied[own, :3], applied[own, 3:]
-    moments = moments + np.cross(data.xipos[own] - center, forces)
+    masses = state.model.body_mass[bodies]
+    center = masses @ data.xipos[bodies] / masses.sum()
+    forces, moments = applied[bodies, :3], applied[bodies, 3:]
+    moments = moments + np.cross(data.xipos[bodies] - center, forces)
     return (Load("xfrc_applied", force=forces.sum(axis=0), moment=moments.sum(axis=0)),)
 
 

@@ -82,9 +82,9 @@ class ModelState:
     def is_free(self, body: int) -> bool:
         """Return whether a body has a free joint, or three slides and three hinges instead."""
         kinds, first = self._mujoco.mjtJoint, int(self.model.body_jntadr[body])
-        own = self.model.jnt_type[first : first + int(self.model.body_jntnum[body])].tolist()
-        slides, hinges = own.count(kinds.mjJNT_SLIDE), own.count(kinds.mjJNT_HINGE)
-        return own == [kinds.mjJNT_FREE] or (slides, hinges, len(own)) == (3, 3, 6)
+        types = self.model.jnt_type[first : first + int(self.model.body_jntnum[body])].tolist()
+        slides, hinges = types.count(kinds.mjJNT_SLIDE), types.count(kinds.mjJNT_HINGE)
+        return types == [kinds.mjJNT_FREE] or (slides, hinges, len(types)) == (3, 3, 6)
 
     def pose_of(self, body: int) -> FloatArray:
         """Return the (4, 4) pose of a body in the world, m."""
@@ -149,13 +149,13 @@ class ModelState:
         first, size = int(model.text_adr[index]), int(model.text_size[index])
         text = bytes(model.text_data[first : first + size]).rstrip(b"\0").decode()
         try:
-            found = json.loads(text)
+            fields = json.loads(text)
         except ValueError as error:
             raise SceneError(
                 f"{self.source.path}: the custom text {CUSTOM_TEXT!r} is no JSON ({error}); "
                 "remove it, or write the file again"
             ) from error
-        return found
+        return fields
 
     def _hand_bodies(self, hand_body: str | None) -> tuple[int | None, NDArray[np.bool_]]:
         """Return the hand's first body, and the (nbody,) mask of its bodies."""
@@ -189,17 +189,17 @@ class ModelState:
             for body in np.unique(tree_roots(self.model)).tolist()
             if body and not self.in_hand[body] and self.is_free(body)
         ]
-        known = [names[body] for body in free]
+        free_names = [names[body] for body in free]
         if name is None:
             if len(free) == 1:
                 return free[0]
-            found = f"has the free bodies {', '.join(known)}" if free else "has no free body"
+            found = f"has the free bodies {', '.join(free_names)}" if free else "has no free body"
             raise ArgumentError(
                 "object_body", f"{self.source.path} {found}; name the object, which needs a "
                 "free joint to the world"
             )  # fmt: skip
         if name not in names:
-            raise unknown_name("object_body", "body", name, known)
+            raise unknown_name("object_body", "body", name, free_names)
         body = names.index(name)
         if self.in_hand[body]:
             raise SceneError(
@@ -209,7 +209,7 @@ class ModelState:
         if body not in free:
             raise ArgumentError(
                 "object_body", f"body {name!r} has no free joint to the world; "
-                f"{names_in_words(name, known)}"
+                f"{names_in_words(name, free_names)}"
             )  # fmt: skip
         return body
 
@@ -240,10 +240,10 @@ _MOST_NAMED = 4
 class PairFriction:
     """Coefficients of sliding friction against the object."""
 
-    def __init__(self, at: ModelState) -> None:
+    def __init__(self, state: ModelState) -> None:
         """Set up the pairs with the object's geoms."""
-        self._at, self._model = at, at.model
-        self._own = at.touching_geoms(at.in_object)
+        self._state, self._model = state, state.model
+        self._own = state.touching_geoms(state.in_object)
         self._differ: dict[str, list[float]] = {}
         self._beyond_sliding: set[str] = set()
 
@@ -259,14 +259,14 @@ class PairFriction:
         """Emit findings on what is left out of the requested pairs."""
         for name, values in self._differ.items():
             figures = ", ".join(f"{mu:g}" for mu in values)
-            self._at.emit(
+            self._state.emit(
                 name,
                 f"the object's geoms have the coefficients of friction {figures} against {name!r}",
                 "the smallest counts",
             )
         if self._beyond_sliding:
             names = sorted(self._beyond_sliding)
-            self._at.emit(
+            self._state.emit(
                 ", ".join(names),
                 f"contacts with {first_of(names, _MOST_NAMED)} have torsional or rolling "
                 "friction (condim above 3)",
@@ -303,6 +303,6 @@ class PairFriction:
         return bool(touch) and not np.isin(excluded, model.exclude_signature).any()
 
     def _geom_name(self, geom: int) -> str:
-        return self._model.geom(geom).name or self._at.source.body(
+        return self._model.geom(geom).name or self._state.source.body(
             int(self._model.geom_bodyid[geom])
         )

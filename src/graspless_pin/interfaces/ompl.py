@@ -98,18 +98,18 @@ class EvaluatedSpace:
 
     def is_valid(self, state: Any) -> bool:
         """Return whether a state is valid at rest."""
-        found = self.state(state)
-        if found is None:
+        q_and_pose = self.state(state)
+        if q_and_pose is None:
             return False
-        q, T = found
+        q, T = q_and_pose
         return self.evaluator.is_feasible(q, T, self._rest, margin=self.margin)
 
     def margin_at_rest(self, state: Any) -> float:
         """Return the largest margin of a state at rest, N; -inf if it is not valid."""
-        found = self.state(state)
-        if found is None:
+        q_and_pose = self.state(state)
+        if q_and_pose is None:
             return -np.inf
-        validity = self.evaluator.validity(*found, self._rest, margin=0.0)
+        validity = self.evaluator.validity(*q_and_pose, self._rest, margin=0.0)
         return validity.margin if validity.valid else -np.inf
 
     def is_valid_motion(self, start: Any, end: Any) -> bool:
@@ -151,9 +151,9 @@ class EvaluatedSpace:
             margins, N, the last one -inf if the motion is not valid.
         """
         key = self._motion_key(start, end)
-        kept = None if key is None else self._margins.get(key)
-        if kept is not None:
-            return kept
+        cached = None if key is None else self._margins.get(key)
+        if cached is not None:
+            return cached
         fractions, margins = np.zeros(0), np.zeros(0)
         for (begin, finish), piece in self._motion_pieces(start, end):
             shares, own, smallest = np.zeros(1), [-np.inf], -np.inf

@@ -98,8 +98,8 @@ def waypoints_from_trajectory(
     else:
         times, poses = _times_and_poses(_read_message(object_poses))
     if not waypoints:
-        own = [None] * len(poses) if times is None else times
-        return [Waypoint(T_world_object=T, time=at) for at, T in zip(own, poses, strict=True)]
+        stamps = [None] * len(poses) if times is None else times
+        return [Waypoint(T_world_object=T, time=t) for t, T in zip(stamps, poses, strict=True)]
     if len(poses) != len(waypoints):
         raise ArgumentError(
             "object_poses",
@@ -189,13 +189,13 @@ def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Wa
         raise ArgumentError("trajectory.points", "is empty; a trajectory has at least one")
     places, table = [f"trajectory.points[{k}]" for k in range(len(points))], []
     for where, point in zip(places, points, strict=True):
-        given = list(_field(point, "positions", where))
-        if len(given) != len(names):
+        row = list(_field(point, "positions", where))
+        if len(row) != len(names):
             raise ArgumentError(
                 f"{where}.positions",
-                f"has {len(given)} numbers and joint_names {len(names)}; give one for each joint",
+                f"has {len(row)} numbers and joint_names {len(names)}; give one for each joint",
             )
-        table.append(finite_array(f"{where}.positions", given, (len(names),)))
+        table.append(finite_array(f"{where}.positions", row, (len(names),)))
     in_degrees = _degrees_advice(hand, names, np.array(table))
     waypoints = []
     for where, point, values in zip(places, points, table, strict=True):
@@ -205,8 +205,8 @@ def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Wa
         except (ArgumentError, JointLimitError) as error:
             advice = f"; {in_degrees}" if in_degrees else ""
             raise ArgumentError(f"{where}.positions", f"{error}{advice}") from error
-        own = {joint: float(q[hand.tree.joint_index[joint]]) for joint in hand.control.joints}
-        waypoints.append(Waypoint(q=own, time=_time_from_start(point, where)))
+        by_joint = {joint: float(q[hand.tree.joint_index[joint]]) for joint in hand.control.joints}
+        waypoints.append(Waypoint(q=by_joint, time=_time_from_start(point, where)))
     if in_degrees:
         message = f"angles of the trajectory are more than a turn, {MOST_ANGLE:.4g} rad"
         emit(Finding(FindingCode.ANGLE_IN_DEGREES, "trajectory", message, in_degrees))

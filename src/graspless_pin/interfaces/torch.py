@@ -91,9 +91,9 @@ class _Figures(torch.autograd.Function):
     @staticmethod
     def forward(operator: Operator, needed: bool, *inputs: Any) -> Any:
         """Return (..., F) figures and, if needed, (..., F, N) their derivatives."""
-        arrays = [one.detach().cpu().numpy() for one in inputs]
-        found = operator.with_jacobian(*arrays) if needed else (operator.values(*arrays), ())
-        return tuple(inputs[0].new_tensor(one) for one in found)
+        arrays = [array.detach().cpu().numpy() for array in inputs]
+        results = operator.with_jacobian(*arrays) if needed else (operator.values(*arrays), ())
+        return tuple(inputs[0].new_tensor(array) for array in results)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: Any, output: Any) -> None:

@@ -143,15 +143,15 @@ def _checked_inertias(
     """Return the given inertias by attribute; that of one free object must have a scalar mass."""
     checked, (passive, count) = {}, counts
     if of_object is not None:
-        own = checked_inertia("object_inertia", of_object, passive, definite=True)
-        mass = own[:3, :3]
+        inertia = checked_inertia("object_inertia", of_object, passive, definite=True)
+        mass = inertia[:3, :3]
         if free and np.abs(mass - mass[0, 0] * np.eye(3)).max() > _ONE_MASS * mass[0, 0]:
             raise ArgumentError(
                 "object_inertia",
                 f"has {mass.tolist()} for the mass; one free object has the same in all "
                 "directions (others need a wrench_matrix)",
             )
-        checked["object_inertia"] = own
+        checked["object_inertia"] = inertia
     if of_joints is not None:
         checked["joint_inertia"] = checked_inertia("joint_inertia", of_joints, count)
     return checked
@@ -180,13 +180,13 @@ def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatA
     check_unit_rows("tangents", t.transpose(0, 2, 1))
     frames = np.concatenate([normals[:, :, None], t], axis=2)
     gram = np.abs(frames.transpose(0, 2, 1) @ frames - np.eye(3))
-    off = np.maximum.reduce([gram[:, 0, 1], gram[:, 0, 2], gram[:, 1, 2]])
-    if (off > _LARGEST_COSINE).any():
-        index = int(np.argmax(off > _LARGEST_COSINE))
+    cosine = np.maximum.reduce([gram[:, 0, 1], gram[:, 0, 2], gram[:, 1, 2]])
+    if (cosine > _LARGEST_COSINE).any():
+        index = int(np.argmax(cosine > _LARGEST_COSINE))
         raise ArgumentError(
             "tangents",
             f"at index {index} are {t[index].T.tolist()}: they must be orthogonal to each other "
-            f"and to the normal {normals[index].tolist()} (largest cosine {off[index]:.3g})",
+            f"and to the normal {normals[index].tolist()} (largest cosine {cosine[index]:.3g})",
         )
     return t
 
@@ -196,13 +196,13 @@ def _checked_sliding(sliding: ArrayLike | None, normals: FloatArray) -> FloatArr
     v = finite_array("sliding", np.zeros_like(normals) if sliding is None else sliding,
                      (len(normals), 3))  # fmt: skip
     speed = np.linalg.norm(v, axis=1)
-    along = np.einsum("ij,ij->i", v, normals)
-    bad = (speed > AT_REST) & (np.abs(along) > _LARGEST_COSINE * speed)
+    normal = np.einsum("ij,ij->i", v, normals)
+    bad = (speed > AT_REST) & (np.abs(normal) > _LARGEST_COSINE * speed)
     if bad.any():
         index = int(np.argmax(bad))
         raise ArgumentError(
             "sliding",
-            f"is {v[index].tolist()} at index {index} with normal component {along[index]:.6g} "
+            f"is {v[index].tolist()} at index {index} with normal component {normal[index]:.6g} "
             "m/s; a sliding velocity must be tangential",
         )
     return v

@@ -80,8 +80,8 @@ def as_floats(value: ArrayLike) -> FloatArray | None:
         return np.array(value)
     with suppress(TypeError, ValueError):
         # In a list that holds numbers as well, numpy makes numbers of true and false.
-        each = () if isinstance(value, np.ndarray) else np.asarray(value, dtype=object).flat
-        if np.asarray(value).dtype.kind in "fiu" and {bool, np.bool_}.isdisjoint(map(type, each)):
+        items = () if isinstance(value, np.ndarray) else np.asarray(value, dtype=object).flat
+        if np.asarray(value).dtype.kind in "fiu" and {bool, np.bool_}.isdisjoint(map(type, items)):
             return np.array(value, dtype=np.float64)
     return None
 
@@ -345,8 +345,8 @@ def checked_inertia(
     Raises:
         ArgumentError: Naming the argument, the index and the value that is wrong.
     """
-    given = finite_array(name, inertia, (count, count))
-    diagonal = given.diagonal()
+    matrix = finite_array(name, inertia, (count, count))
+    diagonal = matrix.diagonal()
     kind = "positive" if definite else ">= 0"
     bad = (diagonal <= 0.0) if definite else (diagonal < 0.0)
     if bad.any():
@@ -357,18 +357,18 @@ def checked_inertia(
     roots = np.sqrt(diagonal)
     scale = np.outer(roots, roots)
     for wrong, rule in (
-        (np.abs(given - given.T) > _SYMMETRY_TOLERANCE * scale, "the matrix must be symmetric"),
-        (np.abs(given) > (1.0 + _SYMMETRY_TOLERANCE) * scale, "it must be positive semidefinite"),
+        (np.abs(matrix - matrix.T) > _SYMMETRY_TOLERANCE * scale, "the matrix must be symmetric"),
+        (np.abs(matrix) > (1.0 + _SYMMETRY_TOLERANCE) * scale, "it must be positive semidefinite"),
     ):
         if wrong.any():
             row, column = (int(i) for i in np.argwhere(wrong)[0])
             raise ArgumentError(
                 name,
-                f"is {given[row, column]} at index {(row, column)} and {given[column, row]} at "
+                f"is {matrix[row, column]} at index {(row, column)} and {matrix[column, row]} at "
                 f"{(column, row)}, beside {diagonal[row]} and {diagonal[column]} on the diagonal; "
                 f"{rule}",
             )
-    least = float(np.linalg.eigvalsh(with_unit_diagonal(given)).min(initial=1.0))
+    least = float(np.linalg.eigvalsh(with_unit_diagonal(matrix)).min(initial=1.0))
     if least < (SINGULAR if definite else -_SYMMETRY_TOLERANCE):
         rule = "definite" if definite else "semidefinite"
         raise ArgumentError(
@@ -376,7 +376,7 @@ def checked_inertia(
             f"has the eigenvalue {least:.3g} when its diagonal is scaled to ones; it must be "
             f"positive {rule}",
         )
-    return read_only(0.5 * (given + given.T))
+    return read_only(0.5 * (matrix + matrix.T))
 
 
 def with_unit_diagonal(inertia: FloatArray) -> FloatArray:
@@ -426,8 +426,8 @@ def checked_passive_units(units: Sequence[str] | None, count: int) -> tuple[Join
     """
     if units is not None:
         return _checked_unit_names("passive_units", units, count, "the wrench_matrix has {} rows")
-    bodies, rest = divmod(count, len(FREE_BODY))
-    if rest:
+    bodies, remainder = divmod(count, len(FREE_BODY))
+    if remainder:
         raise ArgumentError(
             "passive_units",
             f"is missing for a wrench_matrix of {count} rows; left out, it is three 'N' and three "
@@ -443,10 +443,10 @@ def _checked_unit_names(
         raise ArgumentError(name, f"is {units!r}; it must be a sequence of units")
     if len(units) != count:
         raise ArgumentError(name, f"has {len(units)} units; {rule.format(count)}")
-    known = ", ".join(repr(str(unit)) for unit in JointUnit)
+    allowed = ", ".join(repr(str(unit)) for unit in JointUnit)
     for index, unit in enumerate(units):
         if unit not in list(JointUnit):
-            raise ArgumentError(name, f"is {unit!r} at index {index}; it must be one of {known}")
+            raise ArgumentError(name, f"is {unit!r} at index {index}; it must be one of {allowed}")
     return tuple(JointUnit(unit) for unit in units)
 
 

@@ -209,16 +209,16 @@ class ConeModel(ABC):
         if len(sliding_contacts):
             v = np.einsum("mji,mj->mi", tangents[sliding_contacts], sliding[sliding_contacts])
             v /= np.linalg.norm(v, axis=1, keepdims=True)
-            along = self.kinetic_friction(v)
-            power = np.einsum("mi,mi->m", v, along)
-            if power.max() > 0.0 or np.linalg.norm(along, axis=1).max() > 1.0 + _SECTION_ROUNDING:
+            kinetic = self.kinetic_friction(v)
+            power = np.einsum("mi,mi->m", v, kinetic)
+            if power.max() > 0.0 or np.linalg.norm(kinetic, axis=1).max() > 1.0 + _SECTION_ROUNDING:
                 raise ArgumentError(
                     "cone",
                     f"is '{self.name}', whose kinetic friction must be against the sliding and at "
-                    f"most 1; it is {along.tolist()!r:.100} for directions {v.tolist()!r:.100}",
+                    f"most 1; it is {kinetic.tolist()!r:.100} for directions {v.tolist()!r:.100}",
                 )
             directions[sliding_contacts] += np.einsum(
-                "mij,mj->mi", tangents[sliding_contacts], friction[sliding_contacts, None] * along
+                "mij,mj->mi", tangents[sliding_contacts], friction[sliding_contacts, None] * kinetic
             )
         return read_only(directions)
 

@@ -54,9 +54,9 @@ def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> Float
 def _tangent_rows(x: float, y: float, z: float, directions: list[list[float]]) -> list[float]:
     """Return the flat (3, 2) matrix [t1 t2] for the normal (x, y, z)."""
     for a, b, c in directions:
-        along = a * x + b * y + c * z
-        if abs(along) <= _NEARLY_PARALLEL * math.hypot(a, b, c):
-            u, v, w = a - along * x, b - along * y, c - along * z
+        dot = a * x + b * y + c * z
+        if abs(dot) <= _NEARLY_PARALLEL * math.hypot(a, b, c):
+            u, v, w = a - dot * x, b - dot * y, c - dot * z
             length = math.hypot(u, v, w)
             if length > 0.0:
                 break

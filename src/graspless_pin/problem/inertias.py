@@ -63,9 +63,9 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
     if inertia is None:
         raise ArgumentError("joint_inertia", "is missing; accelerations follow from inertias")
     joints = np.flatnonzero(hybrid_contacts(problem) < 0)
-    own = inertia[np.ix_(joints, joints)]
-    massless = own.diagonal() <= 0.0
-    values, vectors = np.linalg.eigh(with_unit_diagonal(own))
+    joint_inertia = inertia[np.ix_(joints, joints)]
+    massless = joint_inertia.diagonal() <= 0.0
+    values, vectors = np.linalg.eigh(with_unit_diagonal(joint_inertia))
     singular = not massless.any() and values.min(initial=1.0) < SINGULAR
     if massless.any() or singular:
         worst = int(np.argmax(np.abs(vectors[:, 0]) if singular else massless))
@@ -91,8 +91,8 @@ def largest_mass(problem: QuasistaticProblem) -> float | None:
     if problem.wrench_matrix is None:
         return float(inertia[0, 0])
     levers = passive_levers(problem.passive_units, problem.scales.length)
-    own = inertia.diagonal() / levers**2
-    return float(own[problem.passive_turns.all() | ~problem.passive_turns].max())
+    masses = inertia.diagonal() / levers**2
+    return float(masses[problem.passive_turns.all() | ~problem.passive_turns].max())
 
 
 def whole_inertia(problem: QuasistaticProblem) -> FloatArray | None:

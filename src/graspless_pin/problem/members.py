@@ -95,9 +95,9 @@ def motions_keeping_contact(problem: QuasistaticProblem) -> FloatArray:
     Args:
         problem: Contacts and joints.
     """
-    along = np.ones((problem.contact_count, 3), dtype=bool)
-    along[~problem.has_cone, 1:] = False
-    rows = contact_map(problem)[along]
+    is_constrained = np.ones((problem.contact_count, 3), dtype=bool)
+    is_constrained[~problem.has_cone, 1:] = False
+    rows = contact_map(problem)[is_constrained]
     length = problem.scales.length
     sizes = np.ones(rows.shape[1])
     sizes[: problem.passive_count] = np.where(problem.passive_turns, 1.0, length)
@@ -132,12 +132,12 @@ def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> Qua
     coupling = np.zeros((rows, 3 * sum(one.contact_count for one in problems)))
     loads, row, start = [], 0, 3 * first.contact_count
     for number, (shared, _) in enumerate(coupled, 1):
-        own = slice(row, row + len(shared))
+        block = slice(row, row + len(shared))
         stop = start + 3 * problems[number].contact_count
-        coupling[own, : 3 * first.contact_count] = -shared @ maps[0].T
-        coupling[own, start:stop] = shared @ maps[number].T
+        coupling[block, : 3 * first.contact_count] = -shared @ maps[0].T
+        coupling[block, start:stop] = shared @ maps[number].T
         loads.append(shared @ (carried[number] - carried[0]))
-        row, start = own.stop, stop
+        row, start = block.stop, stop
     jacobian = np.zeros((coupling.shape[1], drives * len(names)))
     jacobian[: 3 * sum(one.contact_count for one in problems[:drives])] = _block_diagonal(driven)
     if drives > 1:
@@ -173,19 +173,19 @@ def under_commands(
         A problem without driven joints; with feedback its joints are those of the member.
     """
     problem = member.problem
-    made = problem.jacobian / member.factors
+    torque_map = problem.jacobian / member.factors
     shared, coupled = shared_commands([member], feedback)
     count = 0 if feedback is None else problem.joint_count
     return _problem_of_contacts(
         [problem],
         external_wrench=loads_under_commands([member], commanded, feedback)[0],
-        jacobian=made[:, :count],
+        jacobian=torque_map[:, :count],
         lower_torque=problem.lower_torque[:count],
         upper_torque=problem.upper_torque[:count],
         joint_names=problem.joint_names[:count],
         joint_units=problem.joint_units[:count],
         gravity_torques=member.commanded(np.zeros(problem.joint_count))[:count],
-        wrench_matrix=np.vstack([problem.W, shared @ made.T]),
+        wrench_matrix=np.vstack([problem.W, shared @ torque_map.T]),
         passive_units=(*problem.passive_units, *coupled),
     )
 

@@ -202,9 +202,9 @@ class QuasistaticProblem:
                 one was given.
         """
         names = [item.name for item in fields(self) if item.name not in INERTIAS]
-        own = {name: getattr(self, name) for name in names}
-        limits = own.pop("lower_torque"), own.pop("upper_torque")
-        values: dict[str, Any] = {**own, "torque_limits": limits}
+        arguments = {name: getattr(self, name) for name in names}
+        limits = arguments.pop("lower_torque"), arguments.pop("upper_torque")
+        values: dict[str, Any] = {**arguments, "torque_limits": limits}
         known = [*values, *INERTIAS]
         unknown = sorted(set(changes) - set(known))
         if unknown:

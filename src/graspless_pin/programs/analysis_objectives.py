@@ -121,8 +121,8 @@ class ForceBesideRay(Objective):
         forces, size = program.forces, program.forces.size
         low, high = np.full((2, size), [[-np.inf], [np.inf]])
         low[forces.coordinates.normal_columns], high[forces.coordinates.normal_columns] = 0.0, 1.0
-        least, most = forces.cone_box(1.0)
-        ray = program.columns("ray", size, low=low, high=high, box=(least, most))
+        lowest, highest = forces.cone_box(1.0)
+        ray = program.columns("ray", size, low=low, high=high, box=(lowest, highest))
         program.equal(
             "ray balance", None, np.zeros(len(forces.balance_rows)), {ray: forces.balance_rows}
         )
@@ -151,10 +151,10 @@ class HeldMargin(Objective):
         """
         forces = program.forces
         largest = float(forces.limit.max())
-        most = largest_force_sought(forces, self.torques)
-        program.set_proof_box(forces.cone_box(min(most + largest, FARTHEST)))
+        reach = largest_force_sought(forces, self.torques)
+        program.set_proof_box(forces.cone_box(min(reach + largest, FARTHEST)))
         unit = forces.coordinates.force_scale
-        e = program.columns("margin", low=-most, box=(-most, largest), cost=-1.0, unit=unit)
+        e = program.columns("margin", low=-reach, box=(-reach, largest), cost=-1.0, unit=unit)
         program.balance()
         program.held_torques(contact_torques(forces, self.torques))
         program.cones(e)

@@ -414,9 +414,9 @@ def _refuse_hiding_boxes(program: Program, x: FloatArray, y: FloatArray, z: Floa
     if not hidden or value > bound + gap:
         return
     messages = [
-        f"the column {block.name!r} has {x[at]:.6g} there, its box {low[at]:.6g} to {high[at]:.6g}"
+        f"the column {block.name!r} has {x[k]:.6g} there, its box {low[k]:.6g} to {high[k]:.6g}"
         for block in program.bounded_blocks
-        for at in np.arange(len(x))[block.at][outside[block.at]]
+        for k in np.arange(len(x))[block.at][outside[block.at]]
     ]
     if messages:
         raise ArgumentError(

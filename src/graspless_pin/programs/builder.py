@@ -364,7 +364,7 @@ def marginals(
     return by_name
 
 
-def scaled_weights(blocks: _Blocks, found: Marginals, unit: float) -> FloatArray:
+def scaled_weights(blocks: _Blocks, by_name: Marginals, unit: float) -> FloatArray:
     """Return the scaled multipliers of all rows from those by name: the inverse of `marginals`.
 
     Raises:
@@ -373,9 +373,9 @@ def scaled_weights(blocks: _Blocks, found: Marginals, unit: float) -> FloatArray
     """
     parts = []
     for block in blocks:
-        value = np.asarray(found[_upper_name(block)], dtype=float)
+        value = np.asarray(by_name[_upper_name(block)], dtype=float)
         if block.sign is Sign.EITHER:
-            value = value - np.asarray(found[f"{block.name}_lower"], dtype=float)
+            value = value - np.asarray(by_name[f"{block.name}_lower"], dtype=float)
         if block.sign is Sign.CONE:
             value = -value
         if value.shape != block.shape:

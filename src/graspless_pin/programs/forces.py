@@ -304,9 +304,9 @@ def component_row(
         row[column + component] = 1.0
         return row
     kinetic = problem.kinetic_directions[contact] - problem.normals[contact]
-    along = float(problem.tangents[contact, :, component - 1] @ kinetic)
-    if abs(along) > _RIGHT_ANGLE * problem.friction[contact]:
-        row[column] = along
+    tangential = float(problem.tangents[contact, :, component - 1] @ kinetic)
+    if abs(tangential) > _RIGHT_ANGLE * problem.friction[contact]:
+        row[column] = tangential
     return row
 
 
@@ -385,10 +385,10 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     weight = 1.0 / passive_levers(problem.passive_units, coordinates.length_scale)
     passive = len(weight)
     effects = _unit_force_effects(problem, coordinates)
-    whole = reach * limit[coordinates.layout.owner]
-    boxes = (whole,)
+    uncut = reach * limit[coordinates.layout.owner]
+    boxes = (uncut,)
     if limit.max() > FARTHEST:
-        boxes = reach * np.minimum(limit, FARTHEST)[coordinates.layout.owner], whole
+        boxes = reach * np.minimum(limit, FARTHEST)[coordinates.layout.owner], uncut
     return ForceRows(
         problem=problem,
         coordinates=coordinates,

@@ -188,10 +188,10 @@ class World:
         forces: dict[str, float] = defaultdict(float)
         force = np.zeros(6)
         for index, contact in enumerate(self.data.contact):
-            others = [other for geom in contact.geom.tolist() if (other := self._others[geom])]
-            if len(others) == 1:  # two where the hand touches a support
+            bodies = [body for geom in contact.geom.tolist() if (body := self._others[geom])]
+            if len(bodies) == 1:  # two where the hand touches a support
                 self._mujoco.mj_contactForce(self.model, self.data, index, force)
-                forces[others[0]] += float(force[0])
+                forces[bodies[0]] += float(force[0])
         return forces
 
 
@@ -369,13 +369,13 @@ def simulate(
     """
     factor, span = checked_figures(friction_factor, seconds)
     force = finite_array("push", push, (3,))
-    how = choice(LoadingProtocol, "protocol", protocol)
+    loading = choice(LoadingProtocol, "protocol", protocol)
     problem = scene.problem()
     problem = problem.with_changes(
         friction=factor * problem.friction,
         external_wrench=problem.external_wrench + np.concatenate([force, np.zeros(3)]),
     )
-    given = motor_torques(problem.joint_names, torques)
+    tau = motor_torques(problem.joint_names, torques)
     start = np.zeros(6 + problem.joint_count)
     if displacement is not None:
         start = finite_array("displacement", displacement, start.shape)
@@ -384,15 +384,15 @@ def simulate(
         raise ArgumentError("contact_models", "is empty; give STIFF, SOFT or one of your own")
     models = [
         simulation_model(
-            scene, given, controller=controller, friction_factor=factor, contact_model=contact_model
+            scene, tau, controller=controller, friction_factor=factor, contact_model=contact_model
         )
         for contact_model in hardness
     ]
     runs = [
-        _simulated_run(model, contact_model, force, span, how, start)
+        _simulated_run(model, contact_model, force, span, loading, start)
         for model, contact_model in zip(models, hardness, strict=True)
     ]
-    return Simulation(tuple(runs), models[0], problem, given)
+    return Simulation(tuple(runs), models[0], problem, tau)
 
 
 def checked_figures(friction_factor: float, seconds: float) -> tuple[float, float]:

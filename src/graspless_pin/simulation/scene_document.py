@@ -202,9 +202,9 @@ def _write_motors(document: Mjcf, hand: Hand) -> None:
     pulled: set[str] = set()
     for name, row in zip(actuation.tendons, arms, strict=True):
         pairs = zip(leaders, row.tolist(), strict=True)
-        own = {joint: arm for joint, arm in pairs if abs(arm) > _NO_ARM}
-        pulled |= own.keys()
-        add_tendon(document, name, own)
+        joint_arms = {joint: arm for joint, arm in pairs if abs(arm) > _NO_ARM}
+        pulled |= joint_arms.keys()
+        add_tendon(document, name, joint_arms)
         _write_motor(document, name, limits[name], tendon=name)
     for joint in leaders:
         if joint not in pulled:
@@ -216,10 +216,10 @@ _NO_ARM = 1e-12
 
 
 def _write_motor(document: Mjcf, name: str, limits: Any, **target: str) -> None:
-    own: dict[str, Any] = {}
+    attributes: dict[str, Any] = {}
     if limits is not None and np.isfinite(limits).all() and limits[0] < limits[1]:
-        own = {"ctrlrange": [*map(float, limits)]}
-    add(document.section("actuator"), "motor", name=name, **target, **own)
+        attributes = {"ctrlrange": [*map(float, limits)]}
+    add(document.section("actuator"), "motor", name=name, **target, **attributes)
 
 
 def _custom_hand_fields(hand: Hand) -> dict[str, Any]:

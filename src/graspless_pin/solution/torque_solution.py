@@ -166,8 +166,8 @@ class TorqueSolution:
     def findings(self) -> tuple[Finding, ...]:
         """Findings on the solution's scene and on the solution; the gravest first."""
         best = self.margin if self.found and self.algorithm is Algorithm.MARGIN else None
-        own = solution_doubts(self.status, self.certificate, self.problem, best)
-        return causes_first([*(() if self._source is None else self._source.findings), *own])
+        doubts = solution_doubts(self.status, self.certificate, self.problem, best)
+        return causes_first([*(() if self._source is None else self._source.findings), *doubts])
 
     @property
     def found(self) -> bool:
@@ -380,15 +380,15 @@ class TorqueSolution:
         margin = f"at margin {self.required_margin:g} N"
         name, of_margin = self.objective.name, self.objective.of_margin
         if self.algorithm is Algorithm.MARGIN:
-            what = "Algorithm 1, largest margin"
+            title = "Algorithm 1, largest margin"
         elif self.algorithm is Algorithm.TORQUE:
-            what = f"Algorithm 2, smallest torque {margin}"
+            title = f"Algorithm 2, smallest torque {margin}"
         else:
-            what = f"largest margin {name}" if of_margin else f"{name} {margin}"
+            title = f"largest margin {name}" if of_margin else f"{name} {margin}"
         size = torque_size(self.problem, self.torques)
         value = "" if self.algorithm or of_margin else f", value = {self.value:g}"
         return (
-            f"{headed(what, self.status.message)}\n"
+            f"{headed(title, self.status.message)}\n"
             f"margin e = {figure(self.margin, self.problem.scales.force)} N, max |torque| = "
             f"{figure(self.max_torque, size)} {self.max_torque_unit}"
             f"{value} {self.objective.unit_text if value else ''}".rstrip()

@@ -138,11 +138,11 @@ def by_piqp(program: Program) -> Multipliers:
     structure = len(program.c), len(program.b), len(program.l), program.pattern
     engine = None
     with _LOCK:
-        kept = _kept.get(structure, [])
-        matching = [index for index, idle in enumerate(kept) if idle.holds(program)]
+        engines = _kept.get(structure, [])
+        matching = [index for index, candidate in enumerate(engines) if candidate.holds(program)]
         # Two, so that one keeps a problem that is solved repeatedly while others pass.
-        if matching or len(kept) >= _ENGINES_PER_STRUCTURE:
-            engine = kept.pop(matching[0] if matching else 0)
+        if matching or len(engines) >= _ENGINES_PER_STRUCTURE:
+            engine = engines.pop(matching[0] if matching else 0)
     if engine is None:
         engine = _Engine(program)
     else:
@@ -151,7 +151,7 @@ def by_piqp(program: Program) -> Multipliers:
     with _LOCK:
         if structure not in _kept:
             _kept[structure] = []
-        kept = _kept[structure]
-        kept.append(engine)
-        del kept[:-_ENGINES_PER_STRUCTURE]
+        engines = _kept[structure]
+        engines.append(engine)
+        del engines[:-_ENGINES_PER_STRUCTURE]
     return answer
