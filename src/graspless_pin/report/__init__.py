@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Each name is loaded at first use; which they are stands in the .pyi beside.
+# Each name is loaded at its first use; `__init__.pyi` lists them all.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,8 +1,8 @@
-"""A solution as a JSON document: all that an outsider needs to check it.
+"""The JSON document of a solution: all data that an independent check of it needs.
 
 World axes throughout, SI units. Infinite limits and figures that do not exist are null.
 
-An answer counts as far as its document proves it: what the checker does not accept is not claimed.
+`accepted` withdraws the claims of an answer that the checker does not confirm from its document.
 """
 
 from __future__ import annotations
@@ -52,20 +52,20 @@ def solution_document(
     disturbances: GuaranteedDisturbance | None = None,
     answer: RobustAnswer | None = None,
 ) -> dict[str, Any]:
-    """Return the document of a solution, with its whole proof.
+    """Return the document of a solution, with its complete proof.
 
-    Nothing is solved for it but what `solution.proof` takes when it is first asked for.
+    Solves nothing but what `solution.proof` needs at its first access.
 
     Args:
         solution: The solution, found or not.
-        scene: The scene that it is of; None for a problem made from arrays, whose points are then
-            relative to its own reference point.
-        verdict: Whether the object stays with the solution's torques; None: that of the
-            disturbances, else of the solution's guarantee, if there is one.
-        disturbances: Which ones these torques bear for certain.
-        answer: What was found for all that is not known of the scene; None: the scene is
-            nominal. The solution is that under these torques; where there are none, that of the
-            joined problem.
+        scene: The solved scene; None for a problem made from arrays, whose points are then relative
+            to its own reference point.
+        verdict: The verdict on whether the object stays with the solution's torques; None: that of
+            the disturbances, else of the solution's guarantee, if there is one.
+        disturbances: The guaranteed disturbances of these torques; None: none are written.
+        answer: The robust answer over the scene's uncertainty; None: the scene is nominal. The
+            solution is then the one under the robust torques or, without these, that of the joined
+            problem.
 
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
@@ -82,8 +82,8 @@ def solution_document(
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
-        ArgumentError: If it is of an objective that no document holds, see `objective_data`, or
-            under the rule ``direction``.
+        ArgumentError: If no document can hold its objective, see `objective_data`, or its sign rule
+            is ``direction``.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -110,7 +110,7 @@ def solution_document(
         "external_wrench": solution.problem.external_wrench,
         "cone": solution.problem.cone,
         "cone_edges": solution.problem.cone_edges,
-        **_coordinates(solution.problem),
+        **_coordinate_data(solution.problem),
         "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
         "object_inertia": solution.problem.object_inertia,
         "joint_inertia": solution.problem.joint_inertia,
@@ -127,11 +127,11 @@ def solution_document(
         elif scene is not None:  # contacts and joints are those of all members
             document["scene"], scene = scene.name, None
     if scene is not None:
-        document |= _scene_part(scene)
+        document |= _scene_data(scene)
     document["findings"] = plain_findings(solution.findings)
-    document["joints"] = _joints(solution)
-    document["contacts"] = _contacts(solution, scene)
-    document["certificate"] = _certificate(solution)
+    document["joints"] = _joint_data(solution)
+    document["contacts"] = _contact_data(solution, scene)
+    document["certificate"] = _certificate_data(solution)
     if found and solution.evidence.in_mode is not None:
         document["multipliers"] = multipliers_data(solution, *written_multipliers(solution))
     elif solution.explanation:
@@ -143,7 +143,7 @@ def solution_document(
         document["disturbances"] = disturbance_data(disturbances)
     if guarantee is not None:
         if verdict is None and (found or not solution.problem.joint_count):
-            verdict = guarantee.verdict  # where torques are there to check it on
+            verdict = guarantee.verdict  # needs torques to be checked with
         document["guarantee"] = written("guarantee", guarantee)
     if verdict is not None:
         document["stability"] = verdict_data(verdict)
@@ -151,10 +151,10 @@ def solution_document(
     if uncertainty is not None:
         document["uncertainty"] = uncertainty
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
-    plain: dict[str, Any] = _plain(document)
+    plain: dict[str, Any] = _plain_data(document)
     figures = plain["certificate"]
     if figures["infeasibility"] > 0.0:
-        # Multipliers that hardly count are not written: those of the search may prove a hair more.
+        # Negligible multipliers are not written: with them the search may prove slightly more.
         figures["infeasibility"] = min(figures["infeasibility"], proven_violation(plain))
     return plain
 
@@ -162,8 +162,8 @@ def solution_document(
 def write_document(document: dict[str, Any], target: str | Path) -> None:
     """Write a document to a file, or to standard output for ``-``.
 
-    A file is written beside its final name and moved there, so that an interrupted run leaves what
-    was there before. A pipe or device is written to as it is.
+    A file is written under a temporary name beside it and then renamed, so that an interrupted run
+    leaves the old one intact. Pipes and devices are written to directly.
 
     Raises:
         SceneError: If the file cannot be written.
@@ -187,7 +187,7 @@ def write_document(document: dict[str, Any], target: str | Path) -> None:
 
 
 def write_text(text: str, target: str | Path, *, kind: str) -> None:
-    """Write a text as `write_document` does; ``kind`` says in a message what it is.
+    """Write a text as `write_document` does; error messages call it ``kind``.
 
     Raises:
         SceneError: If the file cannot be written.
@@ -208,7 +208,7 @@ def write_text(text: str, target: str | Path, *, kind: str) -> None:
         ) from error
 
 
-def _scene_part(scene: Scene) -> dict[str, Any]:
+def _scene_data(scene: Scene) -> dict[str, Any]:
     part: dict[str, Any] = {
         "scene": scene.name,
         "gravity": scene.gravity,
@@ -230,14 +230,14 @@ def _scene_part(scene: Scene) -> dict[str, Any]:
     return part
 
 
-def _coordinates(problem: QuasistaticProblem) -> dict[str, Any]:
-    """Return the map of passive coordinates that are not those of one free object."""
+def _coordinate_data(problem: QuasistaticProblem) -> dict[str, Any]:
+    """Return ``wrench_matrix`` and ``passive_units``; empty for one free object."""
     if problem.wrench_matrix is None:
         return {}
     return {"wrench_matrix": problem.wrench_matrix, "passive_units": list(problem.passive_units)}
 
 
-def _joints(solution: TorqueSolution) -> list[dict[str, Any]]:
+def _joint_data(solution: TorqueSolution) -> list[dict[str, Any]]:
     problem, found = solution.problem, solution.found
     return [
         {
@@ -253,7 +253,7 @@ def _joints(solution: TorqueSolution) -> list[dict[str, Any]]:
     ]
 
 
-def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, Any]]:
+def _contact_data(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, Any]]:
     problem = solution.problem
     origin = np.zeros(3) if scene is None else scene.object.center_of_mass_world
     mode = solution.mode if solution.found else solution.given_mode
@@ -278,22 +278,22 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
     return contacts
 
 
-def _certificate(solution: TorqueSolution) -> dict[str, Any]:
-    """Return the figures of the certificate; those of an answer are null where there is none."""
+def _certificate_data(solution: TorqueSolution) -> dict[str, Any]:
+    """Return the figures of the certificate; without an answer those of answers are null."""
     of_answer = () if solution.found else ("primal_residual", "duality_gap", "bound", "gap")
     return written("certificate", solution.certificate, **dict.fromkeys(of_answer))
 
 
-def _plain(value: Any) -> Any:
+def _plain_data(value: Any) -> Any:
     """Return plain Python data: arrays as lists, numbers that are not finite as None."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _plain_data(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return _plain_data(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_plain_data(item) for item in value]
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return _plain_data(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
@@ -308,13 +308,13 @@ def write_path_documents(profile: PathProfile, folder: str | Path) -> tuple[Path
 
     Args:
         profile: The profile of a path.
-        folder: Where they go; it is made if need be.
+        folder: The folder of the files; it is created where it does not exist.
 
     Returns:
         The files written.
 
     Raises:
-        SceneError: If one cannot be written.
+        SceneError: If a file cannot be written.
 
     Examples:
         >>> from graspless_pin import Waypoint, evaluate_path, load_scene
@@ -326,14 +326,14 @@ def write_path_documents(profile: PathProfile, folder: str | Path) -> tuple[Path
         ...     len(write_path_documents(profile, folder))
         2
     """
-    made = _made(Path(folder))
+    created = _created_folder(Path(folder))
     files = []
     for k, (leaving, arriving) in enumerate(
         zip(profile.evaluations, profile.arrivals, strict=True)
     ):
         for name, state in (("", leaving), ("_arrival", arriving)):
             if state.has_contacts and (not name or state is not leaving):
-                file = made / f"waypoint_{k:04d}{name}.json"
+                file = created / f"waypoint_{k:04d}{name}.json"
                 write_document(solution_document(state.solution, state.scene), file)
                 files.append(file)
     return tuple(files)
@@ -344,14 +344,14 @@ class SampleDocuments:
     """Writes the document of each sample of a study: ``sample_000000.json`` and so on.
 
     Attributes:
-        folder: Where they go.
+        folder: The folder of the files.
     """
 
     folder: Path
 
     def __post_init__(self) -> None:
-        """Make the folder."""
-        _made(self.folder)
+        """Create the folder."""
+        _created_folder(self.folder)
 
     def file(self, number: int) -> Path:
         """Return the file of a sample."""
@@ -366,7 +366,7 @@ class SampleDocuments:
         return self.file(number).is_file()
 
 
-def _made(folder: Path) -> Path:
+def _created_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -388,26 +388,27 @@ _CLAIMS = (
 def accepted(
     solution: TorqueSolution, scene: Scene | None = None, verdict: StabilityVerdict | None = None
 ) -> tuple[TorqueSolution, StabilityVerdict | None]:
-    """Return a solution and a verdict of which no more is claimed than their document proves.
+    """Return a solution and a verdict, reduced to the claims that their document proves.
 
     Args:
         solution: A solution of the scene.
         scene: The scene; None: the problem is of arrays, or of several scenes joined.
-        verdict: On the solution's torques; None: it was not asked.
+        verdict: The verdict on the solution's torques; None: there is none.
 
     Returns:
-        The same, unless a check fails or its proof is not in the document. Then an optimum is the
-        best found only, a verdict undecided, and an answer that is none is not verified.
+        Both unchanged where all checks pass. Where one fails or the document lacks its proof, an
+        optimum becomes `Status.LIMIT_REACHED`, a verdict undecided, and any other answer
+        `Status.UNVERIFIED` or `Status.STRONG_NOT_FOUND`.
     """
-    # No document holds the bounds of directions, nor round cones of an objective of its own.
+    # Documents cannot hold bounds of directions, nor an own objective with round cones.
     own_round = solution.algorithm is None and solution.problem.cone_model.second_order
     if solution.rules.by_direction or own_round:
         return solution, verdict
     checks = verify_document(solution_document(solution, scene, verdict)).checks
     unproven = [one for one in checks if one.passed is not True]
-    lost = [one for one in unproven if one.claim is Claim.REST]
-    if lost and verdict is not None and verdict.status is not Stability.UNDECIDED:
-        why = f"undecided: its proof does not pass the check ({_message(lost)})"
+    rest_failures = [one for one in unproven if one.claim is Claim.REST]
+    if rest_failures and verdict is not None and verdict.status is not Stability.UNDECIDED:
+        why = f"undecided: its proof does not pass the check ({_failure_text(rest_failures)})"
         verdict = undecided_verdict(
             verdict.problem,
             verdict.torques,
@@ -415,18 +416,18 @@ def accepted(
             acceleration_resolution=verdict.acceleration_resolution,
         )
     if solution.status in _CLAIMS:
-        # Of several members joined each has a verdict of its own.
+        # In a joined problem each member has its own verdict.
         joined = solution.guarantee is not None and solution.guarantee.verdict is None
-        apart = (Claim.REST, Claim.GUARANTEE) if joined else (Claim.REST,)
-        refused = [one for one in unproven if one.claim not in apart]
-        solution = _without(solution, refused, lost)
+        rest_claims = (Claim.REST, Claim.GUARANTEE) if joined else (Claim.REST,)
+        refused = [one for one in unproven if one.claim not in rest_claims]
+        solution = _without_refused_claims(solution, refused, rest_failures)
     return solution, verdict
 
 
-def _without(
+def _without_refused_claims(
     solution: TorqueSolution, refused: Sequence[Check], lost: Sequence[Check]
 ) -> TorqueSolution:
-    """Return a solution without what its checks do not prove, those of rest apart."""
+    """Return a solution with the status that remains after its refused claims are withdrawn."""
     if solution.found and refused and all(one.claim is Claim.OPTIMUM for one in refused):
         return replace(solution, status=Status.LIMIT_REACHED)
     if not refused and not (lost and solution.status is Status.STRONG):
@@ -437,9 +438,9 @@ def _without(
         status=status,
         _forces=None,
         _mode=None,
-        _explanation=f"Its document does not pass the check: {_message([*refused, *lost])}.",
+        _explanation=f"Its document does not pass the check: {_failure_text([*refused, *lost])}.",
     )
 
 
-def _message(checks: Sequence[Check]) -> str:
+def _failure_text(checks: Sequence[Check]) -> str:
     return "; ".join(f"{one.name}: {one.detail}" for one in checks)

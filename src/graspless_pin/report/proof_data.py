@@ -1,6 +1,6 @@
-"""Objectives, cones, proofs and multipliers as plain data, in the units of the problem, and back.
+"""Objectives, cones, proofs and multipliers as plain data in the units of the problem, and back.
 
-An objective is read back as its columns, rows and costs stand in the document.
+An objective is rebuilt from the columns, rows and costs that its document states.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from graspless_pin.solution.certificate import (
 
 
 def objective_data(solution: TorqueSolution) -> dict[str, Any]:
-    """Return what an objective adds to the problem, for its document.
+    """Return the columns, rows and costs that an objective adds, for its document.
 
     Args:
-        solution: Of an objective that is neither of the paper's algorithms.
+        solution: A solution whose objective is neither of the paper's two algorithms.
 
     Returns:
         ``name``, ``maximizes``, the ``unit`` that its figures are of order one in, ``value``; the
@@ -46,35 +46,36 @@ def objective_data(solution: TorqueSolution) -> dict[str, Any]:
         ``normal_range``; its own ``rows``; and ``force_curvature``.
 
     Raises:
-        ArgumentError: If two blocks have one name, or the forces have no cones or normal limits.
+        ArgumentError: If two blocks have one name, the cones are round, or the forces have no cones
+            or normal limits.
     """
     coordinates, program, unit = solution.program
     size, force = coordinates.layout.size, coordinates.force_scale
     blocks = {block.name: block for block in program.blocks}
     _check_blocks(solution, program, blocks)
-    groups, scale = _columns(program, size)
+    groups, scale = _added_blocks(program, size)
     values = added_columns(solution) if solution.found else None
     count = solution.problem.contact_count
 
-    def ends(both: FloatArray) -> FloatArray:
-        return both[:, size:] * scale
+    def column_bounds(pair: FloatArray) -> FloatArray:
+        return pair[:, size:] * scale
 
-    def terms(block: Block) -> FloatArray:
+    def column_terms(block: Block) -> FloatArray:
         """Return the coefficients of added columns in the rows of a block, in its unit."""
         units = np.broadcast_to(block.unit, len(program.rows[block.at]))
         return units[:, None] * program.rows[block.at][:, size:] / scale
 
-    box = ends(program.box)
-    whole = box if program.whole_box is None else ends(program.whole_box)
-    imposed = ends(np.array([program.lb, program.ub]))
+    box = column_bounds(program.box)
+    whole = box if program.whole_box is None else column_bounds(program.whole_box)
+    imposed = column_bounds(np.array([program.lb, program.ub]))
     cost, curvature = unit * program.c[size:] / scale, unit * program.P[size:] / scale**2
-    bent = np.zeros(3 * count)
-    bent[coordinates.layout.axes] = unit * program.P[:size] / force**2
+    force_curvature = np.zeros(3 * count)
+    force_curvature[coordinates.layout.axes] = unit * program.P[:size] / force**2
     normal = force * np.array([program.lb, program.ub])[:, coordinates.normal_columns]
     faces = blocks["faces"]
     margins = faces.spread(-faces.unit * program.sides[1][faces.at])[:, 0] + 0.0
-    kept = {name: terms(blocks[name]) for name in KEPT if name in blocks}
-    for name in kept.keys() - {"balance", "torque"}:  # by contact: its faces have the same
+    kept = {name: column_terms(blocks[name]) for name in KEPT if name in blocks}
+    for name in kept.keys() - {"balance", "torque"}:  # by contact: equal at all its faces
         spread = [blocks[name].spread(one).reshape(count, -1)[:, 0] for one in kept[name].T]
         kept[name] = np.array(spread).T.reshape(count, len(scale))
     return {
@@ -86,23 +87,23 @@ def objective_data(solution: TorqueSolution) -> dict[str, Any]:
         "columns": [
             {
                 "name": block.name,
-                "unit": scale[at],
-                "cost": cost[at],
-                "curvature": curvature[at],
-                "bounds": imposed[:, at],
-                "box": box[:, at],
-                "whole_box": whole[:, at],
-                "values": None if values is None else values[at],
+                "unit": scale[span],
+                "cost": cost[span],
+                "curvature": curvature[span],
+                "bounds": imposed[:, span],
+                "box": box[:, span],
+                "whole_box": whole[:, span],
+                "values": None if values is None else values[span],
             }
             for block in groups
-            for at in [_inside(block, size)]
+            for span in [_added_column_slice(block, size)]
         ],
-        "terms": {name: _triplets(matrix) for name, matrix in kept.items()},
+        "terms": {name: _nonzero_triplets(matrix) for name, matrix in kept.items()},
         "face_margins": margins,
         "normal_range": normal.T,
-        "force_curvature": bent.reshape(count, 3),
+        "force_curvature": force_curvature.reshape(count, 3),
         "rows": [
-            _rows(block, program, terms(block), coordinates.layout.axes, force)
+            _row_block_data(block, program, column_terms(block), coordinates.layout.axes, force)
             for block in program.blocks
             if block.name not in KEPT
         ],
@@ -113,15 +114,15 @@ def added_columns(solution: TorqueSolution) -> FloatArray | None:
     """(k,) values of the objective's own columns in their units; None: there are none."""
     coordinates, program, _ = solution.program
     values = solution.evidence.added
-    return None if values is None else values * _columns(program, coordinates.layout.size)[1]
+    return None if values is None else values * _added_blocks(program, coordinates.layout.size)[1]
 
 
-def _columns(program: Program, size: int) -> tuple[list[Block], FloatArray]:
-    """Return the blocks of added columns, and (k,) what one of each is in its unit."""
+def _added_blocks(program: Program, size: int) -> tuple[list[Block], FloatArray]:
+    """Return the blocks of added columns, and the (k,) unit of each column."""
     groups = [block for block in program.bounded_blocks if block.name != "normal"]
     scale = np.ones(len(program.c) - size)
     for block in groups:
-        scale[_inside(block, size)] = block.unit
+        scale[_added_column_slice(block, size)] = block.unit
     return groups, scale
 
 
@@ -142,16 +143,16 @@ def _check_blocks(solution: TorqueSolution, program: Program, blocks: dict[str, 
         )
 
 
-def _inside(block: Block, size: int) -> slice:
-    """Return where a block of added columns stands among these."""
+def _added_column_slice(block: Block, size: int) -> slice:
+    """Return the slice of a block within the added columns."""
     assert isinstance(block.at, slice)  # noqa: S101 - for the type checker: `Columns.at`
     return slice(block.at.start - size, block.at.stop - size)
 
 
-def _rows(
+def _row_block_data(
     block: Block, program: Program, terms: FloatArray, axes: NDArray[np.int_], force: float
 ) -> dict[str, Any]:
-    """Return rows of an objective's own, one for each place of the block's multipliers."""
+    """Return the data of a block of own rows: one row for each multiplier of the block."""
     units = np.broadcast_to(block.unit, len(terms)).astype(float)
     low, high = (units * side[block.at] for side in program.sides)
     count = int(np.prod(block.shape))
@@ -168,14 +169,16 @@ def _rows(
         "high": full[2],
         "forces": [
             [int(places[row]), *divmod(int(axes[column]), 3), value]
-            for row, column, value in _triplets(on_forces)
+            for row, column, value in _nonzero_triplets(on_forces)
         ],
-        "columns": [[int(places[row]), column, value] for row, column, value in _triplets(terms)],
+        "columns": [
+            [int(places[row]), column, value] for row, column, value in _nonzero_triplets(terms)
+        ],
     }
 
 
-def _triplets(matrix: FloatArray) -> list[list[Any]]:
-    """[row, column, value] of what is not zero."""
+def _nonzero_triplets(matrix: FloatArray) -> list[list[Any]]:
+    """Return [row, column, value] of each nonzero entry."""
     return [
         [int(row), int(column), float(matrix[row, column])] for row, column in np.argwhere(matrix)
     ]
@@ -200,7 +203,7 @@ def proof_data(solution: TorqueSolution) -> dict[str, Any]:
         "motion": None
         if motion is None
         else {"object": motion[:passive], "joints": motion[passive:]},
-        "nodes": [_node(solution, node) for node in proof.tree.nodes],
+        "nodes": [_node_data(solution, node) for node in proof.tree.nodes],
     }
     if proof.forces is not None:
         data["forces"] = proof.forces
@@ -216,29 +219,29 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
 
     Args:
         solution: The solution.
-        y: Of the scaled equalities.
-        z: Of the scaled rows.
+        y: Multipliers of the scaled equalities.
+        z: Multipliers of the scaled rows.
 
     Returns:
-        By the names of their blocks; those of cone faces as ``[contact, face, value]``, those of
-        round cones by contact.
+        Multipliers by the name of their block; those of cone faces as ``[contact, face, value]``,
+        those of round cones by contact.
     """
     found, problem = solution.named(y, z), solution.problem
     sizes = {"M": problem.contact_count, "L": problem.joint_count}
-    # Documents of both algorithms have those of each.
+    # Documents of either algorithm state the multipliers of both.
     known = {} if solution.algorithm is None else SIZED
     data: dict[str, Any] = {name: np.zeros(sizes[size]) for name, size in known.items()}
     data |= found
     if "faces" in found:
-        data["faces"] = _triplets(found["faces"])
+        data["faces"] = _nonzero_triplets(found["faces"])
     return data
 
 
 def cone_data(problem: QuasistaticProblem, contact: int) -> dict[str, FloatArray]:
-    """Return the cone of a contact where its normal force is 1, along t1 and t2, by key.
+    """Return the section of a contact's cone at a normal force of 1, along t1 and t2, by key.
 
-    Checkers know the paper's pyramids and Coulomb's cone by name; of other models they are told the
-    ``cone_corners``, (r, 2), and where there is no cone the ``kinetic_friction``, (2,).
+    Empty for the paper's pyramids and Coulomb's cone, which checkers know by name. Of other models
+    the ``cone_corners``, (r, 2), or the ``kinetic_friction``, (2,), where a contact has no cone.
     """
     if problem.cone in KNOWN_CONES:
         return {}
@@ -253,13 +256,13 @@ def read_multipliers(
     """Return the multipliers (y, z) of a scaled program from those in a document.
 
     Args:
-        given: As `multipliers_data` gives them.
-        stated: The problem as it stands there.
-        problem: The problem.
-        objective: What was optimised.
+        given: Multipliers as `multipliers_data` writes them.
+        stated: The problem as its document states it.
+        problem: The same problem, as the solver reads it.
+        objective: The optimised objective.
 
     Raises:
-        KeyError, ValueError: If they are none.
+        KeyError, ValueError: If one is missing, or of a wrong type or shape.
     """
     _, program, unit = scaled_program(problem, objective)
     blocks = () if stated.own is None else stated.own.rows.blocks
@@ -273,19 +276,19 @@ def read_multipliers(
     return weights[:count], weights[count:]
 
 
-def _node(solution: TorqueSolution, node: ProofNode) -> dict[str, Any]:
+def _node_data(solution: TorqueSolution, node: ProofNode) -> dict[str, Any]:
     match node:
         case BoundLeaf():
             multipliers = multipliers_data(solution, node.y, node.z)
             return {"kind": "bound", "objective": node.objective, "multipliers": multipliers}
         case KinematicLeaf():
-            return {"kind": "kinematic", "combination": _triplets(node.combination)}
+            return {"kind": "kinematic", "combination": _nonzero_triplets(node.combination)}
         case ConflictSplit():
             return {
                 "kind": "conflict",
                 "items": [list(item) for item in node.items],
                 "open": None if node.opened is None else list(node.opened),
-                "combinations": [_triplets(v) for v in node.combinations],
+                "combinations": [_nonzero_triplets(v) for v in node.combinations],
             }
         case ContactSplit():
             return {"kind": "contact", "contact": node.contact}
@@ -293,12 +296,12 @@ def _node(solution: TorqueSolution, node: ProofNode) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class StatedObjective(Objective):
-    """An objective that `objective_data` has written.
+    """An objective rebuilt from the data of `objective_data`.
 
     Attributes:
-        name: What it is called.
-        stated: What stands in the document.
-        maximizes: Whether its value is to be as large as possible.
+        name: Its name.
+        stated: Its columns, rows and costs, as the document states them.
+        maximizes: Whether its value is maximised.
         required_margin: Margin that the forces keep, N.
     """
 
@@ -321,7 +324,7 @@ class StatedObjective(Objective):
         if forces.cones.second_order:
             raise ValueError("an objective of one's own stands in no document with round cones")
         force, kept = forces.coordinates.force_scale, own.keeps
-        columns = self._columns(program)
+        columns = self._add_columns(program)
 
         def terms(matrix: FloatArray, unit: Any = force) -> dict[Columns, FloatArray]:
             return {columns: matrix * own.column_unit / np.reshape(unit, (-1, 1))}
@@ -354,7 +357,7 @@ class StatedObjective(Objective):
         for name, sign, shape in rows.blocks:
             begin, first = first, first + int(np.prod(shape))
             at = np.arange(begin, first)
-            # Places without a row have no sides.
+            # A place with two infinite sides has no row.
             at = at[np.isfinite(rows.low[at]) | np.isfinite(rows.high[at])]
             unit = rows.unit[at]
             on_forces = flat[np.ix_(at, axes)] * force / unit[:, None]
@@ -367,13 +370,13 @@ class StatedObjective(Objective):
                 name, on_forces, high, listed, unit=unit, shape=shape,
                 low=low if sign == "either" else None, places=at - begin,
             )  # fmt: skip
-        # Forces have no costs of their own but those of a regularisation.
+        # The only costs of forces themselves are those of a regularisation.
         curved = own.force_curvature[0, 0] * force**2 / own.unit
         normal = forces.coordinates.normal_columns[0]
         program.regularize(float(curved / forces.coordinates.curvature(1.0)[normal]))
 
-    def _columns(self, program: ProgramBuilder) -> Columns:
-        """Add all columns and return them as one."""
+    def _add_columns(self, program: ProgramBuilder) -> Columns:
+        """Add all own columns; return them as one block."""
         own, first, at = self.stated, program.forces.size, slice(0, 0)
         for name, count in own.groups:
             at = slice(at.stop, at.stop + count)

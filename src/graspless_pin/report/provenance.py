@@ -1,4 +1,4 @@
-"""What a result was made of: versions, hashes and the command that makes it again."""
+"""The provenance of a result: versions, hashes and the command that reproduces it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ARRAYS = (
 )  # fmt: skip
 _SCENE = FileKind("scene", 4, SceneError)
 _SAME_ENTRY = 1e-9
-"""Entries of arrays that are this near, beside their size, are the same."""
+"""Absolute tolerance of equal array entries, beside the relative one of `np.allclose`."""
 
 
 def file_sha256(path: Path) -> str | None:
@@ -38,7 +38,7 @@ def file_sha256(path: Path) -> str | None:
 
 def problem_sha256(problem: QuasistaticProblem) -> str:
     """Return the hash of a problem's known arrays, as little-endian doubles, and of its cones."""
-    digest = hashlib.sha256(_kind(problem).encode())
+    digest = hashlib.sha256(_problem_signature(problem).encode())
     for name in (*_ARRAYS, *INERTIAS):
         if getattr(problem, name) is None:
             continue
@@ -49,11 +49,11 @@ def problem_sha256(problem: QuasistaticProblem) -> str:
 
 
 def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str, Any]:
-    """Return what a solution was made of, for its document.
+    """Return the provenance of a solution, for its document.
 
     Args:
         problem: The problem that was solved.
-        scene_file: The file of the scene that it is of; None: made from arrays or in Python.
+        scene_file: The scene file of the problem; None: it was made from arrays or in Python.
 
     Returns:
         ``scene_file`` as it was given and ``scene_sha256`` (None without a file),
@@ -67,15 +67,18 @@ def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str
     }
 
 
-def _kind(problem: QuasistaticProblem) -> str:
-    """Return what tells cones from others, and passive coordinates from those of one object."""
+def _problem_signature(problem: QuasistaticProblem) -> str:
+    """Return the signature of the cones, with the units of stated passive coordinates."""
     units = () if problem.wrench_matrix is None else problem.passive_units
     return problem.cone_model.signature(problem.cone_edges) + " ".join(units)
 
 
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
-    """Return whether two problems are the same but for rounding and inertias that one lacks."""
-    if _kind(first) != _kind(second) or first.joint_names != second.joint_names:
+    """Return whether two problems agree up to rounding and inertias that only one of them has."""
+    if (
+        _problem_signature(first) != _problem_signature(second)
+        or first.joint_names != second.joint_names
+    ):
         return False
     pairs = [(getattr(first, name), getattr(second, name)) for name in (*_ARRAYS, *INERTIAS)]
     known = [(a, b) for a, b in pairs if a is not None and b is not None]
@@ -85,8 +88,8 @@ def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
 def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
     """Return the command line that solves a scene file again; None: no command does.
 
-    What the command does not say stands in the scene file. No command takes a given mode,
-    or an objective without a name.
+    All else is stated in the scene file. No command takes a given mode, or an objective without a
+    name.
     """
     name, figures = asked_by(solution.objective) or (solution.algorithm, {})
     if solution.status.name.lower() in IN_MODE or name is None:

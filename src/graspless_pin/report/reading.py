@@ -1,8 +1,7 @@
-"""A solution read back from its JSON document.
+"""Reading of a solution from its JSON document.
 
-What a document may hold at most: looked at before anything is made of it.
-
-The program of a document is dense: its size grows with the square of the contacts.
+The size of a document is checked before anything is built from it: its program is dense, and grows
+with the square of the number of contacts.
 """
 
 from __future__ import annotations
@@ -38,31 +37,31 @@ from graspless_pin.report.verify.reading import read_mode, read_origin, read_pro
 from graspless_pin.solution import FOUND, Certificate, Evidence, Guarantee, Status, TorqueSolution
 
 _SAME_CORNER = 1e-9
-"""Corners of cones that are this near are the same."""
+"""Absolute tolerance of equal corners of cones."""
 _ROUND_ROWS = 3
 """Rows of a round cone."""
 _OWN_ROWS = 3
 """Rows of a contact beside those of its cone."""
 _NAMED = ("name", "scene", "solver", "bodies")
-"""Keys of names."""
+"""Keys whose values are names."""
 
 
 def check_bounds(document: dict[str, Any]) -> None:
     """Refuse a document with too many contacts or joints, too long a name or too large a number.
 
-    Values of wrong types pass: whoever reads them refuses them.
+    Values of wrong types pass here; they are refused where they are read.
 
     Raises:
         ArgumentError: Naming the key, what was found and what would do.
     """
-    contacts, joints = (_listed(document, key) for key in ("contacts", "joints"))
-    rows = [(key, _listed(document, key)) for key in ("external_wrench", "wrench_matrix")]
+    contacts, joints = (_list_under_key(document, key) for key in ("contacts", "joints"))
+    rows = [(key, _list_under_key(document, key)) for key in ("external_wrench", "wrench_matrix")]
     for key, entries in (("contacts", contacts), ("joints", joints), *rows):
         if len(entries) > MOST_CONTACTS:
             raise ArgumentError(
                 "document", f"{key}: has {len(entries)} entries; at most {MOST_CONTACTS} are read"
             )
-    size = _coefficients(document, len(contacts), len(joints))
+    size = _coefficient_count(document, len(contacts), len(joints))
     if size > MOST_COEFFICIENTS:
         raise ArgumentError(
             "document",
@@ -76,7 +75,7 @@ def check_bounds(document: dict[str, Any]) -> None:
         if isinstance(item, dict):
             waiting += [(f"{where}.{name}", one) for name, one in item.items()]
         elif isinstance(item, list):
-            # Numbers and texts are called by their list.
+            # Numbers and texts are reported under the name of their list.
             waiting += [
                 (f"{where}[{place}]" if isinstance(one, dict) else where, one)
                 for place, one in enumerate(item)
@@ -92,25 +91,26 @@ def check_bounds(document: dict[str, Any]) -> None:
             )
 
 
-def _coefficients(document: dict[str, Any], contacts: int, joints: int) -> int:
-    """Return the rows times the columns of a document's program, or a little more."""
+def _coefficient_count(document: dict[str, Any], contacts: int, joints: int) -> int:
+    """Return an upper estimate of the rows times the columns of a document's program."""
     edges, faces = document.get("cone_edges"), _ROUND_ROWS
     if isinstance(edges, int) and document.get("cone") != "round":
         stated = [
-            len(_listed(contact, "cone_corners")) for contact in _listed(document, "contacts")
+            len(_list_under_key(contact, "cone_corners"))
+            for contact in _list_under_key(document, "contacts")
         ]
         faces = max([min(edges, MOST_CONE_EDGES), *stated])
-    passive = len(_listed(document, "external_wrench"))
+    passive = len(_list_under_key(document, "external_wrench"))
     rows, columns = contacts * (faces + _OWN_ROWS) + 2 * joints + passive, 3 * contacts + 1
     own = document.get("objective")
     if isinstance(own, dict):
-        rows += sum(len(_listed(one, "unit")) for one in _listed(own, "rows"))
-        columns += sum(len(_listed(one, "unit")) for one in _listed(own, "columns"))
+        rows += sum(len(_list_under_key(one, "unit")) for one in _list_under_key(own, "rows"))
+        columns += sum(len(_list_under_key(one, "unit")) for one in _list_under_key(own, "columns"))
     return rows * columns
 
 
-def _listed(holder: Any, key: str) -> list[Any]:
-    """Return what a mapping lists under a key; nothing where there is no such list."""
+def _list_under_key(holder: Any, key: str) -> list[Any]:
+    """Return the list under a key of a mapping; empty where there is none."""
     found = holder.get(key) if isinstance(holder, dict) else None
     return found if isinstance(found, list) else []
 
@@ -119,7 +119,7 @@ DOCUMENT = FileKind("JSON document", 32, SceneError)
 
 
 def read_document(path: Path) -> Any:
-    """Read a JSON document within bounds; what it says is not checked yet.
+    """Read a JSON document of bounded size; its content is not checked yet.
 
     Raises:
         SceneError: If the file cannot be opened (see `read_bytes`) or is not JSON as
@@ -148,14 +148,14 @@ def read_document(path: Path) -> Any:
 
 
 @dataclass(frozen=True)
-class _Stated:
-    """What a document says is wrong with its scene."""
+class _StatedFindings:
+    """The findings that a document states of its scene."""
 
     findings: tuple[Finding, ...]
 
 
 def read_solution(document: dict[str, Any]) -> TorqueSolution:
-    """Return the solution that a document of `solution_document` is of.
+    """Return the solution that a document of `solution_document` describes.
 
     The proof over all modes stays in the document: `verify_document` checks it there.
 
@@ -183,7 +183,7 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
     check_bounds(document)
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
-            return _solution(document)
+            return _stated_solution(document)
     except KeyError as error:
         raise ArgumentError("document", f"lacks the key {error}") from None
     except GrasplessPinError as error:
@@ -198,19 +198,19 @@ def document_origin(document: dict[str, Any]) -> FloatArray:
 
 
 def document_bodies(document: dict[str, Any]) -> tuple[str, ...] | None:
-    """M names of what touches the object; None where the document knows none."""
+    """M names of the bodies that touch the object; None where the document states none."""
     contacts = document["contacts"]
     if not all("bodies" in contact for contact in contacts):
         return None
     return tuple(str(contact["bodies"][0]) for contact in contacts)
 
 
-def _solution(document: dict[str, Any]) -> TorqueSolution:
+def _stated_solution(document: dict[str, Any]) -> TorqueSolution:
     known = read_problem(document)
     stated = known.part(document)
     status, proof = Status[stated["status"].upper()], stated["proof"]
-    problem, objective = _problem(stated, known), _objective(stated, known)
-    _ = scaled_program(problem, objective)  # refuses what is no objective
+    problem, objective = _stated_problem(stated, known), _stated_objective(stated, known)
+    _ = scaled_program(problem, objective)  # raises for an invalid objective
     forces = mode = in_mode = added = balanced = relaxed = None
     if all(contact["selected"] is not None for contact in document["contacts"]):
         mode = SlidingMode(*read_mode(document, known))
@@ -219,13 +219,15 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         if status is not Status.STRONG:
             in_mode = read_multipliers(stated["multipliers"], known, problem, objective)
         own = known.own
-        added = _added(problem, objective, forces) if own is None else own.scaled_values
+        added = (
+            _optimal_added_column(problem, objective, forces) if own is None else own.scaled_values
+        )
     elif proof.get("forces") is not None:
         balanced = read_only(proof["forces"])
         if known.own is not None:
             added = proof["columns"] / known.own.column_unit
     nodes = proof["nodes"] if document["proof"]["nodes"] else []
-    if nodes and nodes[0]["kind"] == "bound":  # they bound every mode at once
+    if nodes and nodes[0]["kind"] == "bound":  # a bound at the root holds for every mode
         relaxed = read_multipliers(nodes[0]["multipliers"], known, problem, objective)
     motion, guarantee = proof.get("motion"), stated.get("guarantee")
     if motion is not None:
@@ -237,7 +239,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         status,
         objective,
         Rules.parse(*(stated["rules"][key] for key in _RULES)),
-        _certificate(stated["certificate"]),
+        _stated_certificate(stated["certificate"]),
         problem,
         mode if stated["status"] in IN_MODE else None,
         _forces=forces,
@@ -245,15 +247,15 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         evidence=Evidence(relaxed or in_mode, in_mode, added, balanced, motion),
         guarantee=guarantee,
         _explanation=str(document.get("explanation", "")),
-        _source=_Stated(tuple(map(_finding, document.get("findings", [])))),
+        _source=_StatedFindings(tuple(map(_stated_finding, document.get("findings", [])))),
     )
 
 
 _RULES = ("sign_rule", "sliding_rule", "static_friction")
 
 
-def _certificate(stated: Part) -> Certificate:
-    """Read the figures: null in JSON does not exist."""
+def _stated_certificate(stated: Part) -> Certificate:
+    """Return the certificate; a figure that is null becomes NaN."""
     figures = {item.name: stated.maybe(item.name) for item in fields(Certificate)}
     optima = figures.pop("threshold_optima")
     known: dict[str, Any] = {key: np.nan if one is None else one for key, one in figures.items()}
@@ -263,15 +265,15 @@ def _certificate(stated: Part) -> Certificate:
     )
 
 
-def _finding(stated: dict[str, Any]) -> Finding:
+def _stated_finding(stated: dict[str, Any]) -> Finding:
     key = tuple(part if isinstance(part, int) else str(part) for part in stated["key"])
     subject, message, advice = (str(stated[name]) for name in ("subject", "message", "advice"))
     code = FindingCode(stated["code"])
     return Finding(code, subject, message, advice, key, str(stated["place"]))
 
 
-def _objective(stated: Part, known: Problem) -> Objective:
-    """Return what was optimised."""
+def _stated_objective(stated: Part, known: Problem) -> Objective:
+    """Return the objective that the document states."""
     if known.own is not None:
         name = stated["objective"]["name"]
         return StatedObjective(name, known.own, known.own.maximizes, known.e0)
@@ -280,21 +282,23 @@ def _objective(stated: Part, known: Problem) -> Objective:
     return (TorqueShare if known.by_limits else Torque)(known.e0, known.epsilon)
 
 
-def _added(problem: QuasistaticProblem, objective: Objective, forces: FloatArray) -> FloatArray:
-    """(1,) the best value of the one column that an objective adds, at given forces, scaled."""
+def _optimal_added_column(
+    problem: QuasistaticProblem, objective: Objective, forces: FloatArray
+) -> FloatArray:
+    """(1,) the optimal value of the one column that the objective adds, at given forces, scaled."""
     coordinates, program, _ = scaled_program(problem, objective)
     high, coefficients = program.sides[1], program.rows[:, -1]
-    rest = program.rows[:, :-1] @ coordinates.scaled(forces)
-    # What is minimised is as small as the rows allow, what is maximised as large.
+    force_terms = program.rows[:, :-1] @ coordinates.scaled(forces)
+    # The least value that the rows allow where it is minimised, the largest where maximised.
     rows = coefficients * program.c[-1] < 0.0
-    values = (high - rest)[rows] / coefficients[rows]
+    values = (high - force_terms)[rows] / coefficients[rows]
     value = np.maximum(values.max(initial=-np.inf), program.lb[-1])
     if program.c[-1] < 0.0:
         value = np.minimum(values.min(initial=np.inf), program.ub[-1])
     return np.array([value])
 
 
-def _problem(stated: Part, known: Problem) -> QuasistaticProblem:
+def _stated_problem(stated: Part, known: Problem) -> QuasistaticProblem:
     joints, document = stated["joints"], stated.stated
     rows, given = 3 * known.count, known.given
     problem = QuasistaticProblem(
@@ -317,12 +321,12 @@ def _problem(stated: Part, known: Problem) -> QuasistaticProblem:
     )
     _check_cones(problem, document["contacts"])
     inertias = {name: stated[name] for name in INERTIAS if stated.get(name) is not None}
-    # A URDF may state inertias that are none: solutions do not hang on them.
+    # A URDF may state invalid inertias: solutions do not depend on them.
     return with_derived_inertias(problem, {name: lambda a=a: a for name, a in inertias.items()})
 
 
 def _check_cones(problem: QuasistaticProblem, contacts: list[dict[str, Any]]) -> None:
-    """Refuse a document whose cones are not those of the model of that name here."""
+    """Refuse a document whose cones differ from those of the installed model of that name."""
     for index, contact in enumerate(contacts):
         for key, own in cone_data(problem, index).items():
             stated = np.array(contact[key])

@@ -1,4 +1,4 @@
-"""What is told of torques for all that is not known of a scene: as text, and in documents."""
+"""Robust torques over a scene's uncertainty, as text and as data of documents."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, Table, counted, figure, torque_size
 
 _STILL = 1e-9
-"""rad (m): joints that give way by less do not."""
+"""rad (m): smaller joint deflections are not reported."""
 _OPEN = 2e-3
-"""Shares of a set that are served, and not served, are told as one where they are nearer."""
+"""Served and unserved shares of a set that differ by less are reported as one."""
 _MOST_ROWS = 16
-"""Of the table of verdicts at corners."""
+"""Largest number of rows in the table of verdicts at corners."""
 _SAME_AS_BOUND = 1e-4
-"""Of a value: a bound that is nearer is told as the same."""
+"""Of a value: a bound that is nearer to it is not reported."""
 
 
 def robust_text(answer: RobustAnswer) -> str:
-    """Return which torques serve the set, or why none do, with the scene's nominal ones beside."""
+    """Return the robust torques' figures, or why there are none, and those of the nominal scene."""
     sentences = robust_sentences(answer)
     lines = [fill(one, COLUMNS, break_on_hyphens=False) for one in sentences]
     judged = answer.at_corners
@@ -52,15 +52,15 @@ def robust_text(answer: RobustAnswer) -> str:
 
 
 def robust_sentences(answer: RobustAnswer) -> list[str]:
-    """Return what `robust_text` says, a sentence each; members in conflict are left out."""
+    """Return the sentences of `robust_text`, without the members in conflict."""
     robust = answer.robust
     if not answer.found:
-        return _why_none(answer)
+        return _no_torques_sentences(answer)
     covered = "all of it" if robust.samples is None else "all of it but where contacts are"
     lines = [
         f"Not known exactly: {answer.uncertainty}.",
-        f"Torques for {covered}: {_figures(robust, answer)}, proven for {robust.proven_for}; "
-        f"for the nominal scene alone {_figures(answer.nominal, answer)}.",
+        f"Torques for {covered}: {_figures_text(robust, answer)}, proven for {robust.proven_for}; "
+        f"for the nominal scene alone {_figures_text(answer.nominal, answer)}.",
     ]
     samples = robust.samples
     if Coverage.CORNERS in (robust.coverage, samples and samples.where_meant):
@@ -73,7 +73,8 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
         lines.append("Contact forces affine in what has no corners, or too many, prove it.")
     if math.isfinite(bound) and abs(value - bound) > _SAME_AS_BOUND * abs(value):
         lines.append(
-            f"No torques for all {of_which} are better than {bound:.4g} {_unit(answer)} (proven)."
+            f"No torques for all {of_which} are better than {bound:.4g} "
+            f"{_objective_unit(answer)} (proven)."
         )
     lines.append(f"Least room: {robust.members[robust.worst].words}.")
     if robust.rest is not None:
@@ -82,7 +83,7 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
             f"({counted(robust.rest.tried, 'set')} of torques tried)."
         )
     if answer.at_corners is not None:
-        lines += _corner_words(answer.at_corners)
+        lines += _corner_sentences(answer.at_corners)
     if robust.feedback is not None and robust.largest_deflection > _STILL:
         lines.append(
             "With the stiffness of the controller joints give way by up to "
@@ -91,16 +92,18 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     return lines
 
 
-def _corner_words(judged: MemberVerdicts) -> list[str]:
-    """Return which verdicts there are at the corners, what is said of the worst, and what not."""
+def _corner_sentences(judged: MemberVerdicts) -> list[str]:
+    """Return sentences on the verdicts at the corners, the worst one, and the corners left out."""
     lines, holdings = [], [str(one.holding) for one in judged.verdicts]
     if holdings and set(holdings) == {str(Holding.HOLDS)}:
         lines.append(f"At the corners of the set the object stays: holds at {len(holdings)}.")
     elif holdings:
         tally = ", ".join(f"{word} at {holdings.count(word)}" for word in dict.fromkeys(holdings))
         worst = judged.members[judged.worst].words
-        why = judged.verdicts[judged.worst].message
-        lines.append(f"Does it stay at the corners of the set? {tally}; the worst, {worst}: {why}.")
+        worst_message = judged.verdicts[judged.worst].message
+        lines.append(
+            f"Does it stay at the corners of the set? {tally}; the worst, {worst}: {worst_message}."
+        )
     if judged.left_out:
         lines.append(
             f"{counted(judged.left_out, 'corner')} more could not be asked about in "
@@ -109,14 +112,14 @@ def _corner_words(judged: MemberVerdicts) -> list[str]:
     return [*lines, "Between the corners nothing is proven about rest."]
 
 
-def _why_none(answer: RobustAnswer) -> list[str]:
+def _no_torques_sentences(answer: RobustAnswer) -> list[str]:
     robust, nominal = answer.robust, answer.nominal
     together = "No torques serve these members together, only without one of them:"
     if len(robust.conflict) < 2:
         together = "No torques serve this member:" if robust.conflict else ""
     lines = [
         f"Not known exactly: {answer.uncertainty}.",
-        together or _unserved(robust),
+        together or _no_torques_reason(robust),
     ]
     share = answer.served_share
     part = answer.uncertainty.scaled(share) if share > 0.0 else None
@@ -131,13 +134,13 @@ def _why_none(answer: RobustAnswer) -> list[str]:
     elif share == 0.0:
         lines.append("No part of it is served, however small.")
     if answer.with_feedback is not None:
-        lines.append(_feedback_words(answer.with_feedback))
+        lines.append(_feedback_sentence(answer.with_feedback))
     if not nominal.found:
         return [*lines, f"Not even for the nominal scene: {nominal.status.message}."]
-    return [*lines, f"For the nominal scene alone: {_figures(nominal, answer)}."]
+    return [*lines, f"For the nominal scene alone: {_figures_text(nominal, answer)}."]
 
 
-def _unserved(robust: RobustSolution) -> str:
+def _no_torques_reason(robust: RobustSolution) -> str:
     if robust.status is Status.NOT_FOUND_IN_LIMIT:
         return (
             "Whether torques serve all of it is open: the limit on nodes or time ended the search "
@@ -155,7 +158,7 @@ def _unserved(robust: RobustSolution) -> str:
     return f"No torques for all of it: {robust.status.message}."
 
 
-def _feedback_words(found: RobustSolution) -> str:
+def _feedback_sentence(found: RobustSolution) -> str:
     if found.status is Status.NOT_FOUND_IN_LIMIT:
         return "Whether position feedback at the joints serves it was not found in time."
     if not found.found:
@@ -168,8 +171,8 @@ def _feedback_words(found: RobustSolution) -> str:
     )
 
 
-def _figures(found: TorqueSolution | RobustSolution, answer: RobustAnswer) -> str:
-    """Return margin and largest torque; of what was not found, that."""
+def _figures_text(found: TorqueSolution | RobustSolution, answer: RobustAnswer) -> str:
+    """Return margin and largest torque in words, or that there are none."""
     if not found.found:
         return "there are none"
     problem = answer.nominal.problem
@@ -181,7 +184,7 @@ def _figures(found: TorqueSolution | RobustSolution, answer: RobustAnswer) -> st
     )
 
 
-def _unit(answer: RobustAnswer) -> str:
+def _objective_unit(answer: RobustAnswer) -> str:
     objective = answer.nominal.objective
     if objective.algorithm is Algorithm.MARGIN:
         return "N"
@@ -192,7 +195,7 @@ def _unit(answer: RobustAnswer) -> str:
 
 
 def robust_data(answer: RobustAnswer) -> dict[str, Any]:
-    """Return what a document says under ``uncertainty``.
+    """Return the data under ``uncertainty`` of a document.
 
     Returns:
         ``stated`` (the set, as scene files say it), ``status``, ``message``, ``found``,
@@ -201,9 +204,9 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         ``served``, ``solved`` and ``where_meant``, which is another coverage), ``margin`` (N),
         ``max_torque``, ``max_torque_unit``, ``bound``, ``torques`` by joint, ``feedback`` by joint
         (None: constant torques), ``largest_deflection`` (rad or m), ``members`` (with ``moved`` and
-        ``jacobian`` of those whose contacts are elsewhere, and ``forces`` of those that
-        the joined problem does not hold; None: modes differ from corner to corner), or with a
-        ``policy`` the corners of that, with ``bounding``, the members of the solution, ``conflict``
+        ``jacobian`` of those whose contacts move, and ``forces`` of those outside the joined
+        problem; None: modes differ from corner to corner), or with a ``policy`` its corners, with
+        ``bounding``, the members of the joined problem, ``conflict``
         (numbers of members), ``served_share`` and ``unserved_share``, ``at_corners``
         (verdicts; None: not asked), ``with_feedback``, and ``nominal``.
         Figures that do not exist are None.
@@ -224,35 +227,37 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         "samples": None
         if robust.samples is None
         else {**vars(robust.samples), "where_meant": robust.samples.where_meant.name.lower()},
-        **_summary(robust),
+        **_torque_data(robust),
         "bound": robust.bound,
         "feedback": None
         if robust.feedback is None
         else dict(zip(robust.joint_names, robust.feedback.tolist(), strict=True)),
-        "largest_deflection": _deflection(robust),
-        **_proving(robust),
+        "largest_deflection": _largest_deflection(robust),
+        **_proving_member_data(robust),
         "conflict": list(robust.conflict),
         "served_share": answer.served_share,
         "unserved_share": answer.unserved_share,
-        "at_corners": None if answer.at_corners is None else _corner_data(answer.at_corners),
+        "at_corners": None
+        if answer.at_corners is None
+        else _corner_verdict_data(answer.at_corners),
         "with_feedback": None
         if with_feedback is None
         else {
             "stiffness": STIFFNESS,
             "found": with_feedback.found,
-            **_summary(with_feedback),
-            "largest_deflection": _deflection(with_feedback),
+            **_torque_data(with_feedback),
+            "largest_deflection": _largest_deflection(with_feedback),
         },
         "nominal": {
             "status": nominal.status.name.lower(),
             "found": nominal.found,
-            **_summary(nominal),
+            **_torque_data(nominal),
         },
     }
 
 
-def _corner_data(judged: MemberVerdicts) -> dict[str, Any]:
-    """Return the verdicts on corners: these stand without their proofs."""
+def _corner_verdict_data(judged: MemberVerdicts) -> dict[str, Any]:
+    """Return the verdicts at the corners, without their proofs."""
     return {
         "holding": str(judged.holding),
         "left_out": judged.left_out,
@@ -264,7 +269,7 @@ def _corner_data(judged: MemberVerdicts) -> dict[str, Any]:
 
 
 def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
-    """Return how far each quantity may be off, as plain data in SI units; None: there is no end."""
+    """Return the tolerance of each quantity as plain data in SI units; infinite ends are None."""
     entries: list[dict[str, Any]] = [
         {
             "quantity": str(one.quantity),
@@ -290,27 +295,27 @@ def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
     return entries
 
 
-def _summary(found: TorqueSolution | RobustSolution) -> dict[str, Any]:
+def _torque_data(found: TorqueSolution | RobustSolution) -> dict[str, Any]:
     keys = ("margin", "max_torque", "max_torque_unit")
     if not found.found:
         return dict.fromkeys((*keys, "torques"))
     return {key: getattr(found, key) for key in keys} | {"torques": dict(found.torques_by_joint)}
 
 
-def _deflection(robust: RobustSolution) -> float | None:
+def _largest_deflection(robust: RobustSolution) -> float | None:
     if robust.feedback is None or not robust.found:
         return None
     return robust.largest_deflection
 
 
-def _proving(robust: RobustSolution) -> dict[str, Any]:
-    """Return the members of the joined problem; or affine forces and who bounds their torques."""
+def _proving_member_data(robust: RobustSolution) -> dict[str, Any]:
+    """Return the members of the joined problem; or affine forces and their bounding members."""
     policy = robust.policy
     if policy is None:
-        return {"members": _served(robust)}
+        return {"members": _all_member_data(robust)}
     unknowns = policy.unknowns
     return {
-        "members": _members(policy.corners),
+        "members": _member_data(policy.corners),
         "policy": {
             "words": [f"{name}, {unit}" for name, unit in unknowns.words],
             "loads": unknowns.loads,
@@ -323,23 +328,23 @@ def _proving(robust: RobustSolution) -> dict[str, Any]:
             "errors": policy.errors,
             "directions": policy.directions,
         },
-        "bounding": _members(robust.joined_members),
+        "bounding": _member_data(robust.joined_members),
     }
 
 
-def _served(robust: RobustSolution) -> list[dict[str, Any]]:
-    """Return all corners, those of the joined problem first; where nothing was found, these."""
+def _all_member_data(robust: RobustSolution) -> list[dict[str, Any]]:
+    """Return the data of all members, the joined problem's first; without torques only these."""
     joined = robust.joined_members
     if not robust.found:
-        return _members(joined)
-    entries, forces = _members(robust.members), further_forces(robust)
+        return _member_data(joined)
+    entries, forces = _member_data(robust.members), further_forces(robust)
     for number, one in enumerate(entries[len(joined) :]):
         one["forces"] = None if forces is None else forces[number]
     return entries
 
 
-def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
-    """Return what is so of each member, with how far contacts are moved, and the Jacobian there."""
+def _member_data(members: Sequence[Member]) -> list[dict[str, Any]]:
+    """Return the figures of each member, with moved contacts and their Jacobian where they move."""
     return [
         {
             "words": one.words,
@@ -348,12 +353,16 @@ def _members(members: Sequence[Member]) -> list[dict[str, Any]]:
             "gravity_torques": one.problem.gravity_torques,
             "torque_factors": one.factors,
             "torque_offsets": one.offsets,
-            **({} if one.moved is None else {"moved": one.moved, "jacobian": _blocks(one.problem)}),
+            **(
+                {}
+                if one.moved is None
+                else {"moved": one.moved, "jacobian": _contact_jacobians(one.problem)}
+            ),
         }
         for one in members
     ]
 
 
-def _blocks(problem: QuasistaticProblem) -> FloatArray:
+def _contact_jacobians(problem: QuasistaticProblem) -> FloatArray:
     """Return the Jacobian by contact, (M, 3, L)."""
     return problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)

@@ -1,6 +1,6 @@
-"""What ``graspless-pin simulate`` prints, and a simulated run as a page.
+"""The text that ``graspless-pin simulate`` prints, and a simulated run as an HTML page.
 
-The page shows the object at some times in one picture.
+The page shows the object at several times in one picture.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class BodyForce:
     upper: float
 
     def excess(self, run: int) -> float:
-        """Return how far the force of one run is outside the range, N; 0 where it moves."""
+        """Return how far the force of one run is outside the range, N; 0 where the object moves."""
         force = self.simulated[run]
         return 0.0 if force is None else max(self.lower - force, force - self.upper, 0.0)
 
@@ -52,11 +52,11 @@ class BodyForce:
 def body_forces(
     simulation: Simulation, bodies: Sequence[str], bounds: ContactForceBounds
 ) -> tuple[BodyForce, ...]:
-    """Compare a simulation with force ranges, body by body: contact points may differ.
+    """Return simulated normal forces beside their ranges, by body: contact points may differ.
 
     Args:
         simulation: The simulation.
-        bodies: (M,) names of what touches at the problem's contacts.
+        bodies: (M,) names of the bodies at the problem's contacts.
         bounds: Ranges for the same problem and torques, see `contact_force_bounds`.
     """
     settled = [
@@ -75,7 +75,7 @@ def body_forces(
     )
 
 
-_SAME_FORCE = 1e-2  # of the load: a difference that says nothing
+_SAME_FORCE = 1e-2  # of the load: smaller differences are not reported
 
 
 def simulation_text(
@@ -85,7 +85,7 @@ def simulation_text(
 
     Args:
         simulation: The simulation.
-        bodies: (M,) names of what touches at the problem's contacts.
+        bodies: (M,) names of the bodies at the problem's contacts.
         bounds: Force ranges for the same problem and torques.
     """
     headline, _, runs = str(simulation).partition("\n\n")
@@ -95,14 +95,17 @@ def simulation_text(
     if not bounds.found:
         return "\n\n".join([*parts, f"no force ranges: {bounds.message}"])
     forces = body_forces(simulation, bodies, bounds)
-    parts[0] += _lost_words(simulation, forces)
+    parts[0] += _unloaded_bodies_text(simulation, forces)
     parts += [_force_table(simulation, forces, bounds), f"ranges go {bounds.covers}"]
-    parts += [*filter(None, [bounds.squeeze_words(bodies)]), *_largest_excess(simulation, forces)]
+    parts += [
+        *filter(None, [bounds.squeeze_words(bodies)]),
+        *_largest_excess_lines(simulation, forces),
+    ]
     return "\n\n".join(parts)
 
 
-def _lost_words(simulation: Simulation, forces: Sequence[BodyForce]) -> str:
-    """Return which bodies bear nothing in the end though some force of theirs is proven."""
+def _unloaded_bodies_text(simulation: Simulation, forces: Sequence[BodyForce]) -> str:
+    """Return which bodies end without a force although their proven ranges are above zero."""
     least = _SAME_FORCE * simulation.problem.scales.force
     clauses = []
     for k, run in enumerate(simulation.runs):
@@ -130,14 +133,14 @@ def _force_table(
     return str(Table(rows, headers))
 
 
-def _largest_excess(simulation: Simulation, forces: Sequence[BodyForce]) -> list[str]:
-    """Return what there is to say of forces outside their ranges, if the object stays anywhere."""
+def _largest_excess_lines(simulation: Simulation, forces: Sequence[BodyForce]) -> list[str]:
+    """Return a sentence on the largest excess over a range; none where the object always moves."""
     if all(run.outcome is SimulatedOutcome.MOVED for run in simulation.runs):
         return []
-    found = [
+    excesses = [
         (force.excess(k), force.body, k) for k in range(len(simulation.runs)) for force in forces
     ]
-    excess, body, run = max(found)
+    excess, body, run = max(excesses)
     if excess <= _SAME_FORCE * simulation.problem.scales.force:
         return ["no force is outside these ranges by more than 1 % of the load"]
     name = simulation.runs[run].contact_model.name
@@ -146,11 +149,11 @@ def _largest_excess(simulation: Simulation, forces: Sequence[BodyForce]) -> list
 
 _MOST_TIMES = 6
 _FAINT, _CLEAR = 0.15, 0.6  # opacity of the first and of the last pose
-_TURN_LENGTH = 0.1  # m: what a radian counts for where poses are spread along the way
+_TURN_LENGTH = 0.1  # m per radian, in the length of the object's path
 
 
 def time_lapse_html(lapse: dict[str, Any]) -> str:
-    """Return a simulation as a page of its own; it fetches nothing.
+    """Return a simulation as a self-contained HTML page.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
@@ -159,7 +162,7 @@ def time_lapse_html(lapse: dict[str, Any]) -> str:
 
 
 def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any]:
-    """Return a simulation as pages show it: the run in which the object goes farthest.
+    """Return the page context of a simulation: of the run in which the object moves farthest.
 
     Args:
         scene: The simulated scene.
@@ -167,16 +170,15 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any
         text: Its figures, see `simulation_text`.
 
     Returns:
-        ``title`` of the scene, ``held`` (whether the object stays), ``outcome``, ``bodies`` (how
-        hard they are) and ``driven`` (by which controller) in words, ``rows`` (time (s),
-        displacement (mm) and rotation (deg) of each pose), ``text``, and what the 3-D ``view`` is
-        filled with.
+        ``title`` of the scene, ``held`` (whether the object stays), ``outcome``, ``bodies`` (the
+        contact model) and ``driven`` (the controller) in words, ``rows`` (time (s), displacement
+        (mm) and rotation (deg) of each pose), ``text``, and the context of the 3-D ``view``.
 
     Raises:
         MeshError: A mesh file is missing or unreadable.
     """
     run = max(simulation.runs, key=lambda one: (one.displacement, one.rotation))
-    chosen = _spread(simulation.model.object, run)
+    chosen = _evenly_spaced_poses(simulation.model.object, run)
     picture = draw_bodies(scene)
     (first,) = picture.of(Role.OBJECT)
     shown = [replace(first, opacity=_FAINT)]
@@ -187,7 +189,7 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any
         share = number / (len(chosen) - 1)
         opacity = _FAINT + share * (_CLEAR - _FAINT)
         shown.append(replace(body, name=f"{body.name}/{number}", opacity=opacity))
-    rest = [mesh for mesh in picture.meshes if mesh.role is not Role.OBJECT]
+    still_meshes = [mesh for mesh in picture.meshes if mesh.role is not Role.OBJECT]
     poses = run.T_world_object[chosen]
     centers = poses[:, :3, :3] @ scene.object.center_of_mass + poses[:, :3, 3]
     changes = [change_of_pose(simulation.model.object, T) for T in poses]
@@ -211,15 +213,15 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any
         "view": view_context(
             "lapse-view",
             "the simulation",
-            replace(picture, meshes=(*rest, *shown), marks=(*picture.marks, *marks)),
+            replace(picture, meshes=(*still_meshes, *shown), marks=(*picture.marks, *marks)),
             f"Shows hand and supports, and the object {scene.object.name} at each time.",
             "numbers of the times",
         ),
     }
 
 
-def _spread(start: ManipulatedObject, run: SimulatedRun) -> NDArray[np.intp]:
-    """Return looks at the object that are spread evenly along its way, the first and last, too."""
+def _evenly_spaced_poses(start: ManipulatedObject, run: SimulatedRun) -> NDArray[np.intp]:
+    """Return indices of poses evenly spaced along the object's path, first and last included."""
     changes = np.array([change_of_pose(start, T) for T in run.T_world_object])
     travel = np.maximum.accumulate(changes @ [1.0, _TURN_LENGTH])
     wanted = np.linspace(travel[0], travel[-1], _MOST_TIMES)

@@ -32,15 +32,15 @@ def scene_solution_text(
     bounds: ContactForceBounds | None = None,
     answer: RobustAnswer | None = None,
 ) -> str:
-    """Return the title and the tables of a scene's solution, contacts named by what they touch.
+    """Return title and tables of a scene's solution, with contacts named by their bodies.
 
     Args:
         scene: The scene.
         solution: Its solution.
-        verdict: What is said of whether the object stays: stands before the tables.
-        bounds: The forces that its torques can end up with, for the margin at worst; or None.
-        answer: What was found for all that is not known of the scene; None: the scene is
-            nominal. Where torques were found, the solution is that under these.
+        verdict: The verdict on whether the object stays, which comes before the tables.
+        bounds: The contact force ranges of its torques, for their smallest margin; or None.
+        answer: The robust answer over the scene's uncertainty; None: the scene is nominal. The
+            solution is the one under the robust torques where these were found.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -63,9 +63,9 @@ def scene_solution_text(
         a = object_motion(scene).acceleration_of(scene.object.center_of_mass_world)
         facts += f", accelerating by {hypot(*a):.3g} m/s^2"
     title = headed(scene.name, facts)
-    title = f"{_serious(solution)}{title}"
+    title = f"{_serious_findings_line(solution)}{title}"
     if answer is not None:
-        # Loaded here: what is known exactly goes without.
+        # Imported here: a scene without uncertainty does not need it.
         from graspless_pin.report.robust import robust_text
 
         title += f"\n{robust_text(answer)}"
@@ -74,12 +74,12 @@ def scene_solution_text(
         title += "\nThe nominal scene under these torques:"
     if verdict:
         title += f"\n{fill(verdict, COLUMNS, break_on_hyphens=False)}"
-    remarks = _remarks(scene, solution, bounds) if solution.found else []
-    return f"{title}\n{solution.text(_touching(scene), remarks)}"
+    remarks = _limit_remarks(scene, solution, bounds) if solution.found else []
+    return f"{title}\n{solution.text(_touching_bodies(scene), remarks)}"
 
 
-def _serious(solution: TorqueSolution) -> str:
-    """Return a line on serious findings, which commands print beside the answer; empty: none."""
+def _serious_findings_line(solution: TorqueSolution) -> str:
+    """Return a line that warns of serious findings; empty where there are none."""
     found = Counter(one.code for one in solution.findings if one.severity is Severity.SERIOUS)
     if not found:
         return ""
@@ -88,21 +88,23 @@ def _serious(solution: TorqueSolution) -> str:
     return f"{fill(warning, COLUMNS, break_on_hyphens=False)}\n"
 
 
-def _remarks(
+def _limit_remarks(
     scene: Scene, solution: TorqueSolution, bounds: ContactForceBounds | None
 ) -> list[str]:
-    """Return whether the margin is enforced, and what limits margin and torques."""
+    """Return sentences on the enforced margin, and on what limits margin and torques."""
     held = scene.controller.holds_joints
     words = [
         TORQUES_OF_HELD_JOINTS if held and solution.problem.joint_count else "",
-        "" if bounds is None else _worst_margin(bounds, solution, held=held),
+        "" if bounds is None else _smallest_margin_sentence(bounds, solution, held=held),
         margin_limit_words(solution, scene.contacts.bodies),
         joint_limit_words(solution),
     ]
     return [fill(sentence, COLUMNS, break_on_hyphens=False) for sentence in words if sentence]
 
 
-def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held: bool) -> str:
+def _smallest_margin_sentence(
+    bounds: ContactForceBounds, solution: TorqueSolution, *, held: bool
+) -> str:
     who = "Held joints" if held else "These torques"
     if not bounds.found:
         return f"Whether {who.lower()} enforce that margin was not found in time."
@@ -115,17 +117,17 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution, *, held:
         return f"{who} enforce that margin, {bounds.covers}."
     least = figure(bounds.smallest_margin, load)
     unproven = "" if is_proven else " (less is not ruled out)"
-    pressed = (
+    overload = (
         ": a contact may be pressed so far beyond max_normal_force" if least.startswith("-") else ""
     )
     return (
         f"{who} do not enforce that margin: it may be as small as {least} N{unproven}, "
-        f"{bounds.covers}{pressed}."
+        f"{bounds.covers}{overload}."
     )
 
 
-def _touching(scene: Scene) -> list[str]:
-    """Name what touches at each contact: the support, or the hand link with its finger."""
+def _touching_bodies(scene: Scene) -> list[str]:
+    """Return the body at each contact: the support, or the hand link with its finger."""
     names: list[str] = []
     for point in scene.contacts.points:
         finger = None

@@ -1,4 +1,4 @@
-"""Verdicts on rest as they stand in documents: ``stability`` and ``disturbances``."""
+"""Verdicts on rest as data of documents: ``stability``, ``holding`` and ``disturbances``."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part, written
 from graspless_pin.report.verify.values import entry
 
 MOST_SPAN_LEAVES = 10_000
-"""Of the proofs of all directions of disturbance: files stay below 32 MiB, which can be read."""
+"""Leaves in the proofs of all directions together: files stay below the readable 32 MiB."""
 
 
 def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
-    """Return the data of a verdict, with its whole proof.
+    """Return the data of a verdict, with its complete proof.
 
     Multipliers are scaled: with M = C C^T the inertia of object and joints, g the load on them,
     H = |C^-1 g| and alpha the longest row of G C^-T, accelerations count in H C^-T, forces in
@@ -39,19 +39,20 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes``,
         ``free_motions``, ``moves``, ``joints_held`` and ``proof``.
     """
-    proof = None if verdict.proof is None else _proof(verdict.proof)
+    proof = None if verdict.proof is None else _rest_proof_data(verdict.proof)
     motion = verdict.motion and written("outcome", verdict.motion)
     return written("stability", verdict, motion=motion, proof=proof)
 
 
 def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
-    """Return whether the object stays under the controller that runs.
+    """Return the data of the verdict on whether the object stays under the controller.
 
     Returns:
         ``status`` (see `Holding`), ``controller`` in words, ``stiffness_needed`` (N m/rad or N/m),
         ``stable_stiffness`` ([low, high] each; high infinite: with any larger one),
-        ``growth_rate`` and ``least_growth_rate`` (1/s, under the contact forces that suit worst and
-        best; all NaN where they are not known), ``unstable_motion`` (P + L; None where none grows),
+        ``growth_rate`` and ``least_growth_rate`` (1/s, under the least and the most
+        favourable contact forces; all NaN where they are not known), ``unstable_motion`` (P + L;
+        None where none grows),
         ``assumed_contacts`` (see `SmallMotions.assumed`),
         ``acceleration`` with the ``status`` of the first instant, and ``proofs`` that no small
         motion grows, by model of the surfaces (see `GrowthProof`).
@@ -78,16 +79,16 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
         ``characteristic_length`` (m), ``largest`` (N) and ``directions``: of each its (P,)
         ``direction``, ``guaranteed``, ``failing``, ``possible`` (N), and what proves them:
         ``spans`` (None where all proofs together would be too long), ``failure`` (see
-        `verdict_data`), ``forces`` (N) and ``no_rest``. A direction that was not reached before the
-        time was over has ``guaranteed``, ``failing`` and ``possible`` NaN.
+        `verdict_data`), ``forces`` (N) and ``no_rest``. A direction that was not reached within
+        the time limit has ``guaranteed``, ``failing`` and ``possible`` NaN.
     """
     directions, leaves = [], 0
     for direction, bracket in zip(found.directions, found.brackets, strict=False):
-        own = _leaf_count(bracket)
-        fits = leaves + own <= MOST_SPAN_LEAVES
-        leaves += own if fits else 0
+        leaf_count = _leaf_count(bracket)
+        fits = leaves + leaf_count <= MOST_SPAN_LEAVES
+        leaves += leaf_count if fits else 0
         last = bracket.last_rest
-        spans = [_span(span) for span in bracket.spans] if fits else None
+        spans = [_span_data(span) for span in bracket.spans] if fits else None
         failure = None if bracket.failure is None else verdict_data(bracket.failure)
         directions.append(
             written(
@@ -99,43 +100,43 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
 
 
 def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
-    """Return the motion of the verdict that a document holds, if it has one.
+    """Return the motion that a document's verdict states; None: it states none.
 
     Raises:
-        ArgumentError: If it is no such document.
+        ArgumentError: If the stated motion is invalid.
     """
-    with _reading():
-        verdict = _whole(document).get("stability")
+    with _refusing_invalid_motion():
+        verdict = _sized_document(document).get("stability")
         motion = verdict and verdict.get("motion")
         if not motion:
             return None
-        found: dict[str, Any] = {key: motion[key] for key in FIELDS["outcome"]}
-        found["states"] = tuple(map(ContactState, found["states"]))
-        return DynamicOutcome(**found)
+        fields: dict[str, Any] = {key: motion[key] for key in FIELDS["outcome"]}
+        fields["states"] = tuple(map(ContactState, fields["states"]))
+        return DynamicOutcome(**fields)
 
 
 def read_small_motion(document: dict[str, Any]) -> tuple[FloatArray, float] | None:
-    """Return the small motion (P + L,) that a document says grows, and its rate, 1/s.
+    """Return the growing small motion (P + L,) that a document states, and its rate, 1/s.
 
     Raises:
-        ArgumentError: If it is no such document.
+        ArgumentError: If the stated motion is invalid.
     """
-    with _reading():
-        stated = _whole(document).get("holding")
+    with _refusing_invalid_motion():
+        stated = _sized_document(document).get("holding")
         motion, growth = (stated and stated.get(key) for key in ("unstable_motion", "growth_rate"))
         return None if motion is None or not growth else (motion, growth)
 
 
 @contextmanager
-def _reading() -> Iterator[None]:
+def _refusing_invalid_motion() -> Iterator[None]:
     try:
         yield
     except ValueError as error:
         raise ArgumentError("document", f"holds a motion that is none: {error}") from None
 
 
-def _whole(document: dict[str, Any]) -> Part:
-    """Return a document with the sizes of the arrays in its verdict."""
+def _sized_document(document: dict[str, Any]) -> Part:
+    """Return a document as a part, with the sizes of the arrays in its verdict."""
     keys = {"M": "contacts", "L": "joints", "P": "external_wrench"}
     sizes = {letter: len(entry(document, key, WHOLE)) for letter, key in keys.items()}
     return Part("document", document, WHOLE, sizes)
@@ -146,23 +147,23 @@ def _leaf_count(bracket: LoadBracket) -> int:
     return sum(not node.children for proof in proofs for node in _depth_first(proof.tree))
 
 
-def _span(span: SpanProof) -> list[dict[str, Any]]:
-    """Return what proves a span at each of its two ends."""
+def _span_data(span: SpanProof) -> list[dict[str, Any]]:
+    """Return magnitude, forces of rest and proof at each end of a span."""
     return [
-        {"magnitude": magnitude, "rest_forces": forces, "proof": _proof(proof)}
+        {"magnitude": magnitude, "rest_forces": forces, "proof": _rest_proof_data(proof)}
         for magnitude, forces, proof in zip(
             span.multiples, span.rest_forces, span.proofs, strict=True
         )
     ]
 
 
-def _proof(proof: RestProof) -> dict[str, Any]:
-    """Return the proof; nodes of a tree depth first, each with the number of its children."""
-    nodes = None if proof.tree is None else [_node(node) for node in _depth_first(proof.tree)]
-    return written("rest proof", proof, loads=_loads(proof.loads), nodes=nodes)
+def _rest_proof_data(proof: RestProof) -> dict[str, Any]:
+    """Return the data of a proof; nodes depth first, each with its number of children."""
+    nodes = None if proof.tree is None else [_node_data(node) for node in _depth_first(proof.tree)]
+    return written("rest proof", proof, loads=_least_load_data(proof.loads), nodes=nodes)
 
 
-def _loads(loads: tuple[LoadProof, ...]) -> list[dict[str, Any]]:
+def _least_load_data(loads: tuple[LoadProof, ...]) -> list[dict[str, Any]]:
     return [
         written("least load", one, multipliers=written("rest multipliers", one.dual))
         for one in loads
@@ -177,14 +178,14 @@ def _depth_first(tree: OutcomeSet | None) -> Iterator[OutcomeSet]:
         waiting += reversed(node.children)
 
 
-def _node(node: OutcomeSet) -> dict[str, Any]:
+def _node_data(node: OutcomeSet) -> dict[str, Any]:
     return written(
         "rest node",
         node,
         slip=node.slip and [node.slip.center, node.slip.half_width],
         multipliers=node.dual and written("rest multipliers", node.dual),
         forced=[written("rest multipliers", dual) for dual in node.forced],
-        loads=_loads(node.loads),
+        loads=_least_load_data(node.loads),
         sides=[
             {"goal": goal, "multipliers": written("rest multipliers", dual)}
             for goal, dual in node.sides

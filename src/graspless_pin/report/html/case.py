@@ -1,4 +1,4 @@
-"""What a report is of: a solution, and as much of its scene as there is."""
+"""The subject of a report: a solution, with its scene where that is available."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from graspless_pin.visualization.motion import (
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What a report is of. See the example of `case_of_scene`.
+    """The subject of a report. See the example of `case_of_scene`.
 
     Attributes:
-        title: Of the scene, or a plain word.
+        title: Name of the scene, or a general one.
         solution: The solution, found or not.
         document: Its JSON document.
-        bodies: M names of what touches the object; None: not known.
+        bodies: M names of the bodies that touch the object; None: not known.
         points: (M, 3) contact points in the picture's frame, m.
-        picture: What there is to see.
-        motion: What would happen, where the document's verdict states a motion of one free object,
-            or a small one that grows.
+        picture: The static picture.
+        motion: The motion of an outcome, or the growing small motion, that the document's verdict
+            states of one free object; None: it states none.
         sliding: The picture along the mode's virtual motion; None: there is none, or not of one
             free object.
-        missing: Why the picture lacks the scene's bodies; empty: it does not.
+        missing: Why the picture lacks the scene's bodies; empty: it has them.
         command: The command that solves it again; None: there is none.
-        scene: The scene, where it still is the same.
-        off: How far each thing may be off under the torques; None: that was not asked.
+        scene: The scene; None: it is not known, or has changed.
+        off: The tolerances of the torques; None: they were not computed.
     """
 
     title: str
@@ -77,11 +77,11 @@ class Case:
 
 
 def case_with_tolerances(case: Case, tolerances: Tolerances) -> Case:
-    """Return a case with what its torques bear, and where the centre of mass may be drawn.
+    """Return a case with the tolerances of its torques, and the region of the centre of mass.
 
     Args:
         case: The case of a scene.
-        tolerances: Of the scene's `tolerances`, of the solution's torques.
+        tolerances: Of the scene's `tolerances`, for the solution's torques.
 
     Raises:
         ArgumentError: If the case has no scene.
@@ -116,14 +116,15 @@ def case_of_scene(
     Args:
         scene: The scene.
         solution: A solution of its problem.
-        file: The scene file that leads to it, for the command that solves it again; None: the scene
-            was changed in Python, or made there.
-        verdict: Whether the object stays with the solution's torques; None: it was not asked.
-        answer: What was found for all that is not known of the scene; None: the scene is
-            nominal. The solution is then the answer's.
+        file: The scene file, for the command that solves it again; None: the scene was made or
+            changed in Python.
+        verdict: The verdict on whether the object stays with the solution's torques; None: there is
+            none.
+        answer: The robust answer over the scene's uncertainty, whose solution this is then; None:
+            the scene is nominal.
 
     Raises:
-        ArgumentError: If the solution is of other contacts.
+        ArgumentError: If the contacts of the solution are not the scene's.
         MeshError: If a mesh file is missing or unreadable.
 
     Examples:
@@ -138,15 +139,15 @@ def case_of_scene(
     if answer is not None and not answer.found:
         solution = without_torques(answer.nominal, solution)
     command = None if file is None else solve_command(answer.nominal if answer else solution, file)
-    return _case(scene.name, solution, document, scene, "", command)
+    return _case_with_pictures(scene.name, solution, document, scene, "", command)
 
 
 def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -> Case:
-    """Return the case of a document, with the bodies of its scene where they still are the same.
+    """Return the case of a document, with its scene's bodies where the scene has not changed.
 
     Args:
         document: A document of `solution_document`. No file that it names is opened.
-        scene_file: The scene that it is of; None: contacts and forces are drawn alone.
+        scene_file: The scene file; None: only contacts and forces are drawn.
 
     Raises:
         ArgumentError: If it is no such document.
@@ -162,13 +163,15 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
     """
     solution = read_solution(document)
     title = str(document.get("scene", "A problem made from arrays"))
-    found = _scene_of(document, solution, scene_file)
+    found = _scene_or_reason(document, solution, scene_file)
     if scene_file is None or isinstance(found, str):
-        return _case(title, solution, document, None, str(found), None)
-    return _case(title, solution, document, found, "", solve_command(solution, scene_file))
+        return _case_with_pictures(title, solution, document, None, str(found), None)
+    return _case_with_pictures(
+        title, solution, document, found, "", solve_command(solution, scene_file)
+    )
 
 
-def _case(
+def _case_with_pictures(
     title: str,
     solution: TorqueSolution,
     document: dict[str, Any],
@@ -176,7 +179,7 @@ def _case(
     missing: str,
     command: str | None,
 ) -> Case:
-    """Return a case with its pictures: of the scene, or of what the document says of contacts."""
+    """Return a case with its pictures: of the scene, or of the document's contacts alone."""
     problem, motion = solution.problem, read_motion(document)
     if scene is None:
         hand, origin, bodies = None, document_origin(document), document_bodies(document)
@@ -196,16 +199,18 @@ def _case(
     )
 
 
-def _scene_of(document: dict[str, Any], solution: TorqueSolution, path: Path | None) -> Scene | str:
+def _scene_or_reason(
+    document: dict[str, Any], solution: TorqueSolution, path: Path | None
+) -> Scene | str:
     """Return the scene of a document from its file, or why it cannot be used."""
-    made_of = document.get("provenance")
-    made_of = made_of if isinstance(made_of, dict) else {}
+    provenance = document.get("provenance")
+    provenance = provenance if isinstance(provenance, dict) else {}
     if path is None:
-        name = made_of.get("scene_file")
+        name = provenance.get("scene_file")
         if not isinstance(name, str):
             return "The document names no scene file."
         return f"The scene file was not given; the document names {name}."
-    if file_sha256(path) != made_of.get("scene_sha256"):
+    if file_sha256(path) != provenance.get("scene_sha256"):
         return f"The scene file {path} is another one, or has changed since."
     try:
         scene = load_scene(path)

@@ -1,4 +1,4 @@
-"""Pages: what their templates are filled with, and 3-D views of a picture as plain data."""
+"""The contexts of page templates, and 3-D views of a picture as plain data."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _MODEL_STEPS = 65535
 _MODEL_DIGITS = 7
 _REFERENCE_ROLES = (Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
 _SUGGESTION = "- "
-_PLAYED = 2.6  # s that the page takes for a motion
+_PLAYED = 2.6  # s, duration of a motion on the page
 _MARKS = {
     Stability.STRONG: "good",
     Stability.WEAK: "bad",
@@ -74,14 +74,13 @@ def report_html(
     """Return a case as one HTML page that fetches nothing.
 
     Args:
-        case: What the report is of.
-        bounds: The force ranges of the solution's torques, of `contact_force_bounds`. What is not
-            proven in them is marked. None: the page has none.
+        case: The subject of the report.
+        bounds: The force ranges of the solution's torques, of `contact_force_bounds`. Unproven ones
+            are marked. None: the page has none.
         lapse: A simulation of the solution's torques, of `time_lapse`; None: the page has none.
-        rest_bounds: Those over all outcomes of rest: with ``static_friction="coulomb"`` and round
-            cones. Stand beside `bounds`.
-        window: How hard the hand may squeeze, around the solution's torques; None: the page does
-            not say.
+        rest_bounds: The ranges over all outcomes of rest: with ``static_friction="coulomb"`` and
+            round cones. They are shown beside `bounds`.
+        window: The squeeze window around the solution's torques; None: the page has none.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
@@ -102,17 +101,17 @@ def report_html(
         "off": case.off,
         "off_figures": [] if case.off is None else tolerance_figures(case.off),
     }
-    return render("report.html", lambda: _context(case, bounds, rest_bounds) | further)
+    return render("report.html", lambda: _page_context(case, bounds, rest_bounds) | further)
 
 
-def _context(
+def _page_context(
     case: Case, bounds: ContactForceBounds | None, rest_bounds: ContactForceBounds | None
 ) -> dict[str, Any]:
     solution = case.solution
     problem, why = solution.problem, solution.explanation.splitlines()
     load, length, _ = problem.scales
     torques = solution.torques if solution.found else problem.gravity_torques
-    algorithm, aim = _aim(solution)
+    algorithm, aim = _algorithm_and_aim(solution)
     findings = solution.findings
     checks = check_rows(case) if solution.found else []
     context: dict[str, Any] = {
@@ -140,13 +139,13 @@ def _context(
             case.sliding,
             played="virtual sliding",
         ),
-        **_verdict(case),
+        **_verdict_context(case),
         "unknown": unknown_rows(case),
-        "made_of": _provenance(case.document),
+        "made_of": _stated_provenance(case.document),
         "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
-        "force": partial(_number, size=load),
+        "force": partial(_figure_text, size=load),
         "place": lambda value: coordinate(value, length).replace("-", "−"),
-        "torque": partial(_number, size=torque_size(problem, torques)),
+        "torque": partial(_figure_text, size=torque_size(problem, torques)),
         "why": [line for line in why if not line.startswith(_SUGGESTION)],
         "suggestions": [line[2:] for line in why if line.startswith(_SUGGESTION)],
     }
@@ -156,13 +155,15 @@ def _context(
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
             "checks": checks,
-            **_ranges(case, bounds, rest_bounds, partial(_number, size=load, signed=True)),
+            **_range_context(
+                case, bounds, rest_bounds, partial(_figure_text, size=load, signed=True)
+            ),
         }
     return context
 
 
-def _provenance(document: dict[str, Any]) -> dict[str, Any]:
-    """Return what a document says that it was made of; of one that is refused, nothing is sure."""
+def _stated_provenance(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the provenance that a document states; None or empty where it is malformed."""
     given = document.get("provenance")
     given = given if isinstance(given, dict) else {}
     versions = given.get("versions")
@@ -179,8 +180,8 @@ def _holds_joints(case: Case) -> bool:
     return bool((case.document.get("stability") or {}).get("joints_held"))
 
 
-def _verdict(case: Case) -> dict[str, Any]:
-    """Return what the document's verdict says, and the view of its motion."""
+def _verdict_context(case: Case) -> dict[str, Any]:
+    """Return the context of the document's verdict, and of the view of its motion."""
     stated, motion = case.document.get("stability"), read_motion(case.document)
     if stated is None:
         return {"verdict": None, "motion_view": None}
@@ -213,8 +214,8 @@ def _verdict(case: Case) -> dict[str, Any]:
     }
 
 
-def _aim(solution: TorqueSolution) -> tuple[str, str]:
-    """Return which algorithm was run, and what it looks for."""
+def _algorithm_and_aim(solution: TorqueSolution) -> tuple[str, str]:
+    """Return the name of the algorithm or objective, and its aim."""
     if solution.algorithm is Algorithm.MARGIN:
         return "1", "largest margin"
     if solution.algorithm is Algorithm.TORQUE:
@@ -225,13 +226,13 @@ def _aim(solution: TorqueSolution) -> tuple[str, str]:
     return solution.objective.name, "an objective of its own" if listed is None else listed.aim
 
 
-def _ranges(
+def _range_context(
     case: Case,
     bounds: ContactForceBounds | None,
     rest_bounds: ContactForceBounds | None,
     figure: Callable[..., str],
 ) -> dict[str, Any]:
-    """Return the force ranges of the solution's torques, or why there are none."""
+    """Return the context of the force ranges of the solution's torques, or why there are none."""
     if bounds is None:
         return {"bounds": None, "no_bounds": "they were not asked for."}
     if not bounds.found:
@@ -250,7 +251,7 @@ def _ranges(
     }
 
 
-def _number(
+def _figure_text(
     value: float | None, *, size: float, signed: bool = False, rounding: float | None = None
 ) -> str:
     """Return a figure as `shown` does, with a true minus sign; a dash for none."""
@@ -271,25 +272,25 @@ def view_context(
     *,
     played: str = "",
 ) -> dict[str, Any]:
-    """Return what a 3-D view of a page is filled with.
+    """Return the template context of a 3-D view.
 
     Args:
         name: Its id, unique in the page.
-        label: What it is a view of.
-        picture: What there is to see.
-        words: The same, for those who do not see it.
-        numbered: What the numbers in the picture are.
-        moving: How the picture moves; its numbers go with the object. None: it stands still.
-        played: What moves, where that is played only when it is asked to; empty: a motion, which
-            plays at once.
+        label: What the view shows.
+        picture: The picture.
+        words: Text alternative of the picture.
+        numbered: Label of the numbers in the picture.
+        moving: The motion of the picture, whose numbers go with the object; None: it stands still.
+        played: Label of a motion that is played only on request; empty: the motion is played at
+            once.
     """
-    # No ``</script>`` inside a name can end it early.
+    # Escaped: a ``</script>`` in a name must not end the script.
     model = json.dumps(model_data(picture, moving) | {"plays": not played}, allow_nan=False)
     return {
         "name": name,
         "label": label,
         "words": words,
-        "legend": _legend(picture),
+        "legend": _legend_layers(picture),
         "fingers": picture.fingers,
         "force_scale": picture.force_scale,
         "model": model.replace("<", "\\u003c"),
@@ -298,8 +299,8 @@ def view_context(
     }
 
 
-def _legend(picture: Picture) -> list[dict[str, Any]]:
-    """Return the layers of a picture in the order of `Role`; what tells directions is one."""
+def _legend_layers(picture: Picture) -> list[dict[str, Any]]:
+    """Return the layers of a picture in the order of `Role`; axes, gravity and scale are one."""
     found = [
         {"roles": role, "label": role.label, "swatch": role, "shown": role not in HIDDEN_AT_FIRST}
         for role in Role
@@ -315,13 +316,13 @@ def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[st
     """Return a picture as plain data for `json.dumps`.
 
     Vertices are rounded to 1/65535 of their mesh's size. ``data`` is base64 of the gzipped bytes
-    of all vertices (uint16 triples, mesh by mesh), filled up to a multiple of 4, then of all
+    of all vertices (uint16 triples, mesh by mesh), padded to a multiple of 4, then of all
     faces (uint32 triples).
 
     Args:
         picture: The picture.
-        moving: How its meshes move, if they do: ``paths`` of poses, three rows of four numbers
-            each, and each mesh's ``path`` among them.
+        moving: The motion of its meshes, if any: ``paths`` of poses, three rows of four numbers
+            each, and the index ``path`` of each mesh among them.
     """
     meshes, corners, faces = [], [], []
     for mesh in picture.meshes:
@@ -341,8 +342,8 @@ def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[st
                 "finger": None if mesh.finger is None else mesh.finger % len(LIGHT.fingers),
                 "vertices": len(mesh.vertices),
                 "faces": len(mesh.faces),
-                "low": _rounded(low),
-                "size": _rounded(size),
+                "low": _rounded_floats(low),
+                "size": _rounded_floats(size),
             }
         )
     first = b"".join(corners)
@@ -350,23 +351,23 @@ def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[st
     data = gzip.compress(first + b"".join(faces), compresslevel=9, mtime=0)
     motion = {}
     if moving is not None:
-        paths = [[_rounded(pose[:3].ravel()) for pose in path] for path in moving.paths]
+        paths = [[_rounded_floats(pose[:3].ravel()) for pose in path] for path in moving.paths]
         motion = {"seconds": float(moving.times[-1]), "paths": paths}
     return {
         **motion,
-        "center": _rounded(picture.center),
+        "center": _rounded_floats(picture.center),
         "radius": picture.radius,
-        "up": _rounded(picture.up),
+        "up": _rounded_floats(picture.up),
         "views": {
-            "fit": _rounded(picture.view_from),
-            **{name: _rounded(direction) for name, direction in picture.views.items()},
+            "fit": _rounded_floats(picture.view_from),
+            **{name: _rounded_floats(direction) for name, direction in picture.views.items()},
         },
-        "floors": [_rounded(plane) for plane in picture.floors],
+        "floors": [_rounded_floats(plane) for plane in picture.floors],
         "marks": [
             {
                 "text": mark.text,
                 "role": mark.role,
-                "at": _rounded(mark.position),
+                "at": _rounded_floats(mark.position),
                 "contact": mark.contact,
                 "words": mark.words,
             }
@@ -377,16 +378,16 @@ def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[st
     }
 
 
-def _rounded(values: FloatArray) -> list[float]:
+def _rounded_floats(values: FloatArray) -> list[float]:
     return [round(float(value), _MODEL_DIGITS) for value in values]
 
 
 def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
-    """Return a page: a template filled with what it needs of its own, and what all have.
+    """Return a page: a template filled with its own context and the one common to all pages.
 
     Args:
-        template: Its file.
-        context: Makes what it needs of its own; called once all that is needed is installed.
+        template: Its file name.
+        context: Returns the page's own context; called after the imports have succeeded.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.

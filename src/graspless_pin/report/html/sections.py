@@ -66,14 +66,14 @@ _STYLE: dict[Any, Any] = {
 }
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _LONGEST = 2000
-"""Characters of a sentence that a document states."""
+"""Characters of a sentence of a document that are shown."""
 _SECTION_SIZE = (2.5, 2.75)
 _WINDOW_SIZE = (7.0, 2.6)
 _POLAR_SIZE = (3.4, 3.7)
 
 
 def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
-    """Return a row a joint; torques are None where nothing was found, infinite limits too."""
+    """Return a row for each joint; torques are None where nothing was found."""
     problem, found = solution.problem, solution.found
     torques = solution.contact_torques if found else np.zeros(problem.joint_count)
     shares, rounding = np.full(problem.joint_count, np.nan), torque_rounding(problem, torques)
@@ -95,7 +95,7 @@ def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
 
 
 def contact_rows(case: Case) -> list[dict[str, Any]]:
-    """Return a row a contact; what only a solution knows is None where nothing was found."""
+    """Return a row for each contact; forces and friction only where a solution was found."""
     solution = case.solution
     problem = solution.problem
     fingers = {
@@ -121,7 +121,9 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
         "rounding": force_rounding(problem),
         "use": friction_use(problem, forces),
         "state": contact_states(problem, forces),
-        "slides": [_slides(solution, index) for index in range(problem.contact_count)],
+        "slides": [
+            _virtual_sliding_text(solution, index) for index in range(problem.contact_count)
+        ],
     }
     return [
         row | {key: column[index] for key, column in known.items()}
@@ -130,7 +132,7 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
 
 
 def motion_rows(problem: QuasistaticProblem, motion: DynamicOutcome) -> list[dict[str, Any]]:
-    """Return a row a contact: what it does in a motion, and the force there in its own frame."""
+    """Return a row for each contact: its state in a motion, and its force in the contact frame."""
     local = np.einsum("mij,mi->mj", problem.frames, motion.contact_forces)
     return [
         {"state": str(state), "force": force}
@@ -174,7 +176,7 @@ def window_figures(window: SqueezeWindow) -> list[str]:
 
 
 def tolerance_figures(tolerances: Tolerances) -> list[str]:
-    """Return what is borne by direction, as SVGs."""
+    """Return the tolerances by direction, as SVGs."""
     return [
         _inline_svg(
             f"off-{one.quantity.name.lower()}",
@@ -191,7 +193,7 @@ def tolerance_figures(tolerances: Tolerances) -> list[str]:
 
 
 def friction_figures(solution: TorqueSolution) -> list[str]:
-    """Return the friction of each contact in the cut of its cone, as SVGs."""
+    """Return the friction of each contact in the cross-section of its cone, as SVGs."""
     problem = solution.problem
     figures, rounding = [], force_rounding(problem)
     size = "radius" if problem.cone_model.is_coulomb else "up to"
@@ -214,14 +216,14 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
 def range_rows(
     bounds: ContactForceBounds, figure: Callable[..., str]
 ) -> list[list[dict[str, Any]]]:
-    """Return a row a contact: the ranges of f_n, f_t1, f_t2 in words.
+    """Return a row for each contact: the ranges of f_n, f_t1, f_t2 in words.
 
-    A range is open where the torques do not fix the force, or are not proven to; then it has a
-    star where it may be wider.
+    A range is open where the torques do not determine the force, or it is not proven that they do.
+    An unproven range has a star: it may be wider.
 
     Args:
         bounds: The ranges.
-        figure: A force and its ``rounding`` in words.
+        figure: Returns a force with its ``rounding`` in words.
     """
     is_open, roundings = bounds.indeterminate | ~bounds.proven, force_rounding(bounds.problem)
     columns = bounds.lower, bounds.upper, is_open, bounds.proven
@@ -241,7 +243,7 @@ def range_rows(
 def joined_ranges(
     ruled: list[list[dict[str, Any]]], at_rest: list[list[dict[str, Any]]]
 ) -> list[dict[str, Any]]:
-    """Return the rows of one table: what differs over all forces of rest stands in a row below.
+    """Return the rows of one table; where ranges at rest differ, they stand in a second row.
 
     Args:
         ruled: Rows of `range_rows` under the virtual-sliding rule.
@@ -272,11 +274,11 @@ def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
 
 
 def unknown_rows(case: Case) -> dict[str, Any] | None:
-    """Return what the document says of what is not known exactly; None: nothing.
+    """Return the robust answer that the document states, as table data; None: it states none.
 
     Returns:
         ``coverage`` and ``words`` (sentences), ``conflict`` (members in words), and ``joints``:
-        name, torque for all of it, torque of the nominal scene.
+        name, robust torque, torque of the nominal scene.
     """
     stated = case.document.get("uncertainty")
     if not isinstance(stated, dict):
@@ -304,7 +306,7 @@ def unknown_rows(case: Case) -> dict[str, Any] | None:
 
 
 def check_rows(case: Case) -> list[dict[str, str]]:
-    """Return a row a check of the document with numpy alone.
+    """Return a row for each check of the document.
 
     Raises:
         ArgumentError: If the document is not complete.
@@ -317,7 +319,7 @@ def check_rows(case: Case) -> list[dict[str, str]]:
 
 
 def scene_in_words(picture: Picture) -> str:
-    """Return what the 3-D view shows, for those who do not see it."""
+    """Return the text alternative of the 3-D view of a scene."""
     counts = Counter(mesh.role for mesh in picture.meshes)
     names = {
         role: ", ".join(mesh.name.split("/")[-1] for mesh in picture.of(role))
@@ -339,7 +341,7 @@ def scene_in_words(picture: Picture) -> str:
     return "Shows " + ", ".join(parts) + "."
 
 
-def _slides(solution: TorqueSolution, contact: int) -> str:
+def _virtual_sliding_text(solution: TorqueSolution, contact: int) -> str:
     """Return the virtual sliding of a contact in words."""
     mode = solution.mode
     if not mode.selection[contact]:
@@ -355,11 +357,11 @@ def _inline_svg(
     draw: Callable[[Any], object],
     projection: str | None = None,
 ) -> str:
-    """Return a plot as an SVG element with a text in its stead for those who do not see it.
+    """Return a plot as an SVG element with a text alternative.
 
     Args:
         name: Prefix of all ids, unique in the page.
-        alt: What the plot shows, in words.
+        alt: The text alternative.
         size: Width and height, inches; the page may shrink it.
         draw: Draws on the axes that it is given.
         projection: Of the axes.
