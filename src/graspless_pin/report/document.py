@@ -31,7 +31,7 @@ from graspless_pin.report.provenance import provenance
 from graspless_pin.report.robust import robust_data
 from graspless_pin.report.verdict_data import disturbance_data, holding_data, verdict_data
 from graspless_pin.report.verify import Check, verify_document
-from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES, written
+from graspless_pin.report.verify.fields import FORMAT, KNOWN_CONES, record_data
 from graspless_pin.report.verify.outcome import Claim
 from graspless_pin.report.verify.tree import proven_violation
 from graspless_pin.scene import Scene
@@ -144,7 +144,7 @@ def solution_document(
     if guarantee is not None:
         if verdict is None and (found or not solution.problem.joint_count):
             verdict = guarantee.verdict  # needs torques to be checked with
-        document["guarantee"] = written("guarantee", guarantee)
+        document["guarantee"] = record_data("guarantee", guarantee)
     if verdict is not None:
         document["stability"] = verdict_data(verdict)
         document["holding"] = holding_data(verdict)
@@ -281,7 +281,7 @@ def _contact_data(solution: TorqueSolution, scene: Scene | None) -> list[dict[st
 def _certificate_data(solution: TorqueSolution) -> dict[str, Any]:
     """Return the figures of the certificate; without an answer those of answers are null."""
     of_answer = () if solution.found else ("primal_residual", "duality_gap", "bound", "gap")
-    return written("certificate", solution.certificate, **dict.fromkeys(of_answer))
+    return record_data("certificate", solution.certificate, **dict.fromkeys(of_answer))
 
 
 def _plain_data(value: Any) -> Any:

@@ -20,7 +20,7 @@ from graspless_pin.holding.verdict import (
     StabilityVerdict,
 )
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part, written
+from graspless_pin.report.verify.fields import FIELDS, WHOLE, Part, record_data
 from graspless_pin.report.verify.values import entry
 
 MOST_SPAN_LEAVES = 10_000
@@ -40,8 +40,8 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         ``free_motions``, ``moves``, ``joints_held`` and ``proof``.
     """
     proof = None if verdict.proof is None else _rest_proof_data(verdict.proof)
-    motion = verdict.motion and written("outcome", verdict.motion)
-    return written("stability", verdict, motion=motion, proof=proof)
+    motion = verdict.motion and record_data("outcome", verdict.motion)
+    return record_data("stability", verdict, motion=motion, proof=proof)
 
 
 def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         motion grows, by model of the surfaces (see `GrowthProof`).
     """
     small = verdict.small_motions or SmallMotions.not_known("it was not asked")
-    return written(
+    return record_data(
         "holding",
         verdict,
         status=verdict.holding,
@@ -67,8 +67,8 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
         least_growth_rate=small.least_growth,
         unstable_motion=small.motion,
         assumed_contacts=small.assumed,
-        acceleration=written("first instant", verdict),
-        proofs={name: written("growth proof", one) for name, one in small.proofs.items()},
+        acceleration=record_data("first instant", verdict),
+        proofs={name: record_data("growth proof", one) for name, one in small.proofs.items()},
     )
 
 
@@ -91,12 +91,12 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
         spans = [_span_data(span) for span in bracket.spans] if fits else None
         failure = None if bracket.failure is None else verdict_data(bracket.failure)
         directions.append(
-            written(
+            record_data(
                 "direction", bracket, direction=direction, spans=spans, failure=failure,
                 forces=last and last.forces, no_rest=last and last.no_rest,
             )
         )  # fmt: skip
-    return written("disturbances", found, directions=directions)
+    return record_data("disturbances", found, directions=directions)
 
 
 def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
@@ -160,12 +160,12 @@ def _span_data(span: SpanProof) -> list[dict[str, Any]]:
 def _rest_proof_data(proof: RestProof) -> dict[str, Any]:
     """Return the data of a proof; nodes depth first, each with its number of children."""
     nodes = None if proof.tree is None else [_node_data(node) for node in _depth_first(proof.tree)]
-    return written("rest proof", proof, loads=_least_load_data(proof.loads), nodes=nodes)
+    return record_data("rest proof", proof, loads=_least_load_data(proof.loads), nodes=nodes)
 
 
 def _least_load_data(loads: tuple[LoadProof, ...]) -> list[dict[str, Any]]:
     return [
-        written("least load", one, multipliers=written("rest multipliers", one.dual))
+        record_data("least load", one, multipliers=record_data("rest multipliers", one.dual))
         for one in loads
     ]
 
@@ -179,18 +179,18 @@ def _depth_first(tree: OutcomeSet | None) -> Iterator[OutcomeSet]:
 
 
 def _node_data(node: OutcomeSet) -> dict[str, Any]:
-    return written(
+    return record_data(
         "rest node",
         node,
         slip=node.slip and [node.slip.center, node.slip.half_width],
-        multipliers=node.dual and written("rest multipliers", node.dual),
-        forced=[written("rest multipliers", dual) for dual in node.forced],
+        multipliers=node.dual and record_data("rest multipliers", node.dual),
+        forced=[record_data("rest multipliers", dual) for dual in node.forced],
         loads=_least_load_data(node.loads),
         sides=[
-            {"goal": goal, "multipliers": written("rest multipliers", dual)}
+            {"goal": goal, "multipliers": record_data("rest multipliers", dual)}
             for goal, dual in node.sides
         ],
         children=len(node.children),
         patch=node.patch
-        and written("patch", node.patch, cone=node.patch.cone and vars(node.patch.cone)),
+        and record_data("patch", node.patch, cone=node.patch.cone and vars(node.patch.cone)),
     )

@@ -1,7 +1,7 @@
 """Check a solution from its JSON document with numpy alone.
 
-Nothing of the package's own algebra is used, and nothing that the document states is trusted: each
-figure is worked out again from the data of the problem, and each proof is gone through.
+The checker uses nothing of the package's own algebra and trusts no figure of the answer: it works
+out each one again from the data of the problem, and verifies each proof.
 """
 
 from graspless_pin.report.verify.checking import verify_document

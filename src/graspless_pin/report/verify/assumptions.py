@@ -1,4 +1,4 @@
-"""What a document is not asked to prove, line by line."""
+"""The assumptions of a document, line by line: what it is not asked to prove."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from graspless_pin.report.verify.reading import stated_mass
 
 
 def taken_as_given(problem: Problem, stated: Part) -> list[Check]:
-    """Return a line for each part of a document that all checks start from."""
+    """Return a line for each assumption of a document."""
     return [
         given(
             "the problem",
             "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
             "limits, options and rules; poses, masses, gravity and names",
         ),
-        *_of_coordinates(problem),
-        given("units", _units(problem, stated)),
-        given("load", _load(problem, stated)),
-        given("limits", _limits(problem)),
-        *_of_cones(problem, stated),
-        *_of_objective(problem, stated),
+        *_coordinate_lines(problem),
+        given("units", _units_text(problem, stated)),
+        given("load", _load_text(problem, stated)),
+        given("limits", _limits_text(problem)),
+        *_cone_lines(problem, stated),
+        *_objective_lines(problem, stated),
         given(
             "how it was found",
             "counters of the search, solver, versions, hashes, findings, words, and the optima "
@@ -33,8 +33,8 @@ def taken_as_given(problem: Problem, stated: Part) -> list[Check]:
     ]
 
 
-def _of_coordinates(problem: Problem) -> list[Check]:
-    """Return that the map of other passive coordinates than one free object's is taken as it is."""
+def _coordinate_lines(problem: Problem) -> list[Check]:
+    """Return the line on a stated map of passive coordinates; none for one free object."""
     if problem.given is None:
         return []
     count, turning = len(problem.w), int(problem.turns.sum())
@@ -45,8 +45,8 @@ def _of_coordinates(problem: Problem) -> list[Check]:
     return [given("passive coordinates", detail)]
 
 
-def _of_cones(problem: Problem, stated: Part) -> list[Check]:
-    """Return what is taken as it stands of friction cones that are not known by name."""
+def _cone_lines(problem: Problem, stated: Part) -> list[Check]:
+    """Return the line on friction cones that are not known by name; none for those that are."""
     if problem.corners is None:
         return []
     detail = f"their {problem.edges} corners, kinetic friction where contacts slide"
@@ -55,18 +55,18 @@ def _of_cones(problem: Problem, stated: Part) -> list[Check]:
     return [given(f"cones {stated['cone'][:60]!r}", detail)]
 
 
-def _units(problem: Problem, stated: Part) -> str:
+def _units_text(problem: Problem, stated: Part) -> str:
     """Return the units of all figures, and which joints are revolute and which prismatic."""
     names = [joint["name"] for joint in stated["joints"]]
     shown = ["SI, world axes"]
     for unit in ("N m", "N"):
         own = [name for name, one in zip(names, problem.units, strict=True) if one == unit]
-        shown += [f"{unit}: {_listed(own)}"] if own else []
+        shown += [f"{unit}: {_quoted(own)}"] if own else []
     return "; ".join(shown)
 
 
-def _load(problem: Problem, stated: Part) -> str:
-    """Return the external load, beside what the object weighs where the document tells that."""
+def _load_text(problem: Problem, stated: Part) -> str:
+    """Return the external load, with the weight of the object where the document states it."""
     parts = problem.w[~problem.turns], problem.w[problem.turns]
     force, moment = (float(np.linalg.norm(one)) for one in parts)
     shown, mass = f"force {force:.6g} N, moment {moment:.6g} N m", stated_mass(stated)
@@ -75,28 +75,28 @@ def _load(problem: Problem, stated: Part) -> str:
     return shown
 
 
-def _limits(problem: Problem) -> str:
-    """Return how far limits go, and how many joints have none."""
+def _limits_text(problem: Problem) -> str:
+    """Return the ranges of the limits, and how many joints have none."""
     least, most = float(problem.limit.min()), float(problem.limit.max())
-    shown = [f"normal forces {_span(least, most)} N"]
+    shown = [f"normal forces {_range_text(least, most)} N"]
     for unit in ("N m", "N"):
         own = np.array([one == unit for one in problem.units], dtype=bool)
         if own.any():
             ends = np.concatenate([problem.lower[own], problem.upper[own]])
             finite = np.abs(ends[np.isfinite(ends)])
-            span = _span(float(finite.min()), float(finite.max())) if finite.size else "none"
+            span = _range_text(float(finite.min()), float(finite.max())) if finite.size else "none"
             free = int((np.isinf(problem.lower[own]) | np.isinf(problem.upper[own])).sum())
             span += f" {unit}" if finite.size else ""
             shown.append(f"joints {span}" + (f" ({free} without)" if free and finite.size else ""))
     return "; ".join(shown)
 
 
-def _span(least: float, most: float) -> str:
+def _range_text(least: float, most: float) -> str:
     return f"{most:.6g}" if least == most else f"{least:.6g} to {most:.6g}"
 
 
-def _of_objective(problem: Problem, stated: Part) -> list[Check]:
-    """Return what is taken as it stands of an objective that is none of the paper's."""
+def _objective_lines(problem: Problem, stated: Part) -> list[Check]:
+    """Return the lines on an objective that is neither of the paper's; none for these."""
     own = problem.own
     if own is None:
         return []
@@ -104,11 +104,14 @@ def _of_objective(problem: Problem, stated: Part) -> list[Check]:
     names = [name for name, _ in own.groups]
     lines = [
         given(f"costs {where}", f"what is minimised, in units of {own.unit:.3g}"),
-        given(f"columns {where}", f"{_listed(names)}, with their bounds{_sizes(own.column_unit)}"),
+        given(
+            f"columns {where}",
+            f"{_quoted(names)}, with their bounds{_unit_range_text(own.column_unit)}",
+        ),
         given(
             f"rows {where}",
-            f"{_listed([one[0] for one in own.rows.blocks])}, and the margins in cones and limits "
-            f"of normal forces{_sizes(own.rows.unit)}",
+            f"{_quoted([one[0] for one in own.rows.blocks])}, and the margins in cones and limits "
+            f"of normal forces{_unit_range_text(own.rows.unit)}",
         ),
     ]
     low, high, unbounded = own_box(problem, own, np.inf)
@@ -119,14 +122,14 @@ def _of_objective(problem: Problem, stated: Part) -> list[Check]:
     return lines
 
 
-def _sizes(units: np.ndarray) -> str:
-    """Return what columns or rows are of order of: they hold to a millionth of that."""
+def _unit_range_text(units: np.ndarray) -> str:
+    """Return the range of the units of columns or rows: they hold to a millionth of these."""
     if not units.size:
         return ""
-    return f"; in units of {_span(float(units.min()), float(units.max()))}"
+    return f"; in units of {_range_text(float(units.min()), float(units.max()))}"
 
 
-def _listed(names: list[str]) -> str:
-    """Return names as they may be printed, whatever they hold."""
+def _quoted(names: list[str]) -> str:
+    """Return names quoted and shortened for print."""
     shown = ", ".join(repr(name[:40]) for name in names[:10])
     return f"{shown} and {len(names) - 10} more" if len(names) > 10 else shown or "none"

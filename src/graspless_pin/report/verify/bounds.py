@@ -1,12 +1,12 @@
-"""What multipliers prove of forces: the smallest value of the Lagrangian over a box.
+"""Bounds that multipliers prove: the smallest value of the Lagrangian over a box of forces.
 
-Whatever the multipliers are, no forces that obey all constraints have an objective below it. No
-stationarity needs to hold: the box makes up for what is missing. All is added up in the longest
-floating-point format of the machine, and what rounding may hide is taken off. For forces that do
-not exist they prove by how much all break constraints.
+For any multipliers, no forces that obey all constraints have an objective below it. The multipliers
+need not be stationary: the box bounds the rest. Sums are formed in the longest floating-point
+format of the machine, and their rounding error is subtracted. Where no forces are feasible,
+multipliers prove the smallest violation of the constraints.
 
-The box of an objective's own columns follows from its constraints; what a document says of it is
-used where nothing follows.
+The box of an objective's own columns follows from its constraints; the box that a document states
+is used where no constraint implies one.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ _PASSES = 3
 def implied_box(
     problem: Problem, own: OwnObjective, low: np.ndarray, high: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return bounds of the columns.
+    """Return the bounds of an objective's own columns that the rows imply.
 
-    Each row bounds each of its columns by what forces and other columns may be at most.
+    Each row bounds each of its columns by the largest contribution of forces and other columns.
 
     Args:
         problem: The problem.
         own: Its objective.
         low: (M, 3) smallest forces along n, t1, t2.
         high: (M, 3) largest forces.
-        reach: The largest normal forces that are looked at, N.
+        reach: The largest normal forces considered, N.
 
     Returns:
-        (k,) lower and upper bounds, and (k,) whether one of them is the document's word.
+        (k,) lower and upper bounds, and (k,) whether one of them is only stated in the document.
     """
-    C, least, most = _rows(problem, own, low, high)
+    C, least, most = _column_rows(problem, own, low, high)
     first, last = own.bounds.copy()
     for _ in range(_PASSES):
         # C y <= most and C y >= least, for y between first and last.
@@ -68,10 +68,10 @@ def implied_box(
     return low, np.where(np.isinf(last), np.maximum(high, low), last), unbounded
 
 
-def _rows(
+def _column_rows(
     problem: Problem, own: OwnObjective, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return all rows with columns: (r, k) coefficients, and (r,) between what C y must lie."""
+    """Return rows with own columns: (r, k) coefficients C, (r,) lower and upper sides of C y."""
     wrench = (_force_frames(problem) @ problem.passive).transpose(2, 0, 1)
     forces = np.concatenate([own.rows.forces, wrench])
     ends = forces * low, forces * high
@@ -103,25 +103,25 @@ def proven_bound(
     objective: bool = True,
     rounding: float = tolerances.LONG,
 ) -> float:
-    """Return what no forces that obey all constraints stay below.
+    """Return a lower bound on the objective of all forces that obey all constraints.
 
     Args:
         problem: The problem.
         m: Any multipliers.
         free: (M, 2, 2) whether friction may be negative, positive along t1 and t2.
-        reach: The largest normal forces that are looked at, N.
+        reach: The largest normal forces considered, N.
         objective: Whether the objective counts. Without it the objective is 0, and a bound above 0
             proves that there are no such forces.
-        rounding: What is taken off for it, over the size of all that is added up.
+        rounding: Relative rounding error, of the sum of the sizes of all terms.
     """
-    total, size = _constant(problem, m)
-    of_forces = *_slopes(problem, m), problem.curvature * objective
+    total, size = _constant_term(problem, m)
+    of_forces = *_force_slopes(problem, m), problem.curvature * objective
     of_columns = _column_slopes(problem, m, objective=objective)
-    boxes = _box(problem, reach, free), column_box(problem, reach)
+    boxes = _force_box(problem, reach, free), column_box(problem, reach)
     for (slopes, sizes, q), (low, high) in zip((of_forces, of_columns), boxes, strict=True):
         if (low > high).any():
             return np.inf
-        total += _smallest(slopes, low, high, q)
+        total += _least_quadratic(slopes, low, high, q)
         size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
     return float(total - rounding * size)
 
@@ -131,11 +131,11 @@ def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
 
     Args:
         problem: The problem.
-        m: StatedMultipliers.
-        bound: What they prove without the objective.
+        m: Any multipliers.
+        bound: The bound that they prove without the objective.
     """
     F, joints = problem.force, problem.joint_scale
-    up, down = problem.shared
+    up, down = problem.share_torques
     scale = problem.passive_scale
     total = float(np.abs(m.balance) @ scale + (m.torque_upper + m.torque_lower) @ joints)
     parts = m.faces.sum() + np.abs(m.round).sum() + m.normal_upper.sum() + m.normal_lower.sum()
@@ -150,8 +150,8 @@ def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
     return bound / total if total > 0.0 else -np.inf
 
 
-def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndarray]:
-    """(M, 3) slope of the Lagrangian by each force component, and the size of what makes it."""
+def _force_slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndarray]:
+    """(M, 3) slope of the Lagrangian by each force component, and the sum of its terms' sizes."""
     frames, J = _force_frames(problem).astype(_LONG), problem.J.astype(_LONG)
     y, kappa, W = m.balance.astype(_LONG), m.torque.astype(_LONG), problem.passive.astype(_LONG)
     along = (W * y).sum(axis=2) + (J * kappa).sum(axis=2)
@@ -175,8 +175,8 @@ def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndar
     return slope, size
 
 
-def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
-    """Return the Lagrangian without forces, and the size of what makes it."""
+def _constant_term(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
+    """Return the constant term of the Lagrangian, and the sum of its terms' sizes."""
     finite_up = np.where(np.isfinite(problem.upper), problem.upper, 0.0)
     finite_low = np.where(np.isfinite(problem.lower), problem.lower, 0.0)
     terms = np.concatenate([
@@ -185,7 +185,7 @@ def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
         -m.torque_upper.astype(_LONG) * finite_up,
         m.torque_lower.astype(_LONG) * finite_low,
         -m.normal_upper.astype(_LONG) * problem.limit,
-        _of_margin(problem, m) * problem.face_margins,
+        _margin_slopes(problem, m) * problem.face_margins,
     ])  # fmt: skip
     if problem.own is not None:
         rows = problem.own.rows
@@ -194,16 +194,16 @@ def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
     return terms.sum(), np.abs(terms).sum()
 
 
-def _of_margin(problem: Problem, m: StatedMultipliers) -> np.ndarray:
-    """(M,) what a unit of margin adds at each contact's faces or round cone."""
+def _margin_slopes(problem: Problem, m: StatedMultipliers) -> np.ndarray:
+    """(M,) slope of the Lagrangian by the margin at each contact's faces or round cone."""
     widening = np.sqrt(1.0 + problem.mu.astype(_LONG) ** 2)
     return m.faces.astype(_LONG).sum(axis=1) + m.round[:, 0] * widening
 
 
-def _box(
+def _force_box(
     problem: Problem, reach: float, free: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M, 3) each: bounds of all forces inside cones and limits, and free to rub as said."""
+    """(M, 3) each: bounds of all forces inside cones and limits, with friction of free signs."""
     free = np.ones((problem.count, 2, 2), dtype=bool) if free is None else free
     low, high = np.zeros((problem.count, 3)), np.zeros((problem.count, 3))
     most = np.minimum(problem.limit, reach)
@@ -215,23 +215,23 @@ def _box(
     return low, high
 
 
-def _smallest(slope: np.ndarray, low: np.ndarray, high: np.ndarray, q: np.ndarray) -> Any:
-    """Smallest sum of slope x + q x^2 / 2 over a box."""
-    at = np.where(slope >= 0.0, low, high).astype(_LONG)
-    bent = q > 0.0
-    turning = np.where(bent, -slope / np.where(bent, q, 1.0), at)
-    at = np.where(bent, np.clip(turning, low, high), at)
-    return (slope * at + 0.5 * q * at**2).sum()
+def _least_quadratic(slope: np.ndarray, low: np.ndarray, high: np.ndarray, q: np.ndarray) -> Any:
+    """Return the smallest sum of slope x + q x^2 / 2 over a box."""
+    x = np.where(slope >= 0.0, low, high).astype(_LONG)
+    is_curved = q > 0.0
+    stationary = np.where(is_curved, -slope / np.where(is_curved, q, 1.0), x)
+    x = np.where(is_curved, np.clip(stationary, low, high), x)
+    return (slope * x + 0.5 * q * x**2).sum()
 
 
 def _column_slopes(
     problem: Problem, m: StatedMultipliers, *, objective: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(k,) each: slope by the objective's own columns, the size of what makes it, curvature.
+    """(k,) each: slope by the objective's own columns, sum of its terms' sizes, curvature.
 
-    Algorithm 1 has e, Algorithm 2 has t.
+    The column of Algorithm 1 is e, that of Algorithm 2 is t.
     """
-    faces = _of_margin(problem, m)
+    faces = _margin_slopes(problem, m)
     if problem.own is not None:
         own = problem.own
         parts = [
@@ -255,7 +255,7 @@ def _column_slopes(
         used = faces.sum() + (m.normal_upper.astype(_LONG) + m.normal_lower).sum()
         slope = used - objective
     else:
-        up, down = problem.shared
+        up, down = problem.share_torques
         used = (m.share_upper.astype(_LONG) * up + m.share_lower.astype(_LONG) * down).sum()
         slope = objective - used
     return np.array([slope]), np.array([used + 1.0]), np.zeros(1)
@@ -265,7 +265,7 @@ def own_box(
     problem: Problem, own: OwnObjective, reach: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what `implied_box` does, for all forces within the reach."""
-    return implied_box(problem, own, *_box(problem, reach), reach)
+    return implied_box(problem, own, *_force_box(problem, reach), reach)
 
 
 def column_box(problem: Problem, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -275,13 +275,13 @@ def column_box(problem: Problem, reach: float) -> tuple[np.ndarray, np.ndarray]:
     if problem.is_margin:
         most = min(float(problem.limit.min()) / 2.0, reach)
     else:
-        most = _most_torque(problem, reach)
+        most = _largest_torque_bound(problem, reach)
     return np.zeros(1), np.array([most])
 
 
-def _most_torque(problem: Problem, reach: float) -> float:
-    """Return more than the largest t of Algorithm 2 that any forces within the box make."""
-    low, high = _box(problem, reach)
+def _largest_torque_bound(problem: Problem, reach: float) -> float:
+    """Return an upper bound on the t of Algorithm 2 over all forces within the box."""
+    low, high = _force_box(problem, reach)
     along = np.einsum("lki,lij->lkj", _force_frames(problem), problem.J)
     most = np.einsum("lkj,lk->j", np.abs(along), np.maximum(np.abs(low), np.abs(high)))
     lever = most + np.abs(problem.gravity)
@@ -289,19 +289,19 @@ def _most_torque(problem: Problem, reach: float) -> float:
 
 
 def _force_frames(problem: Problem) -> np.ndarray:
-    """(M, 3, 3) rows: the force for one of each component, without a cone that of the first."""
+    """(M, 3, 3) rows: the unit force of each component, along the kinetic one without a cone."""
     frames = problem.frames.copy()
     frames[~problem.cone, 0] = problem.directions[~problem.cone]
     return frames
 
 
 def largest_objective(problem: Problem, reach: float) -> float:
-    """Return what the objective of any forces that obey all constraints does not exceed."""
-    low, high = _box(problem, reach)
-    bent = float((problem.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
+    """Return an upper bound on the objective of all forces that obey all constraints."""
+    low, high = _force_box(problem, reach)
+    total = float((problem.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
     if problem.own is not None:
         own = problem.own
         low, high = column_box(problem, reach)
-        bent += float((own.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
-        return bent + float(np.maximum(own.cost * low, own.cost * high).sum())
-    return bent + (0.0 if problem.is_margin else _most_torque(problem, reach))
+        total += float((own.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
+        return total + float(np.maximum(own.cost * low, own.cost * high).sum())
+    return total + (0.0 if problem.is_margin else _largest_torque_bound(problem, reach))

@@ -1,6 +1,6 @@
 """The checks of one document, in the order in which they are shown.
 
-Figures that a status makes nothing of are named, so that none is taken for checked.
+Figures that no check uses under a status are named, so that they do not pass for checked.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ from graspless_pin.report.verify.reading import (
 )
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.tree import (
-    Proof,
     State,
+    TreeProof,
     TreeWalk,
+    contact_velocities,
     motion_check,
-    root_of,
-    velocities,
+    root_state,
 )
 from graspless_pin.report.verify.uncertain import uncertainty_checks
 
@@ -63,8 +63,8 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
 
     Args:
         stated: The document.
-        problem: What it says of contacts and joints.
-        status: Of the solution.
+        problem: Its problem.
+        status: Status of the solution.
 
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.
@@ -76,10 +76,10 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
     if status in FOUND_STATES:
         detail, sure = f"verdict: {strength}", strength == "strong"
         check = holds("the torques are guaranteed", sure, detail, Claim.GUARANTEE)
-        return [check, *_cost(stated, problem)]
+        return [check, *_best_case_checks(stated, problem)]
     checks = [given("the best case", "of torques that are not stated")]
     if status == "infeasible_strong":
-        # Without joints there is one set of torques alone.
+        # Without joints there is only one set of torques.
         none = not problem.units and strength in ("weak", "none")
         detail = f"verdict: {strength}, {len(problem.units)} joints"
         checks.append(holds("no torques are guaranteed", none, detail))
@@ -89,7 +89,7 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
     return checks
 
 
-def unit_of(problem: Problem) -> str:
+def value_unit(problem: Problem) -> str:
     """Return the unit of the objective's value."""
     if problem.own is not None or problem.by_limits:
         return ""
@@ -97,16 +97,16 @@ def unit_of(problem: Problem) -> str:
 
 
 def stated_forces(stated: Part, problem: Problem) -> Forces:
-    """Return the forces of an answer, with the columns of an objective of its own."""
+    """Return the stated contact forces, with the columns of an own objective."""
     columns = None if problem.own is None else problem.own.values
     return Forces(problem, stacked(stated["contacts"], "force"), columns)
 
 
-def _cost(stated: Part, problem: Problem) -> list[Check]:
+def _best_case_checks(stated: Part, problem: Problem) -> list[Check]:
     """Return the checks of the best case, which its bound proves, and of the gap to it."""
     best, gap = (stated["guarantee"][key] for key in ("best_case", "gap"))
     bound, value = stated["certificate"]["bound"], problem.objective(stated_forces(stated, problem))
-    sign, unit = (-1.0 if problem.maximizes else 1.0), unit_of(problem)
+    sign, unit = (-1.0 if problem.maximizes else 1.0), value_unit(problem)
     worse, limit = value - sign * best, tolerances.objective(problem, best, bound)
     return [
         within("the best case is within its bound", sign * (bound - best), limit, unit),
@@ -122,8 +122,8 @@ def unread_figures(
 
     Args:
         document: The document, with a proof.
-        status: Of the answer.
-        complete: Whether its proof is.
+        status: Status of the answer.
+        complete: Whether its proof is complete.
         has_modes: Whether friction needs a virtual sliding.
     """
     found = status in FOUND_STATES
@@ -143,7 +143,7 @@ def unread_figures(
 
 
 _WITH_GAP = ("limit_reached", "strong")
-"""Answers that are not proven to be the best."""
+"""Statuses of answers that are not proven optimal."""
 
 
 def verify_document(document: dict[str, Any]) -> Verification:
@@ -176,7 +176,7 @@ def verify_document(document: dict[str, Any]) -> Verification:
 
 
 class _Checker:
-    """One document, and what was worked out of it."""
+    """The checks of one document."""
 
     def __init__(self, document: dict[str, Any]) -> None:
         self.problem: Problem = read_problem(document)
@@ -184,7 +184,7 @@ class _Checker:
         self.status = self.stated["status"]
         self.certificate, self.proof = self.stated["certificate"], self.stated["proof"]
         self.complete = self.proof["complete"]
-        # Friction needs a virtual sliding, unless Coulomb's law is all that is asked for.
+        # Friction needs a virtual sliding, except under plain Coulomb friction.
         self.has_modes = not self.problem.coulomb or self.status in IN_MODE
 
     def run(self) -> list[Check]:
@@ -193,16 +193,16 @@ class _Checker:
             document, self.status, complete=self.complete, has_modes=self.has_modes
         )
         checks = [*taken_as_given(problem, self.stated), *unread, frames_check(problem)]
-        checks += self._statements()
-        checks += self._found() if self.status in FOUND_STATES else self._not_found()
+        checks += self._statement_checks()
+        checks += self._answer_checks() if self.status in FOUND_STATES else self._no_answer_checks()
         checks += guarantee_checks(self.stated, problem, self.status)
         of_rest = rest_checks(document, problem)
         checks += [replace(one, claim=Claim.REST) for one in of_rest]
         checks += disturbance_checks(document, problem)
         return checks + uncertainty_checks(document, problem, lambda one: _Checker(one).run())
 
-    def _statements(self) -> list[Check]:
-        """Return what is said of the answer as a whole, and the scales."""
+    def _statement_checks(self) -> list[Check]:
+        """Return the checks of status, message and scales."""
         stated, problem = self.stated, self.problem
         found, message, scales = stated["found"], stated["message"], stated["scales"]
         force, length = scales["force"], scales["length"]
@@ -214,12 +214,12 @@ class _Checker:
             holds("the load has a size", good, f"{problem.force:.3g} N"),
             agrees("force scale", force, problem.force, tolerances.SAME * problem.force, "N"),
             agrees("length scale", length, problem.length, tolerances.SAME * problem.length, "m"),
-            self._reach(),
+            self._reach_check(),
         ]
 
     # found
 
-    def _found(self) -> list[Check]:
+    def _answer_checks(self) -> list[Check]:
         problem, stated = self.problem, self.stated
         forces = stated_forces(stated, problem)
         checks = force_checks(problem, forces) + figure_checks(problem, forces, stated)
@@ -227,21 +227,21 @@ class _Checker:
         checks += [agrees("primal residual as stated", claim, worst, tolerances.SHARE, "(scaled)")]
         selected, signs = read_mode(self.document, problem)
         if self.has_modes:
-            checks += [self._rules(selected, signs), self._motion(selected, signs)]
+            checks += [self._sign_rule_check(selected, signs), self._motion_check(selected, signs)]
         else:
-            checks.append(self._describes(forces, selected, signs))
+            checks.append(self._described_check(forces, selected, signs))
         most, reach = float(forces.local[:, 0].max()), self.certificate["force_reach"]
         opposing, limit = against_mode(problem, forces, selected, signs), tolerances.force(problem)
         checks += [
             within("friction opposes the mode (27), (31)", opposing, limit, "N"),
             holds("the forces are within that reach", most <= (1.0 + tolerances.SHARE) * reach,
                   f"{most:.6g} N"),
-            self._states_no_violation(),
+            self._no_violation_check(),
         ]  # fmt: skip
-        return checks + self._optimality(forces, selected, signs)
+        return checks + self._optimality_checks(forces, selected, signs)
 
-    def _rules(self, selected: np.ndarray, signs: np.ndarray) -> Check:
-        """Which contacts may or must be selected, and how many zeros they may have."""
+    def _sign_rule_check(self, selected: np.ndarray, signs: np.ndarray) -> Check:
+        """Check which contacts are selected, and how many zero signs they have."""
         problem = self.problem
         zeros = (signs == 0).sum(axis=1)
         ok = np.where(selected, zeros <= (problem.sign_rule == "exact"), zeros == 2)
@@ -251,14 +251,14 @@ class _Checker:
         detail = f"contacts that do not: {np.flatnonzero(~ok).tolist()}"
         return holds("signs obey the rules", ok.all(), detail)
 
-    def _motion(self, selected: np.ndarray, signs: np.ndarray) -> Check:
+    def _motion_check(self, selected: np.ndarray, signs: np.ndarray) -> Check:
         motion, u = self.proof.maybe("motion"), np.zeros((self.problem.count, 3))
         if motion is not None:
-            u = velocities(self.problem, motion["object"], motion["joints"])
+            u = contact_velocities(self.problem, motion["object"], motion["joints"])
         return motion_check(self.problem, u, selected, signs)
 
-    def _describes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
-        """Without any rule the mode only describes the friction."""
+    def _described_check(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
+        """Check that the mode describes the friction, where no rule asks for a sliding."""
         friction = forces.local[:, 1:] * self.problem.cone[:, None]
         with_friction = np.abs(friction) > tolerances.force(self.problem)
         ok = (selected == (signs != 0).any(axis=1)).all() and (signs[with_friction] != 0).all()
@@ -266,16 +266,22 @@ class _Checker:
             "signs describe the friction", ok, f"{int(with_friction.sum())} components rub"
         )
 
-    def _reach(self) -> Check:
-        """Return the normal forces up to which bounds are proven: all, or far above the load."""
+    def _reach_check(self) -> Check:
+        """Check the normal forces up to which bounds are proven: all, or far above the load."""
         problem, reach = self.problem, self.certificate["force_reach"]
         wanted = min(tolerances.LONGEST_REACH * problem.force, float(problem.limit.max()))
         detail = f"{reach:.6g} N, wanted {wanted:.6g} N"
         return holds("reach of the proof", reach >= (1.0 - tolerances.SAME) * wanted, detail)
 
-    def _optimality(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> list[Check]:
-        """Bound and gap from both sides, and what multipliers and tree prove."""
-        problem, value, unit = self.problem, self.problem.objective(forces), unit_of(self.problem)
+    def _optimality_checks(
+        self, forces: Forces, selected: np.ndarray, signs: np.ndarray
+    ) -> list[Check]:
+        """Return the checks of bound and gap, and of the proofs by multipliers and tree."""
+        problem, value, unit = (
+            self.problem,
+            self.problem.objective(forces),
+            value_unit(self.problem),
+        )
         sign = -1.0 if problem.maximizes else 1.0
         bound, gap = sign * self.certificate["bound"], self.certificate["gap"]
         # An answer far from the optimum widens no tolerance.
@@ -286,14 +292,14 @@ class _Checker:
         if self.status not in _WITH_GAP:
             checks.append(within("gap is closed", abs(value - bound), limit, unit))
         if self.status != "strong":
-            checks += self._duality(forces, value, unit)
+            checks += self._multiplier_checks(forces, value, unit)
         what, claim = ("bound", None) if self.status in _WITH_GAP else ("optimal", Claim.OPTIMUM)
         name = f"{what} over all modes" if self.has_modes else f"{what} over all friction"
         name = _IN_ITS_MODE if self.status == "optimal_in_mode" else name
         if not self.complete:
-            within_mode = self._within_mode(value, selected, signs)
-            return [*checks, self._incomplete(name, claim), within_mode]
-        root = root_of(problem, self.status, (selected, signs))
+            within_mode = self._in_mode_check(value, selected, signs)
+            return [*checks, self._missing_proof_check(name, claim), within_mode]
+        root = root_state(problem, self.status, (selected, signs))
         proof = TreeWalk(problem, self._proven_reach()).walk(self.proof["nodes"], root)
         good = not proof.failure and proof.bound >= bound - limit
         shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
@@ -302,21 +308,23 @@ class _Checker:
     def _proven_reach(self) -> float:
         return min(self.certificate["force_reach"], float(self.problem.limit.max()))
 
-    def _proven(self, given: object, where: str, free: np.ndarray) -> tuple[float, tuple[str, ...]]:
-        """Return the bound that multipliers prove, and names of those of no constraint."""
+    def _proven_bound(
+        self, given: object, where: str, free: np.ndarray
+    ) -> tuple[float, tuple[str, ...]]:
+        """Return the bound that multipliers prove, and the names of those without a constraint."""
         multipliers = stated_multipliers(given, self.problem, where)
         bound = proven_bound(self.problem, multipliers, free, self._proven_reach())
         return bound, multipliers.strays
 
-    def _duality(self, forces: Forces, value: float, unit: str) -> list[Check]:
-        """Return what the multipliers of the forces' own program prove."""
+    def _multiplier_checks(self, forces: Forces, value: float, unit: str) -> list[Check]:
+        """Return the checks of the multipliers of the forces' own program."""
         problem, inner = self.problem, self.certificate["duality_gap"]
-        # Friction of the solution's own signs, where there is any.
+        # Friction may have the solution's own signs only.
         friction = forces.local[:, 1:] * problem.cone[:, None]
         least = tolerances.force(problem)
         with_friction = np.stack([friction < -least, friction > least], axis=2)
         multipliers = self.stated["multipliers"].stated
-        bound, strays = self._proven(multipliers, "multipliers", with_friction)
+        bound, strays = self._proven_bound(multipliers, "multipliers", with_friction)
         own, limit = value - bound, tolerances.objective(problem, value, bound)
         shown = f"of no constraint: {', '.join(strays) or 'none'}"
         return [
@@ -325,19 +333,19 @@ class _Checker:
             agrees("duality gap as stated", inner * problem.unit, own, limit, unit),
         ]
 
-    def _within_mode(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
+    def _in_mode_check(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
         stated, good = self.proof.get("mode_multipliers"), False
         detail = "no multipliers in the document"
         if stated is not None:
             free = State.one_mode(self.problem, selected, signs).friction
-            bound, strays = self._proven(stated.stated, "mode_multipliers", free)
+            bound, strays = self._proven_bound(stated.stated, "mode_multipliers", free)
             gap, limit = value - bound, tolerances.objective(self.problem, value, bound)
             good, detail = gap <= limit and not strays, f"proven gap {gap:.1e}"
         return Check(_IN_ITS_MODE, good or None, detail, claim=Claim.OPTIMUM)
 
     # not found
 
-    def _not_found(self) -> list[Check]:
+    def _no_answer_checks(self) -> list[Check]:
         document = self.document
         stated = [document.get("margin"), document.get("max_torque")]
         stated += [c.get("force") for c in document["contacts"]]
@@ -345,22 +353,22 @@ class _Checker:
         empty = all(one is None for one in stated)
         checks = [holds("states no forces", empty, "null" if empty else "some are there")]
         if self.status in (*OPEN, *UNGUARANTEED):
-            checks.append(self._states_no_violation())
+            checks.append(self._no_violation_check())
             if self.status in OPEN:
                 checks.append(Check("whether there is an answer", None, "the search did not end"))
             return checks
         name, shared = MESSAGES[self.status].split(":")[0], self.certificate["infeasibility"]
         if not self.complete:
-            return [*checks, self._incomplete(name)]
+            return [*checks, self._missing_proof_check(name)]
         mode = None
         if self.status in IN_MODE:
             mode = read_mode(document, self.problem)
-            checks.append(self._rules(*mode))
-        root = root_of(self.problem, self.status, mode)
+            checks.append(self._sign_rule_check(*mode))
+        root = root_state(self.problem, self.status, mode)
         if self.status == "infeasible_in_mode" and mode:
-            checks.append(self._motion(*mode))
+            checks.append(self._motion_check(*mode))
         proof = TreeWalk(self.problem, np.inf).walk(self.proof["nodes"], root)
-        checks.append(self._infeasible(name, proof))
+        checks.append(self._infeasibility_check(name, proof))
         if self.status == "infeasible_modes":  # forces balance where friction needs no sliding
             columns = None if self.problem.own is None else self.proof["columns"]
             worst = residual(self.problem, Forces(self.problem, self.proof["forces"], columns))
@@ -370,11 +378,11 @@ class _Checker:
         good = shared <= most * (1.0 + tolerances.SAME)
         return [*checks, holds("smallest common violation", good, detail)]
 
-    def _states_no_violation(self) -> Check:
+    def _no_violation_check(self) -> Check:
         shared = self.certificate["infeasibility"]
         return holds("states no infeasibility", shared <= 0.0, f"{shared:.3g}")
 
-    def _infeasible(self, name: str, proof: Proof) -> Check:
+    def _infeasibility_check(self, name: str, proof: TreeProof) -> Check:
         failure = proof.failure
         if not failure and proof.bound < np.inf:
             failure = "a leaf does not prove that there are no forces"
@@ -384,7 +392,7 @@ class _Checker:
 
     # both
 
-    def _incomplete(self, name: str, claim: Claim | None = None) -> Check:
+    def _missing_proof_check(self, name: str, claim: Claim | None = None) -> Check:
         missing = self.proof["missing"][:200] or "the document holds no proof"
         return Check(name, None, missing, claim=claim)
 
@@ -392,5 +400,5 @@ class _Checker:
 _IN_ITS_MODE = "optimal within its mode"
 
 
-def _leaves(proof: Proof) -> str:
+def _leaves(proof: TreeProof) -> str:
     return "one leaf" if proof.leaves == 1 else f"{proof.leaves} leaves"

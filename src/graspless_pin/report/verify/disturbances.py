@@ -1,9 +1,9 @@
-"""Check which disturbances a document claims to be borne for certain, and which are too much.
+"""Checks of the disturbances that a document claims to be guaranteed, or too large.
 
-All loads between two are one span. Forces that balance both, and certificates of both that lean on
-normal forces of all outcomes in between, hold for each of them. Else an outcome of one in between
-has a power of at most what one of the two loads gives its motion: two trees prove a span, in each
-of which the load is any up to the other one.
+A span is the set of all loads between two. Forces that balance both ends, and certificates of both
+that rely on normal forces of all outcomes in between, hold for each load of it. Otherwise two trees
+prove a span, one from each end, in which the load is any up to the other end: an outcome in between
+has at most the power that one of the two end loads has in its motion.
 """
 
 from __future__ import annotations
@@ -16,15 +16,20 @@ from graspless_pin.report.verify.outcome import Check, holds, within
 from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest import resolution_of, verdict_checks
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
-from graspless_pin.report.verify.rest_tree import certificate, force_limit, stated_loads, tree
+from graspless_pin.report.verify.rest_tree import (
+    certificate_check,
+    force_limit,
+    stated_loads,
+    tree_check,
+)
 
 
 def disturbance_checks(document: object, problem: Problem) -> list[Check]:
-    """Return the checks of what stands under ``disturbances``; none where nothing does.
+    """Return the checks of ``disturbances``; none where the document has none.
 
     Args:
         document: The document, with the motors' torques and the verdict without disturbance.
-        problem: What it says of contacts and joints.
+        problem: Its problem.
 
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.
@@ -47,15 +52,15 @@ def disturbance_checks(document: object, problem: Problem) -> list[Check]:
         if abs(float(np.linalg.norm(unit)) - 1.0) > tolerances.UNIT or length <= 0.0:
             raise ValueError(f"direction of {claim.where} is no unit of force and moment")
         step = unit * np.where(problem.turns, length, 1.0)
-        checks += _Direction(claim, bodies, step, limit).run(largest)
+        checks += _DirectionChecks(claim, bodies, step, limit).run(largest)
     return checks
 
 
 _CLAIMS = ("guaranteed", "failing", "possible", "spans", "failure", "forces", "no_rest")
 
 
-class _Direction:
-    """What is claimed of disturbances along one direction."""
+class _DirectionChecks:
+    """The checks of the claims on disturbances along one direction."""
 
     def __init__(self, claim: Part, bodies: RestLoad, step: np.ndarray, limit: float) -> None:
         self.name, self.claim, self.bodies = claim.where, claim, bodies
@@ -67,15 +72,15 @@ class _Direction:
         stated = [self.claim.maybe(key) for key in _CLAIMS]
         if all(one is None or (isinstance(one, list) and not one) for one in stated):
             return [holds(f"{self.name} was not reached", passed=True, detail="claims nothing")]
-        return [self._is_supported(), self._last(largest), *self._failing()]
+        return [self._guaranteed_check(), self._possible_check(largest), *self._failing_checks()]
 
-    def _at(self, magnitude: float) -> RestLoad:
+    def _load_at(self, magnitude: float) -> RestLoad:
         return self.bodies.changed(magnitude * self.step)
 
-    # what is borne
+    # the guaranteed magnitude
 
-    def _is_supported(self) -> Check:
-        """Check that spans from zero on reach as far as is claimed."""
+    def _guaranteed_check(self) -> Check:
+        """Check that adjoining spans from zero reach the claimed magnitude."""
         name, wanted, reached = f"{self.name} is borne", self.claim["guaranteed"], 0.0
         spans, shown = self.claim.maybe("spans"), f"up to {wanted:.6g} N"
         if spans is None:
@@ -84,7 +89,7 @@ class _Direction:
             where, (first, last) = ends[0].where, (end["magnitude"] for end in ends)
             if not first <= reached <= last:
                 return holds(name, passed=False, detail=f"{where} is not next to the one before")
-            for check in self._span(ends, where):
+            for check in self._span_checks(ends, where):
                 if not check.passed:
                     return holds(name, passed=False, detail=f"{check.name}: {check.detail}")
             reached = last
@@ -92,15 +97,15 @@ class _Direction:
         good = 0.0 <= wanted <= reached
         return holds(name, good, f"{shown}, proven up to {reached:.6g} N in {count}")
 
-    def _span(self, ends: list[Part], where: str) -> list[Check]:
-        """Return the checks of all loads from one magnitude to another."""
+    def _span_checks(self, ends: list[Part], where: str) -> list[Check]:
+        """Return the checks of a span: of all loads between two magnitudes."""
         bodies, proofs = (
-            [self._at(end["magnitude"]) for end in ends],
+            [self._load_at(end["magnitude"]) for end in ends],
             [end["proof"] for end in ends],
         )
         checks, loads, parts = list[Check](), list[np.ndarray](), []
         for end, proof, own, other in zip(ends, proofs, bodies, reversed(bodies), strict=True):
-            checks.append(_rest(end["rest_forces"], own, where))
+            checks.append(_rest_check(end["rest_forces"], own, where))
             limit, reach = force_limit(proof, LARGEST_FORCE * self.bodies.problem.force)
             dynamics = None if own.dynamics is None else own.dynamics.towards(other.dynamics)
             least, shown = stated_loads(proof, own, dynamics, limit)
@@ -112,23 +117,23 @@ class _Direction:
             common = np.minimum(*loads)
             for own, one in zip(bodies, forces, strict=True):
                 carried = np.maximum(own.commanded, common)
-                checks.append(certificate(where, own, own.local(one), carried, self.limit))
+                checks.append(certificate_check(where, own, own.local(one), carried, self.limit))
             return checks
         for proof, least, (own, dynamics, limit) in zip(proofs, loads, parts, strict=True):
             if dynamics is not None:
-                checks.append(tree(where, proof, dynamics, least, (self.limit, limit)))
+                checks.append(tree_check(where, proof, dynamics, least, (self.limit, limit)))
             elif own.inertia is None:
                 checks.append(holds(where, passed=False, detail="no inertia is known"))
         return checks
 
-    # where it ends
+    # the largest and the failing magnitude
 
-    def _last(self, largest: float) -> Check:
-        """Check that forces of rest reach as far as is claimed, and no farther."""
+    def _possible_check(self, largest: float) -> Check:
+        """Check that forces of rest exist up to the claimed magnitude, and none beyond it."""
         name, possible = f"{self.name} can be balanced", self.claim["possible"]
         shown, forces = f"up to {possible:.6g} N", self.claim.maybe("forces")
         if forces is not None:
-            rest = _rest(forces, self._at(possible), f"{shown} of {self.name}")
+            rest = _rest_check(forces, self._load_at(possible), f"{shown} of {self.name}")
             if not rest.passed:
                 return holds(name, passed=False, detail=f"{shown}: {rest.detail}")
         elif possible != 0.0:
@@ -142,18 +147,18 @@ class _Direction:
         beyond = possible + tolerances.BEYOND * max(
             possible, 1.0 / float(np.abs(step / self.bodies.unit).max())
         )
-        # What is left is linear in the magnitude: it grows from here on.
-        residual = self.bodies.left_by_all(z, beyond * step)
-        good = residual > max(tolerances.SHARE, self.bodies.left_by_all(z))
+        # The unbalanced load is linear in the magnitude: it grows from here on.
+        residual = self.bodies.least_unbalanced_load(z, beyond * step)
+        good = residual > max(tolerances.SHARE, self.bodies.least_unbalanced_load(z))
         return holds(name, good, f"{shown}; {residual:.2g} loads are unbalanced at {beyond:.6g} N")
 
-    def _failing(self) -> list[Check]:
+    def _failing_checks(self) -> list[Check]:
         """Return the check that the object may or must move at a magnitude, if one is claimed."""
         name, verdict = f"{self.name} is too much", self.claim.maybe("failure")
         if verdict is None and self.claim.maybe("failing") is None:
             return []
         verdict, failing = self.claim["failure"], self.claim["failing"]
-        lines = verdict_checks(verdict, self._at(failing))
+        lines = verdict_checks(verdict, self._load_at(failing))
         wrong = [f"{line.name}: {line.detail}" for line in lines if not line.passed]
         status = verdict["status"]
         if status not in ("weak", "none"):
@@ -166,7 +171,7 @@ class _Direction:
         return [holds(name, not wrong, wrong[0] if wrong else shown)]
 
 
-def _rest(forces: np.ndarray, own: RestLoad, where: str) -> Check:
+def _rest_check(forces: np.ndarray, own: RestLoad, where: str) -> Check:
     """Check that stated forces balance a load, relative to the load without disturbance."""
-    amiss = own.amiss(own.local(forces))
+    amiss = own.rest_violation(own.local(forces))
     return within(f"rest is an outcome, {where}", amiss, tolerances.SHARE, "loads")

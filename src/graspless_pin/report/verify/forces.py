@@ -11,25 +11,25 @@ from graspless_pin.report.verify.problem import Forces, Problem
 
 
 def frames_check(problem: Problem) -> Check:
-    """Check that the contact frames are orthonormal and that what slides does so tangentially."""
-    off = np.abs(problem.frames @ problem.frames.transpose(0, 2, 1) - np.eye(3)).max()
+    """Check that contact frames are orthonormal and sliding velocities tangential."""
+    error = np.abs(problem.frames @ problem.frames.transpose(0, 2, 1) - np.eye(3)).max()
     along = np.abs(np.einsum("li,li->l", problem.v, problem.frames[:, 0]))
     speed = np.where(problem.slides, np.linalg.norm(problem.v, axis=1), 1.0)
-    off = max(float(off), float((along * problem.slides / speed).max()))
-    return within("orthonormal frames, tangential sliding", off, tolerances.FRAMES, "")
+    error = max(float(error), float((along * problem.slides / speed).max()))
+    return within("orthonormal frames, tangential sliding", error, tolerances.FRAMES, "")
 
 
 def force_checks(problem: Problem, forces: Forces) -> list[Check]:
     """Check that forces balance the wrench within cones and limits, with the required margin."""
     normal, limit = forces.local[:, 0], tolerances.force(problem)
-    force, moment = _unbalanced(problem, forces)
+    force, moment = _unbalanced_load(problem, forces)
     checks = [
         within("balance of forces", force, limit, "N"),
         within("balance of moments", moment, tolerances.moment(problem), "N m"),
-        within("inside friction cones", _largest(forces.outside), limit, "N"),
-        within("normal forces within 0 and limit", _beyond(problem, normal), tolerances.SHARE,
-               "of the limit's or load's"),
-        within("kinetic friction against sliding", _kinetic(problem, forces), limit, "N"),
+        within("inside friction cones", _largest_excess(forces.outside), limit, "N"),
+        within("normal forces within 0 and limit", _normal_excess(problem, normal),
+               tolerances.SHARE, "of the limit's or load's"),
+        within("kinetic friction against sliding", _kinetic_error(problem, forces), limit, "N"),
         within("required margin", problem.e0 - forces.margin, limit, "N short"),
     ]  # fmt: skip
     if problem.own is not None:
@@ -39,8 +39,8 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
         )
         if "torque" not in own.keeps:
             return [*checks, given("torques within limits", "the objective does not ask for them")]
-    name, over = "torques within limits", _over_limits(problem, forces)
-    if not tolerances.resolved(problem):
+    name, over = "torques within limits", _torque_excess(problem, forces)
+    if not tolerances.are_limits_resolved(problem):
         lost = "the load is too large for a torque limit to be told beside it"
         return [*checks, holds(name, passed=False, detail=lost)]
     return [*checks, within(name, over, tolerances.SHARE, "of the limit's or load's")]
@@ -49,11 +49,11 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
 def against_mode(
     problem: Problem, forces: Forces, selected: np.ndarray, signs: np.ndarray
 ) -> float:
-    """Return the largest friction that does not oppose a mode as (27) and (31) ask for, N."""
+    """Return the largest friction that does not oppose a mode as (27) and (31) require, N."""
     friction = forces.local[:, 1:] * problem.cone[:, None]
     allowed = np.where(signs == 0, np.abs(friction), signs * friction)
     allowed[~selected] = np.abs(friction[~selected])
-    return _largest(allowed)
+    return _largest_excess(allowed)
 
 
 def own_residual(problem: Problem, forces: Forces) -> float:
@@ -61,27 +61,29 @@ def own_residual(problem: Problem, forces: Forces) -> float:
     own = problem.own
     if own is None:
         return 0.0
-    beyond = own.beyond_forces(forces.local[:, 0], problem.limit, forces.faces, forces.columns)
-    return max(own.beyond(forces.local, forces.columns), beyond / problem.force)
+    beyond = own.force_violation(forces.local[:, 0], problem.limit, forces.faces, forces.columns)
+    return max(own.violation(forces.local, forces.columns), beyond / problem.force)
 
 
 def residual(problem: Problem, forces: Forces) -> float:
     """Return the largest violation of any constraint, in scaled units."""
     F, L = problem.force, problem.length
-    force, moment = _unbalanced(problem, forces)
+    force, moment = _unbalanced_load(problem, forces)
     short = (problem.e0 - forces.margin) / F
-    over, beyond = _over_limits(problem, forces), _beyond(problem, forces.local[:, 0])
+    over, beyond = _torque_excess(problem, forces), _normal_excess(problem, forces.local[:, 0])
     if problem.own is not None:
         short = own_residual(problem, forces)
         over *= "torque" in problem.own.keeps
-    return max(force / F, moment / (F * L), short, over, beyond, _kinetic(problem, forces) / F, 0.0)
+    return max(
+        force / F, moment / (F * L), short, over, beyond, _kinetic_error(problem, forces) / F, 0.0
+    )
 
 
 def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]:
     """Check the figures that a document states of the forces: torques, margin, largest torque."""
-    # Torques may be small beside what gravity and contacts take from each other.
+    # Torques may be small differences of gravity and contact torques.
     allowed = tolerances.torque_figure(problem)
-    off = np.abs(stacked(stated["joints"], "torque_contact") - forces.made)
+    off = np.abs(stacked(stated["joints"], "torque_contact") - forces.contact_torques)
     off = np.maximum(off, np.abs(stacked(stated["joints"], "torque") - forces.torques)) / allowed
     margin, largest, unit = (stated[key] for key in ("margin", "max_torque", "max_torque_unit"))
     torques = np.abs(forces.torques)
@@ -90,28 +92,28 @@ def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]
     units = {
         name for name, one in zip(problem.units, torques, strict=True) if one >= found - tolerance
     } or {"N m"}  # fmt: skip
-    # Zero stands for what cones may be short of it: see `force_checks`.
+    # A margin slightly below zero, within the tolerance of `force_checks`, is stated as zero.
     is_none = margin == 0.0 and -tolerances.force(problem) <= forces.margin < 0.0
-    kept = 0.0 if is_none else forces.margin
+    checked_margin = 0.0 if is_none else forces.margin
     return [
         within(
             "torques J^T f + g as stated",
-            tolerances.ARITHMETIC * _largest(off),
+            tolerances.ARITHMETIC * _largest_excess(off),
             tolerances.ARITHMETIC,
             "of the load's",
         ),
-        agrees("margin as stated", margin, kept, tolerances.force_figure(problem), "N"),
+        agrees("margin as stated", margin, checked_margin, tolerances.force_figure(problem), "N"),
         agrees("largest torque as stated", largest, found, tolerance, unit),
         holds("its unit as stated", unit in units, unit),
     ]
 
 
-def _largest(values: np.ndarray | float) -> float:
+def _largest_excess(values: np.ndarray | float) -> float:
     return float(np.max(values, initial=0.0))
 
 
-def _unbalanced(problem: Problem, forces: Forces) -> tuple[float, float]:
-    """Return the largest force and moment that balance leaves at most, N and N m."""
+def _unbalanced_load(problem: Problem, forces: Forces) -> tuple[float, float]:
+    """Return upper bounds on the unbalanced force and moment, N and N m."""
     parts, f, w = (one.astype(np.longdouble) for one in (problem.passive, forces.f, problem.w))
     unbalanced = np.einsum("lji,lj->i", parts, f) + w
     sizes = np.einsum("lji,lj->i", np.abs(parts), np.abs(f)) + np.abs(w)
@@ -123,21 +125,21 @@ def _unbalanced(problem: Problem, forces: Forces) -> tuple[float, float]:
     return float(force), float(moment)
 
 
-def _beyond(problem: Problem, normal: np.ndarray) -> float:
-    """How far normal forces are beyond 0 and limits, over what these hold to a millionth of."""
-    over = _largest((normal - problem.limit) / tolerances.normal_limits(problem))
-    return max(_largest(-normal) / problem.force, tolerances.SHARE * over)
+def _normal_excess(problem: Problem, normal: np.ndarray) -> float:
+    """Return the largest excess of normal forces over 0 and limits, relative to their scales."""
+    over = _largest_excess((normal - problem.limit) / tolerances.normal_limits(problem))
+    return max(_largest_excess(-normal) / problem.force, tolerances.SHARE * over)
 
 
-def _over_limits(problem: Problem, forces: Forces) -> float:
-    """How far torques are beyond their limits, over what these hold to a millionth of."""
+def _torque_excess(problem: Problem, forces: Forces) -> float:
+    """Return the largest excess of torques over their limits, relative to their scales."""
     lower, upper = tolerances.torque_limits(problem)
     over = (forces.torques - problem.upper) / upper, (problem.lower - forces.torques) / lower
-    return tolerances.SHARE * _largest(np.concatenate(over))
+    return tolerances.SHARE * _largest_excess(np.concatenate(over))
 
 
-def _kinetic(problem: Problem, forces: Forces) -> float:
-    """How far forces are from the kinetic friction where they have no cone, N."""
+def _kinetic_error(problem: Problem, forces: Forces) -> float:
+    """Return the largest distance of forces without a cone from kinetic friction, N."""
     without_cone = ~problem.cone
     along = forces.local[:, :1] * problem.directions
     return float(np.abs(forces.f - along)[without_cone].max(initial=0.0))

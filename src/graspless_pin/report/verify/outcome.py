@@ -1,4 +1,4 @@
-"""What checks say: one line each, and the verdict on the whole document."""
+"""The results of checks, one line each, and the conclusion on the whole document."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MARKS = {True: "ok", False: "FAILED", None: "not proven here"}
 
 
 class Claim(Enum):
-    """A claim of an answer that can be given up while the rest of it stands."""
+    """A claim of an answer that can be withdrawn while the rest of the answer stands."""
 
     OPTIMUM = "no answer is better"
     GUARANTEE = "the verdict on the torques says that they are guaranteed"
@@ -26,8 +26,8 @@ class Check:
         name: What was checked.
         passed: Whether it holds; None where the document holds no proof of it.
         detail: The figure that decided.
-        given: Whether it is what all checks start from: nothing in the document proves it.
-        claim: What it alone decides of; None: that the answer is one.
+        given: Whether it is an assumption: nothing in the document proves it.
+        claim: The one claim that it decides; None: the validity of the answer.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Check:
 
     @property
     def mark(self) -> str:
-        """The verdict in a word or three."""
+        """The result in one to three words."""
         return "taken as given" if self.given else _MARKS[self.passed]
 
     def __str__(self) -> str:
@@ -97,12 +97,12 @@ class Verification:
 
 
 def given(name: str, detail: str) -> Check:
-    """Return the line of something that nothing in the document proves."""
+    """Return the line of an assumption, which nothing in the document proves."""
     return Check(name, passed=True, detail=detail, given=True)
 
 
 def holds(name: str, passed: object, detail: str, claim: Claim | None = None) -> Check:
-    """Return the line of a statement that is so or not."""
+    """Return the line of a statement that is true or false."""
     return Check(name, passed=bool(passed), detail=detail, claim=claim)
 
 
@@ -113,6 +113,6 @@ def within(name: str, value: float, tolerance: float, unit: str) -> Check:
 
 
 def agrees(name: str, stated: float, found: float, tolerance: float, unit: str = "") -> Check:
-    """Return the line of a figure that the document states and that was worked out again."""
+    """Return the line of a stated figure, compared with the one that was worked out again."""
     good = bool(np.isfinite(tolerance) and abs(stated - found) <= tolerance)
     return Check(name, good, f"stated {stated:.9g}, found {found:.9g} {unit}".rstrip())

@@ -1,4 +1,4 @@
-"""An objective that is neither of the paper's: its columns, rows and costs, taken as they stand.
+"""An objective that is neither of the paper's: its columns, rows and costs, as stated.
 
 The program is: minimise sum of cost y + curvature y^2 / 2 over the objective's own columns y (and
 half of the forces' own curvature) so that the contact forces f obey the problem, W f + w + B y = 0,
@@ -20,11 +20,11 @@ _MOST_COEFFICIENTS = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class OwnRows:
-    """Rows of the objective's own, those of all its blocks in one.
+    """The objective's own rows, of all its blocks together.
 
     Attributes:
         blocks: Name, sign and shape of the multipliers of each block.
-        unit: (q,) what one of each row is of order of.
+        unit: (q,) order of magnitude of each row.
         low: (q,) lower sides, -inf where there is none.
         high: (q,) upper sides.
         forces: (q, M, 3) coefficients of the forces along n, t1, t2.
@@ -41,19 +41,20 @@ class OwnRows:
 
 @dataclass(frozen=True, eq=False)
 class OwnObjective:
-    """What an objective adds to the problem.
+    """The columns, rows and costs that an objective adds to the problem.
 
     Attributes:
         maximizes: Whether the stated figures are those of minus the objective.
-        unit: What its figures are of order of.
+        unit: Order of magnitude of its figures.
         value: The stated value; 0 where nothing was found.
         keeps: Which constraints of the problem it keeps.
         groups: Names of blocks of columns, each with how many there are.
-        column_unit: (k,) what one of each column is of order of.
-        cost: (k,) of each column.
-        curvature: (k,) of each column.
-        bounds: (2, k) imposed on the columns.
-        boxes: (2, 2, k) that the constraints imply: with forces within the reach, and all.
+        column_unit: (k,) order of magnitude of each column.
+        cost: (k,) cost of each column.
+        curvature: (k,) second derivative by each column.
+        bounds: (2, k) bounds of the columns.
+        boxes: (2, 2, k) boxes that the constraints imply: with forces within the reach, and with
+            all.
         values: (k,) the answer's columns; None where nothing was found.
         balance: (P, k) coefficients of the columns in the balance.
         faces: (M, k) in the rows of the cones' faces, for each contact.
@@ -96,12 +97,12 @@ class OwnObjective:
         return None if self.values is None else self.values / self.column_unit
 
     def cost_of(self, local: np.ndarray, columns: np.ndarray) -> float:
-        """Return the minimised value of forces along n, t1, t2 and of columns."""
-        bent = (self.force_curvature * local**2).sum() + (self.curvature * columns**2).sum()
-        return float(0.5 * bent + self.cost @ columns)
+        """Return the minimised objective at forces along n, t1, t2 and columns."""
+        curved = (self.force_curvature * local**2).sum() + (self.curvature * columns**2).sum()
+        return float(0.5 * curved + self.cost @ columns)
 
-    def beyond(self, local: np.ndarray, columns: np.ndarray) -> float:
-        """Return the farthest that its own rows and bounds are violated, over their units.
+    def violation(self, local: np.ndarray, columns: np.ndarray) -> float:
+        """Return the largest violation of its own rows and bounds, over their units.
 
         Args:
             local: (M, 3) forces along n, t1, t2.
@@ -112,10 +113,10 @@ class OwnObjective:
         outside = np.maximum(columns - self.bounds[1], self.bounds[0] - columns)
         return float(np.concatenate([own, outside / self.column_unit]).max(initial=0.0))
 
-    def beyond_forces(
+    def force_violation(
         self, normal: np.ndarray, limit: np.ndarray, faces: np.ndarray, columns: np.ndarray
     ) -> float:
-        """Return how far forces are beyond its margins and ranges, N.
+        """Return the largest violation of its margins and ranges by forces, N.
 
         Args:
             normal: (M,) normal forces.
@@ -137,11 +138,11 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
     """Return the objective that a document states.
 
     Args:
-        stated: What stands under ``objective``.
+        stated: The part ``objective``.
         found: Whether there is an answer.
 
     Raises:
-        ValueError: If it is none.
+        ValueError: If it is invalid.
     """
     groups = [
         group.sized(k=len(items(entry(group.stated, "unit", group.where), "unit", 0, MOST)))
@@ -155,7 +156,7 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
     kept, terms = frozenset(stated["keeps"]), stated["terms"]
     if not {"balance", "faces"} <= kept:
         raise ValueError("the objective does not keep the balance and the cones")
-    of = {key: terms[key] if key in kept else np.zeros((stated.sizes["M"], stated.sizes["k"]))
+    blocks = {key: terms[key] if key in kept else np.zeros((stated.sizes["M"], stated.sizes["k"]))
           for key in KEPT[:4]}  # fmt: skip
     own = OwnObjective(
         maximizes=stated["maximizes"],
@@ -166,12 +167,12 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
         column_unit=columns("unit"),
         cost=columns("cost"),
         curvature=columns("curvature"),
-        bounds=_ends(columns("bounds", 2)),
+        bounds=_infinite_ends(columns("bounds", 2)),
         boxes=np.array([columns("box", 2), columns("whole_box", 2)]),
         values=columns("values") if found else None,
-        **of,
+        **blocks,
         margins=stated["face_margins"],
-        normal_range=_ends(stated["normal_range"].T),
+        normal_range=_infinite_ends(stated["normal_range"].T),
         force_curvature=stated["force_curvature"],
         rows=_read_rows(stated),
     )
@@ -191,7 +192,7 @@ def _read_rows(stated: Part) -> OwnRows:
         if size * max(3 * M, k) > _MOST_COEFFICIENTS:
             raise ValueError(f"{name} has too many rows")
         block = block.sized(q=size)
-        low, high = _ends(np.array([block["low"], block["high"]]))
+        low, high = _infinite_ends(np.array([block["low"], block["high"]]))
         unit = np.abs(np.nan_to_num(block["unit"], nan=1.0))
         if not (unit > 0.0).all():
             raise ValueError(f"{name} has a unit that is not positive")
@@ -204,6 +205,6 @@ def _read_rows(stated: Part) -> OwnRows:
     return OwnRows(tuple(blocks), *(np.concatenate(one) for one in zip(*parts, strict=True)))
 
 
-def _ends(pair: np.ndarray) -> np.ndarray:
+def _infinite_ends(pair: np.ndarray) -> np.ndarray:
     """Return (2, n) lower and upper ends, infinite where there is none."""
     return np.where(np.isnan(pair), [[-np.inf], [np.inf]], pair)

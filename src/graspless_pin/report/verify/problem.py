@@ -28,13 +28,13 @@ MESSAGES = {
 """How the message of each status begins."""
 # What counts as zero in the data: smaller figures are rounding.
 _AT_REST = 1e-12
-"""Sliding that is slower is none, m/s."""
+"""Slower sliding counts as none, m/s."""
 _LEAST_LEVER = 1e-12
-"""Of the longest lever of all joints: shorter ones count as that long."""
+"""Of the longest lever of all joints: shorter ones are raised to this."""
 _LEAST_MARGIN = 1e-20
 """Of the smallest limit of normal forces: smaller required margins count as zero."""
 _NO_ARM = 1e-12
-"""Of what makes them: distances and moments below are rounding."""
+"""Of the size of their terms: smaller distances and moments are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +53,21 @@ class Problem:
         corners: (M, r, 2) friction along t1 and t2 at the edges of cones that are neither round nor
             the paper's pyramids, over the normal force; zeros without a cone.
         kinetic: (M, 2) such friction where there is no cone.
-        coulombs_law: Whether that is what the cones stand for.
+        coulombs_law: Whether the cones stand for Coulomb's law.
         lower: (L,) smallest torques.
         upper: (L,) largest torques.
         gravity: (L,) torques that the motors bear besides the contacts.
         units: L units.
         turns: (P,) which passive coordinates have loads in N m.
         given: (M, 3, P) stated map from their velocities to those at contacts, world axes; None:
-            that of one object, of whose twist they are.
+            they are the twist of one object.
         algorithm: ``margin``, ``torque`` or, with an objective of its own, ``own``.
         e0: Required margin, N; 0 in Algorithm 1.
         by_limits: Whether Algorithm 2 counts shares of the limits.
         epsilon: The regularisation.
         sign_rule: ``strict``, ``exact`` or ``nonzero``.
         constrained: Whether contacts in actual sliding have to slide virtually.
-        coulomb: Whether no virtual sliding is asked for.
+        coulomb: Whether friction needs no virtual sliding.
         own: The objective that the document states; None: it is one of the paper's.
     """
 
@@ -99,23 +99,23 @@ class Problem:
 
     @property
     def count(self) -> int:
-        """M."""
+        """M, the number of contacts."""
         return len(self.p)
 
     @cached_property
     def sizes(self) -> dict[str, int]:
-        """What the letters of shapes stand for, see `fields`."""
+        """Sizes of the dimensions of shapes by letter, see `fields`."""
         M, L, P = self.count, len(self.units), len(self.w)
         k = 0 if self.own is None else len(self.own.cost)
         return {"M": M, "L": L, "P": P, "r": self.edges, "k": k}
 
     def part(self, stated: object, where: str = WHOLE, kind: str = "document") -> Part:
-        """Return a part of this problem's document, whose fields may be read."""
+        """Return a mapping of this problem's document as a part."""
         return Part(kind, stated, where, self.sizes)
 
     @cached_property
     def passive(self) -> np.ndarray:
-        """(M, 3, P) velocities at contacts of the passive coordinates, world axes; W^T."""
+        """(M, 3, P) map from passive velocities to those at contacts, world axes; W^T."""
         if self.given is not None:
             return self.given
         x, y, z = self.p.T
@@ -125,16 +125,15 @@ class Problem:
 
     @cached_property
     def passive_scale(self) -> np.ndarray:
-        """(P,) what the load makes in each row of the balance, N and N m."""
+        """(P,) scale of each row of the balance under the load, N and N m."""
         return np.where(self.turns, self.force * self.length, self.force)
 
     @cached_property
     def points(self) -> np.ndarray:
-        """(M + k, 3, P) velocities that tell rest: at contacts, and of the object's centre.
+        """(M + k, 3, P) map to the velocities that tell rest: at contacts, of the object's centre.
 
         Of a stated map they are those at contacts, and each passive coordinate's own times its
-        lever, one below the other: the longest there is for loads in N m, and for those in N the
-        longest three entries that it has at a contact, or 1.
+        lever, one below the other.
         """
         if self.given is None:
             centre = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
@@ -145,7 +144,11 @@ class Problem:
 
     @cached_property
     def levers(self) -> np.ndarray:
-        """(P,) m (1): what each acceleration makes at the farthest of the points at most."""
+        """(P,) m (1): largest acceleration of a point by a unit of each passive acceleration.
+
+        Of a stated map `length` for loads in N m, and for those in N the longest three entries at a
+        contact, or 1.
+        """
         if self.given is None:
             return np.repeat([1.0, float(np.linalg.norm(self.p, axis=1).max())], 3)
         longest = np.linalg.norm(self.given, axis=1).max(axis=0)
@@ -153,7 +156,7 @@ class Problem:
 
     @cached_property
     def goal_weight(self) -> float:
-        """How small a share of the limit each acceleration must be so that no point exceeds it."""
+        """Divisor of the limit for each acceleration, so that no point exceeds the limit."""
         return 2.0 * np.sqrt(3.0) if self.given is None else float(len(self.w))
 
     def mass(self, inertia: np.ndarray) -> float:
@@ -214,10 +217,10 @@ class Problem:
         """
         if self.given is not None:
             longest = float(np.linalg.norm(self.given, axis=1)[:, self.turns].max(initial=0.0))
-            force, moment = self._load
+            force, moment = self._load_sizes
             return longest or (moment / force if force > 0.0 and moment > 0.0 else 1.0)
         farthest = float(np.linalg.norm(self.p - self.p.mean(axis=0), axis=1).max())
-        force, moment = self._load
+        force, moment = self._load_sizes
         reach = float(np.linalg.norm(self.p, axis=1).max())
         if farthest > _NO_ARM * reach:
             return farthest
@@ -226,15 +229,15 @@ class Problem:
 
     @cached_property
     def force(self) -> float:
-        """F, the load, N; without one the required margin, or the smallest limit far above it."""
-        force, moment = self._load
+        """F, the load, N; without one the required margin, or else the smallest limit."""
+        force, moment = self._load_sizes
         limit = float(self.limit.min())
         counts = 0.0 < self.e0 >= _LEAST_MARGIN * limit
         by_margin = counts and not self.is_margin and not self.w.any()
         return max(force, moment / self.length) or (self.e0 if by_margin else limit)
 
     @property
-    def _load(self) -> tuple[float, float]:
+    def _load_sizes(self) -> tuple[float, float]:
         """Size of the external force, and of the external moment about the contacts' centre.
 
         Beside a stated map, of all loads in N and of all in N m.
@@ -247,7 +250,7 @@ class Problem:
 
     @cached_property
     def joint_scale(self) -> np.ndarray:
-        """(L,) what the load makes on each joint's longest lever, N m (N)."""
+        """(L,) torque of the load at each joint's longest lever, N m (N)."""
         levers = np.linalg.norm(self.J, axis=1).max(axis=0)
         longest = float(levers.max(initial=0.0))
         if longest == 0.0:
@@ -255,8 +258,8 @@ class Problem:
         return self.force * np.maximum(levers, _LEAST_LEVER * longest)
 
     @cached_property
-    def shared(self) -> tuple[np.ndarray, np.ndarray]:
-        """(L,) each: the torque that counts as a share of 1 upwards, downwards; 0: none does."""
+    def share_torques(self) -> tuple[np.ndarray, np.ndarray]:
+        """(L,) each: torque that is a share of 1 upwards and downwards; 0: the side has none."""
         if self.algorithm != "torque":
             return np.zeros(len(self.upper)), np.zeros(len(self.upper))
         if not self.by_limits:
@@ -267,14 +270,14 @@ class Problem:
 
     @cached_property
     def unit(self) -> float:
-        """What the objective is measured against: N, N m, or a share of the limits."""
+        """Scale of the objective: N, N m, or a share of the limits."""
         if self.own is not None:
             return self.own.unit
         if self.is_margin:
             return self.force
         if not self.by_limits:
             return float(self.joint_scale.max(initial=0.0)) or self.force
-        up, down = self.shared
+        up, down = self.share_torques
         limits = np.concatenate([up, down])
         shares = np.tile(self.joint_scale, 2)[limits > 0.0] / limits[limits > 0.0]
         return min(float(shares.max(initial=0.0)), 1.0) or 1.0
@@ -317,7 +320,7 @@ class Problem:
         return rows / np.sqrt(1.0 + slope**2)
 
     def objective(self, forces: Forces) -> float:
-        """Return what is minimised at forces: -e or t, and the regularisation."""
+        """Return the minimised objective at forces: -e or t, plus the regularisation."""
         if self.own is not None:
             return self.own.cost_of(forces.local, forces.columns)
         curved = 0.5 * self.epsilon * self.unit / self.force**2 * float((forces.f**2).sum())
@@ -326,13 +329,13 @@ class Problem:
         return curved + self.largest_share(forces.torques, -forces.torques)
 
     def largest_share(self, upward: np.ndarray, downward: np.ndarray) -> float:
-        """Return the t of Algorithm 2 that torques need: the largest one, or share of a limit.
+        """Return the t of Algorithm 2 at torques: the largest torque, or share of a limit.
 
         Args:
-            upward: (..., L) torques as far as they may go upward.
-            downward: (..., L) the same downward, positive that way.
+            upward: (..., L) largest torques upward.
+            downward: (..., L) largest torques downward, positive that way.
         """
-        up, down = self.shared
+        up, down = self.share_torques
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = [
                 np.where(limit > 0.0, torques / limit, 0.0)
@@ -358,7 +361,7 @@ class Forces:
     Attributes:
         f: (M, 3) N.
         local: (M, 3) along n, t1, t2.
-        made: (L,) torques that the contacts make.
+        contact_torques: (L,) torques of the contact forces.
         torques: (L,) torques of the motors.
         columns: (k,) columns of the objective's own.
     """
@@ -368,12 +371,12 @@ class Forces:
         self.columns = np.zeros(0) if columns is None else columns
         self.f, self._problem = f, problem
         self.local = np.einsum("lij,lj->li", problem.frames, f)
-        self.made = np.einsum("lij,li->j", problem.J, f)
-        self.torques = self.made + problem.gravity
+        self.contact_torques = np.einsum("lij,li->j", problem.J, f)
+        self.torques = self.contact_torques + problem.gravity
 
     @cached_property
     def faces(self) -> np.ndarray:
-        """(M,) the farthest that each force lies outside its cone, N; -inf without a cone."""
+        """(M,) distance of each force outside its cone, N; negative inside, -inf without a cone."""
         mu = self._problem.mu
         if self._problem.is_round:
             away = np.linalg.norm(self.local[:, 1:], axis=1) - mu * self.local[:, 0]
@@ -385,7 +388,7 @@ class Forces:
 
     @property
     def outside(self) -> float:
-        """The farthest that any of them does; negative: all are inside."""
+        """The largest distance of a force outside its cone, N; negative: all are inside."""
         return float(self.faces.max())
 
     @cached_property

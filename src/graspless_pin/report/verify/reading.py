@@ -1,6 +1,6 @@
-"""Read the figures of a document: the problem, the rules, and what is stated of the answer.
+"""Readers of a document: the problem, the rules, the mode and the multipliers.
 
-Multipliers that may prove nothing count as zero.
+Multipliers of constraints that the problem does not have count as zero.
 """
 
 from __future__ import annotations
@@ -82,14 +82,14 @@ def read_problem(document: object) -> Problem:
         if wrong.any():
             raise ValueError(name)
     for joint in joints:
-        joint["name"]  # refuses what is none
+        joint["name"]  # raises if it is invalid
     return problem
 
 
 def _read_coordinates(stated: Part, sizes: dict[str, int]) -> tuple[np.ndarray | None, np.ndarray]:
     """Return the (M, 3, P) stated map of passive coordinates, and which have loads in N m.
 
-    Without a map they are the force and the moment on one object.
+    Without a map (None) they are the force and the moment on one object.
     """
     rows, sizes["P"] = stated.stated.get("wrench_matrix"), 6
     if rows is not None:
@@ -123,7 +123,7 @@ def _read_cones(
 
 
 def _check_cones(problem: Problem, cones: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    """Refuse cones that are no convex ones around the normal, or beyond Coulomb's.
+    """Refuse cones that are not convex around the normal, or larger than Coulomb's.
 
     Raises:
         ValueError: Naming the contact.
@@ -136,7 +136,7 @@ def _check_cones(problem: Problem, cones: list[tuple[np.ndarray, np.ndarray]]) -
             if np.linalg.norm(kinetic) > most[index] or along > 0.0:
                 raise ValueError(f"kinetic_friction of {where} is too large, or along its sliding")
             continue
-        with np.errstate(invalid="ignore"):  # of corners that are one
+        with np.errstate(invalid="ignore"):  # where two corners coincide
             faces = faces_between(corners)
         outside = np.column_stack([np.ones(len(corners)), corners]) @ faces.T
         if not (faces[:, 0] < 0.0).all() or outside.max() > tolerances.SAME:
@@ -146,7 +146,7 @@ def _check_cones(problem: Problem, cones: list[tuple[np.ndarray, np.ndarray]]) -
 
 
 def read_origin(stated: Part) -> np.ndarray:
-    """(3,) the point that moments are about, in the axes of the contact points."""
+    """(3,) the reference point of moments, in the axes of the contact points."""
     return np.zeros(3) if "object" not in stated.stated else stated["object"]["center_of_mass"]
 
 
@@ -164,7 +164,7 @@ def read_mode(document: object, problem: Problem) -> tuple[np.ndarray, np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class StatedMultipliers:
-    """What a document states of the constraints, in the objective's unit over the constraint's own.
+    """Stated multipliers of the constraints, in the objective's unit over the constraint's own.
 
     Attributes:
         balance: (P,) of W f + w = 0; of any sign, all others are >= 0.
@@ -178,7 +178,7 @@ class StatedMultipliers:
         share_lower: (L,) of -(J^T f + g) <= t (or t times minus the lower limit).
         own_upper: (q,) of the upper sides of an objective's own rows.
         own_lower: (q,) of their lower sides.
-        strays: Names under which some stand of constraints that there are none of.
+        strays: Names of stated multipliers whose constraints do not exist.
     """
 
     balance: np.ndarray
@@ -196,31 +196,31 @@ class StatedMultipliers:
 
     @property
     def torque(self) -> np.ndarray:
-        """(L,) of each joint's torque."""
+        """(L,) net multiplier of each joint's torque."""
         return self.torque_upper - self.torque_lower + self.share_upper - self.share_lower
 
 
 def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMultipliers:
-    """Return multipliers that stand in a document; those that may prove nothing count as 0.
+    """Return the multipliers that a document states; those without a constraint count as 0.
 
     Raises:
-        ValueError: If one is negative or something is missing.
+        ValueError: If one is negative or missing.
     """
-    stated, there = _stated(given, problem, where), _there(problem)
-    strays = [key for key, one in stated.items() if np.where(there[key], 0.0, one).any()]
-    unknown = given.keys() - _names(problem) if isinstance(given, dict) else set()
-    # A first entry that is too small by a hair is taken for one that is enough.
+    stated, exists = _stated_values(given, problem, where), _existing_constraints(problem)
+    strays = [key for key, one in stated.items() if np.where(exists[key], 0.0, one).any()]
+    unknown = given.keys() - _multiplier_names(problem) if isinstance(given, dict) else set()
+    # A first entry that rounding has left slightly too small is raised.
     cones: np.ndarray = stated["round"]
-    cones[:, 0] = np.maximum(cones[:, 0], _lengths(cones[:, 1:]))
+    cones[:, 0] = np.maximum(cones[:, 0], _lengths_rounded_up(cones[:, 1:]))
     return StatedMultipliers(
         balance=problem.part(given, where, "multipliers")["balance"],
-        **{key: np.where(there[key], one, 0.0) for key, one in stated.items()},
+        **{key: np.where(exists[key], one, 0.0) for key, one in stated.items()},
         strays=(*strays, *sorted(repr(key)[:40] for key in unknown)[:10]),
     )
 
 
-def _stated(given: object, problem: Problem, where: str) -> dict[str, np.ndarray]:
-    """Return all multipliers but those of the balance as they stand, by attribute."""
+def _stated_values(given: object, problem: Problem, where: str) -> dict[str, np.ndarray]:
+    """Return all multipliers but those of the balance as they are stated, by attribute."""
     own, stated = problem.own, problem.part(given, where, "multipliers")
     values: dict[str, np.ndarray] = {
         key: np.zeros(problem.sizes[size]) for key, size in SIZED.items()
@@ -239,9 +239,9 @@ def _stated(given: object, problem: Problem, where: str) -> dict[str, np.ndarray
     return {**values, "round": cones}
 
 
-def _there(problem: Problem) -> dict[str, np.ndarray]:
-    """Whether the program has a constraint, by attribute: only those may prove anything."""
-    (up, down), own, absent = problem.shared, problem.own, np.zeros(0, dtype=bool)
+def _existing_constraints(problem: Problem) -> dict[str, np.ndarray]:
+    """Return which constraints the program has, by attribute: only their multipliers count."""
+    (up, down), own, absent = problem.share_torques, problem.own, np.zeros(0, dtype=bool)
     cone = problem.cone[:, None]
     return {
         "normal_upper": np.full(problem.count, problem.has_normal_rows("normal_upper")),
@@ -257,7 +257,7 @@ def _there(problem: Problem) -> dict[str, np.ndarray]:
     }
 
 
-def _names(problem: Problem) -> set[str]:
+def _multiplier_names(problem: Problem) -> set[str]:
     """Return all names under which a document states multipliers."""
     names, own = {"balance", "round_cones" if problem.is_round else "faces"}, problem.own
     if own is None:
@@ -282,6 +282,6 @@ def _own_multipliers(given: object, problem: Problem, where: str) -> tuple[np.nd
     return np.concatenate(upper), np.concatenate(lower)
 
 
-def _lengths(pairs: np.ndarray) -> np.ndarray:
-    """(M,) lengths of (M, 2) pairs, none of them rounded down."""
+def _lengths_rounded_up(pairs: np.ndarray) -> np.ndarray:
+    """(M,) lengths of (M, 2) pairs, rounded up."""
     return np.hypot(pairs[:, 0], pairs[:, 1]) * (1.0 + tolerances.STATED)

@@ -1,9 +1,9 @@
-"""Check the verdict of a document on whether rest is what happens with its torques.
+"""Checks of the verdict on rest under a document's torques, and under the controller.
 
-And whether the object stays under the controller, and the proofs that no small motion grows. With N
-the motions without slip, M_z z'' + D_z z' + (K_geo + N_q^T K N_q) z = 0. Where a matrix P > 0 has
-A^T P + P A <= 2 r P, with A of the state (z, z'), P's norm of no motion grows faster than e^(r t):
-Lyapunov's theorem. K_geo is taken as given, as J is: it hangs on the surfaces at contacts.
+The latter needs proofs that no small motion grows. With N the motions without slip,
+M_z z'' + D_z z' + (K_geo + N_q^T K N_q) z = 0. Where a matrix P > 0 has A^T P + P A <= 2 r P,
+with A of the state (z, z'), P's norm of no motion grows faster than e^(r t): Lyapunov's theorem.
+K_geo is taken as given, as J is: it depends on the surfaces at contacts.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest_bounds import contact_motion
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
 from graspless_pin.report.verify.rest_tree import (
-    certificate,
+    certificate_check,
     force_limit,
-    kept_tree,
+    kept_tree_check,
     stated_loads,
-    tree,
+    tree_check,
 )
 from graspless_pin.report.verify.values import entry, items
 
@@ -36,7 +36,7 @@ _OF_INSTANT = {
     "finger_moves": ("none", "strong"),
     "undecided": ("strong", "undecided"),
 }
-"""What the first instant may be for what is said of the object under the controller."""
+"""Possible statuses of the first instant, by the status under the controller."""
 _CONSTANT = "constant torques"
 _PER_LEVER = 100.0
 """1/m^2."""
@@ -60,7 +60,7 @@ def rest_checks(document: object, problem: Problem) -> list[Check]:
 
     Args:
         document: The document, with the motors' torques.
-        problem: What it says of contacts and joints.
+        problem: Its problem.
 
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.
@@ -80,7 +80,7 @@ def resolution_of(stated: Part) -> float:
     """Return the accelerations that count as rest, as a share of load over mass.
 
     Raises:
-        ValueError: If there is none, or it is none that is asked for.
+        ValueError: If it is missing, or finer than the checker allows.
     """
     resolution = stated["acceleration_resolution"]
     if not resolution >= tolerances.FINEST * (1.0 - tolerances.SAME):
@@ -97,11 +97,11 @@ def verdict_checks(stated: Part, bodies: RestLoad) -> list[Check]:
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.
     """
-    return _Verdict(stated, bodies).run()
+    return _VerdictChecks(stated, bodies).run()
 
 
-class _Verdict:
-    """One verdict, and what it is about."""
+class _VerdictChecks:
+    """The checks of one verdict."""
 
     def __init__(self, stated: Part, bodies: RestLoad) -> None:
         self.stated, self.bodies, self.status = stated, bodies, stated["status"]
@@ -118,7 +118,7 @@ class _Verdict:
             claimed, tolerance = self.stated["acceleration_limit"], tolerances.SAME * self.limit
             checks.append(agrees("acceleration limit", claimed, self.limit, tolerance, "m/s^2"))
             rest += f": points that accelerate by up to {self.limit:.3g} m/s^2 are at rest"
-        checks += [given("resolution of accelerations", rest), *self._words()]
+        checks += [given("resolution of accelerations", rest), *self._message_checks()]
         claims = {key: self.stated[key] for key in _CLAIMS if self.stated.get(key) is not None}
         if claims:
             shown = ", ".join(f"{key} {str(value)[:20]}" for key, value in claims.items())
@@ -131,21 +131,21 @@ class _Verdict:
             return [*checks, holds("whether the object stays", passed=False, detail=why)]
         if self.status == "none":
             # Along some motion contact forces do work of one sign, and the load of the other.
-            unbalanced = self.bodies.left_by_all(self.stated["no_rest"])
+            unbalanced = self.bodies.least_unbalanced_load(self.stated["no_rest"])
             good, detail = unbalanced > tolerances.SHARE, f"{unbalanced:.3g} loads are unbalanced"
-            return [*checks, holds("rest is no outcome", good, detail), *self._motion()]
-        amiss = self.bodies.amiss(self.bodies.local(self.stated["rest_forces"]))
+            return [*checks, holds("rest is no outcome", good, detail), *self._motion_checks()]
+        amiss = self.bodies.rest_violation(self.bodies.local(self.stated["rest_forces"]))
         checks.append(within("rest is an outcome", amiss, tolerances.SHARE, "loads"))
         if self.status == "strong":
             fine = self.resolution <= tolerances.COARSEST
             detail = f"{self.resolution:g}, at most {tolerances.COARSEST:g} for strong"
             checks.append(holds("the resolution is fine enough", fine, detail))
         if self.status == "weak":
-            return [*checks, *self._motion()]
-        return [*checks, *self._strong()]
+            return [*checks, *self._motion_checks()]
+        return [*checks, *self._strong_checks()]
 
-    def _words(self) -> list[Check]:
-        """Return the check that the sentence does not say what another status would."""
+    def _message_checks(self) -> list[Check]:
+        """Return the check that the message does not begin like that of another status."""
         message = self.stated["message"] if "message" in self.stated.stated else ""
         own = _WORDS[self.status]
         others = [word for words in _WORDS.values() for word in words if word not in own]
@@ -155,8 +155,8 @@ class _Verdict:
 
     # motion
 
-    def _motion(self) -> list[Check]:
-        """Return the checks of the stated motion: each condition of an outcome, by the load."""
+    def _motion_checks(self) -> list[Check]:
+        """Return the checks of the stated motion: each condition of an outcome, over the load."""
         motion, bodies, problem = self.stated.maybe("motion"), self.bodies, self.problem
         if motion is None and self.status == "none":
             return []
@@ -167,19 +167,19 @@ class _Verdict:
             [motion["object_acceleration"], motion["joint_accelerations"]]
         )
         f = bodies.local(motion["contact_forces"])
-        off = bodies.misdirected(f)
+        off = bodies.kinetic_friction_error(f)
         hybrid = np.zeros(problem.count, dtype=bool)
         hybrid[bodies.hybrid[bodies.hybrid >= 0]] = True
         commanded = np.abs(f[:, 0] - bodies.commanded)[hybrid].max(initial=0.0)
-        residual = bodies.left_by_motion(f, acceleration)
-        # Hybrid fingers follow; friction of what slides by the declared motion is in the dynamics.
+        residual = bodies.motion_residual(f, acceleration)
+        # Hybrid fingers follow; kinetic friction of declared sliding is part of the dynamics.
         u = np.einsum("lik,k->li", contact_motion(problem), acceleration)
         u[hybrid, 0] = 0.0
         friction = np.where(problem.slides, 0.0, problem.mu)
         f[problem.slides, 1:] = 0.0
         outside = np.linalg.norm(f[:, 1:], axis=1) - friction * f[:, 0]
         wrong = max(float(outside.max()), -float(f[:, 0].min()), off, float(commanded))
-        # Where a contact slips its friction is against that; where it parts it bears nothing.
+        # Friction opposes the slip of a contact; a contact that parts bears no force.
         slips, F = np.linalg.norm(u[:, 1:], axis=1), bodies.undisturbed.force
         direction = u[:, 1:] / np.where(slips > 0.0, slips, 1.0)[:, None]
         against = np.linalg.norm(f[:, 1:] + (friction * f[:, 0])[:, None] * direction, axis=1)
@@ -204,7 +204,7 @@ class _Verdict:
 
     # proof
 
-    def _strong(self) -> list[Check]:
+    def _strong_checks(self) -> list[Check]:
         name, proof = "rest is the only outcome", self.stated.maybe("proof")
         if proof is None:
             return [Check(name, None, "no proof in the document")]
@@ -212,26 +212,28 @@ class _Verdict:
         if self.is_known and self.dynamics is None:
             return [holds(name, passed=True, detail="there is no load")]
         if (self.problem.slides & (self.problem.mu > 0.0)).any():
-            return [reach, self._kept(proof, limit)]
+            return [reach, self._declared_motion_check(proof, limit)]
         loads, checks = stated_loads(proof, self.bodies, self.dynamics, limit)
         forces = proof.maybe("forces")
         if forces is not None:
-            shown = certificate(name, self.bodies, self.bodies.local(forces), loads, self.limit)
+            shown = certificate_check(
+                name, self.bodies, self.bodies.local(forces), loads, self.limit
+            )
             return [*checks, *([reach] if checks else []), shown]
         if self.dynamics is None:
             return [*checks, holds(name, passed=False, detail="no inertia is known")]
-        return [*checks, reach, tree(name, proof, self.dynamics, loads, (self.limit, limit))]
+        return [*checks, reach, tree_check(name, proof, self.dynamics, loads, (self.limit, limit))]
 
-    def _kept(self, proof: Part, limit: float) -> Check:
-        """Check that nothing but the declared motion is an outcome."""
+    def _declared_motion_check(self, proof: Part, limit: float) -> Check:
+        """Check that the declared motion is the only outcome."""
         name, dynamics = "the declared motion is the only outcome", self.dynamics
         if dynamics is None or not np.isfinite(self.limit):
             return holds(name, passed=False, detail="no inertia is known")
-        return kept_tree(name, proof, dynamics, self.problem, (self.limit, limit))
+        return kept_tree_check(name, proof, dynamics, self.problem, (self.limit, limit))
 
 
 def holding_checks(stated: Part | None, instant: str, bodies: RestLoad) -> list[Check]:
-    """Return the checks of what is said of the object under the controller; none: nothing is.
+    """Return the checks of ``holding``; none where the document has none.
 
     Args:
         stated: The document's ``holding``.
@@ -251,7 +253,7 @@ def holding_checks(stated: Part | None, instant: str, bodies: RestLoad) -> list[
     if growth is not None and instant == "strong":
         lost = "fails" if needed is None else "needs_feedback"
         expected = ("may_fail" if at_best == 0.0 else lost) if growth > 0.0 else "holds"
-        # That a finger may move away claims less than that nothing does.
+        # ``finger_moves`` claims less than ``holds``.
         agree = agree and (status == expected or (status, expected) == ("finger_moves", "holds"))
     least = "none that is known" if needed is None else f"{needed:.3g}"
     detail = f"{stated['controller'][:60]}; stiffness needed: {least}"
@@ -263,27 +265,27 @@ def holding_checks(stated: Part | None, instant: str, bodies: RestLoad) -> list[
         given("what small motions do under the controller", detail),
     ]
     if status == "holds" and not bodies.problem.slides.any():
-        checks += _proof_checks(stated, bodies)
+        checks += _growth_proof_checks(stated, bodies)
     return checks
 
 
-def _proof_checks(holding: Part, bodies: RestLoad) -> list[Check]:
-    """Return the checks of the proofs that no small motion grows, of each model of the surfaces."""
+def _growth_proof_checks(holding: Part, bodies: RestLoad) -> list[Check]:
+    """Return the checks that no small motion grows, for each model of the surfaces."""
     stated = holding["proofs"]
     if not isinstance(stated, dict) or not stated:
         return [holds("no small motion grows", passed=False, detail="no proof in the document")]
     checks = []
     for name, one in stated.items():
         what = "no small motion grows" if name == "any" else f"no small motion grows ({name[:20]})"
-        proof = _Proof(bodies.problem.part(one, "a proof", "growth proof"), bodies)
-        gains, unit = _gains(proof)
-        feedback = _gain_words(gains, unit) or _CONSTANT
+        proof = _GrowthProof(bodies.problem.part(one, "a proof", "growth proof"), bodies)
+        gains, unit = _distinct_gains(proof)
+        feedback = _feedback_text(gains, unit) or _CONSTANT
         if bodies.joints_held:
             feedback = "joints held in their positions"
         if name != "any":
             agrees = _NAMES.sub(" at joints", holding["controller"]) == feedback
             several = len(gains) > 1 or bodies.joints_held
-            agrees = agrees and (several or _is_stable(max(gains, default=0.0), holding))
+            agrees = agrees and (several or _is_stable_gain(max(gains, default=0.0), holding))
             about = f"the controller is that of the proof ({name[:20]})"
             checks.append(holds(about, agrees, feedback))
         try:
@@ -301,21 +303,21 @@ def _proof_checks(holding: Part, bodies: RestLoad) -> list[Check]:
     return checks
 
 
-def _gains(proof: _Proof) -> tuple[list[float], str]:
-    """Return the gains of a proof as a verdict tells them, ascending, and their unit.
+def _distinct_gains(proof: _GrowthProof) -> tuple[list[float], str]:
+    """Return the distinct gains of a proof as a verdict states them, ascending, and their unit.
 
-    Gains of joints that slide count over (0.1 m)^2, unless all do.
+    Gains of prismatic joints, N/m, count times (0.1 m)^2, unless all joints are prismatic.
     """
     units = proof.bodies.problem.units
     slides = np.array([units[joint] == "N" for joint in proof.joints], dtype=bool)
     linear = bool(len(slides) and slides.all())
     gains = proof.gains / np.where(slides, _PER_LEVER, 1.0) * (_PER_LEVER if linear else 1.0)
-    distinct = {f"{gain:g}": float(gain) for gain in gains.tolist()}  # digits of a sentence
+    distinct = {f"{gain:g}": float(gain) for gain in gains.tolist()}  # digits of messages
     return sorted(distinct.values()), "N/m" if linear else "N m/rad"
 
 
-def _gain_words(gains: list[float], unit: str) -> str:
-    """Return gains in the words of a verdict, with no names of joints; empty: there are none."""
+def _feedback_text(gains: list[float], unit: str) -> str:
+    """Return the feedback in the words of a verdict, without joint names; empty: there is none."""
     parts = [f"{gain:g} {unit} at joints" for gain in gains if gain > 0.0]
     parts += ["none at joints"] * (0.0 in gains)
     if len(gains) <= 1:
@@ -326,8 +328,8 @@ def _gain_words(gains: list[float], unit: str) -> str:
     return f"joint feedback of {', '.join(parts)}"
 
 
-def _is_stable(gain: float, holding: Part) -> bool:
-    """Return whether a gain of all joints is among those that are said to be stable."""
+def _is_stable_gain(gain: float, holding: Part) -> bool:
+    """Return whether a gain of all joints is in one of the stated stable ranges."""
     return any(
         gain >= least * (1.0 - tolerances.GAIN)
         and (np.isnan(most) or gain <= most * (1.0 + tolerances.GAIN))
@@ -335,8 +337,8 @@ def _is_stable(gain: float, holding: Part) -> bool:
     )
 
 
-class _Proof:
-    """One proof as arrays."""
+class _GrowthProof:
+    """A proof that no small motion grows, as arrays."""
 
     def __init__(self, stated: Part, bodies: RestLoad) -> None:
         self.bodies, self.passive = bodies, len(bodies.problem.w)
@@ -361,18 +363,18 @@ class _Proof:
             return f"the rate is {self.rate:g} /s; it must be at most {tolerances.GROWTH:g}"
         if min(one.min(initial=0.0) for one in (self.gains, self.damping, self.rotors)) < 0.0:
             return "gains, damping and rotors must not be negative"
-        return self._of_motions() or self._of_growth()
+        return self._motions_failure() or self._growth_failure()
 
-    def _of_motions(self) -> str:
-        """Return whether the motions are all without slip at contacts that bear load."""
+    def _motions_failure(self) -> str:
+        """Return why N is not all motions without slip at loaded contacts; empty: it is."""
         problem, hybrid = self.bodies.problem, self.bodies.hybrid
         rows = contact_motion(problem)
         still = np.ones((problem.count, 3), dtype=bool)
         still[:, 1:] = problem.cone[:, None]
         still[hybrid[hybrid >= 0], 0] = False
-        if self.bodies.amiss(self.forces) > tolerances.SHARE:
+        if self.bodies.rest_violation(self.forces) > tolerances.SHARE:
             return "the forces are none of rest"
-        still[self.forces[:, 0] <= tolerances.bearing(self.bodies.undisturbed)] = False
+        still[self.forces[:, 0] <= tolerances.bearing_force(self.bodies.undisturbed)] = False
         columns = np.zeros(rows.shape[2], dtype=bool)
         columns[: self.passive] = True
         columns[self.passive + np.array(self.joints, dtype=int)] = True
@@ -384,7 +386,7 @@ class _Proof:
         sizes = np.linalg.norm(flat, axis=0)
         sizes[sizes == 0.0] = 1.0
         scaled, motions = flat / sizes, self.N[columns] * sizes[:, None]
-        # Of an orthonormal basis: small columns, or columns that nearly agree, hide no slip.
+        # An orthonormal basis: small columns, or columns that nearly agree, would hide a slip.
         lengths = np.linalg.norm(motions, axis=0)
         basis, _ = np.linalg.qr(motions / np.where(lengths > 0.0, lengths, 1.0))
         if np.abs(scaled @ basis).max(initial=0.0) > tolerances.WITHOUT_SLIP:
@@ -396,8 +398,8 @@ class _Proof:
             return "the motions are not all that neither slip nor open contacts"
         return ""
 
-    def _of_growth(self) -> str:
-        """Return whether Lyapunov's inequality holds, with room for rounding."""
+    def _growth_failure(self) -> str:
+        """Return why Lyapunov's inequality does not hold beyond rounding; empty: it does."""
         count = self.N.shape[1]
         if not count:
             return ""

@@ -1,21 +1,21 @@
-"""What multipliers prove of all outcomes at rest in which contacts are in given states.
+"""Bounds that multipliers prove for all outcomes in which contacts are in given states.
 
-An outcome is accelerations of object and joints and contact forces that the laws of rigid bodies
-and of Coulomb allow together. Scaled as `RestDynamics` says, y = A^T f + h, u = A y, and
+An outcome is a set of accelerations of object and joints and of contact forces that obeys the laws
+of rigid bodies and of Coulomb. Scaled as `RestDynamics` says, y = A^T f + h, u = A y, and
 |y|^2 + sum mu f_n |u_t| = h.y. For any multipliers lambda, nu and kappa, and beta >= 0, with
 c = q + A lambda and v = p - lambda + sum (nu A_n + kappa.A_t), the goal p.y + q.f is therefore at
 most
 
     lambda.h + sum c.f + v.y + beta (h.y - |y|^2) - sum (kappa.u_t + beta mu f_n |u_t|) - nu.u_n.
 
-What joints do by themselves while contacts are open, w, may be left aside: then y' = y - w has
-y' = A^T f + h - w, and |y'|^2 + sum mu f_n |u_t| = (h - w).y' less what contact forces do along w.
+The free motion of joints while contacts are open, w, may be separated: then y' = y - w has
+y' = A^T f + h - w, and |y'|^2 + sum mu f_n |u_t| = (h - w).y' less the power of forces along w.
 
-Where the load is any from one to another, h + theta s, those outcomes are looked at that have
+For any load h + theta s between two, the outcomes considered are those that have
 |y|^2 + sum mu f_n |u_t| <= h.y, and lambda.h is the largest of lambda.(h + theta s).
 
-Where friction rubs its power has no sign, and accelerations are bounded by linear duality alone:
-for all multipliers, with lambda = p + sum (nu A_n + kappa.A_t) and y = B^T f + h,
+The power of kinetic friction has no sign: then linear duality alone bounds the accelerations. For
+all multipliers, with lambda = p + sum (nu A_n + kappa.A_t) and y = B^T f + h,
 
     p.y = lambda.h + sum (B lambda).f - sum (nu u_n + kappa.u_t).
 """
@@ -35,7 +35,7 @@ _LONG = np.longdouble
 
 
 class Kind(StrEnum):
-    """What is known of one contact in a part of all outcomes."""
+    """The known state of one contact in a set of outcomes."""
 
     FREE = "free"
     OPEN = "open"
@@ -59,7 +59,7 @@ class RestDynamics:
         points: (M + k, 3, n) from y to accelerations, m/s^2, of `Problem.points`.
         passive: P.
         spread: (n,) s, what theta from 0 to 1 adds to the load; zero: there is one load.
-        aside: (n,) w, what joints do by themselves and y is without; the load is less by it.
+        aside: (n,) w, the free motion of joints, which y and the load are without.
     """
 
     rows: np.ndarray
@@ -80,7 +80,7 @@ class RestDynamics:
         return float(np.linalg.norm(self.points, ord=2, axis=(1, 2)).max())
 
     def towards(self, other: RestDynamics | None) -> RestDynamics:
-        """Return them for any load up to that of another wrench on these bodies; None: no load."""
+        """Return them for any load up to that of other dynamics of these bodies; None: no load."""
         load = np.zeros_like(self.load)
         if other is not None:
             load = other.force_unit / self.force_unit * other.load
@@ -90,7 +90,7 @@ class RestDynamics:
 def contact_motion(problem: Problem) -> np.ndarray:
     """(M, 3, P + L) G in contact frames: accelerations of the object relative to the others.
 
-    What rounding leaves of an entry of a stated map is zero: else forces without bound resist a
+    Entries of a stated map that are rounding become zero: else forces without bound resist a
     motion.
     """
     motion = problem.frames @ np.concatenate([problem.passive, -problem.J], axis=2)
@@ -101,7 +101,7 @@ def contact_motion(problem: Problem) -> np.ndarray:
 
 
 def force_motion(problem: Problem) -> np.ndarray:
-    """(M, 3, P + L) G as forces see it: along n - mu v/|v| and zeros where a contact slides."""
+    """(M, 3, P + L) G for forces: along n - mu v/|v| and zeros where a contact slides."""
     motion, slides = contact_motion(problem), problem.slides
     along = np.einsum("lij,lj->li", problem.frames, problem.directions)[slides]
     motion[slides, 0] = np.einsum("li,lik->lk", along, motion[slides])
@@ -124,7 +124,7 @@ def commanded_contacts(problem: Problem, joint_inertia: np.ndarray) -> np.ndarra
 def rest_dynamics(
     problem: Problem, load: np.ndarray, inertia: np.ndarray, hybrid: np.ndarray
 ) -> RestDynamics | None:
-    """Return the scaled dynamics; None where nothing accelerates: without load, if nothing rubs.
+    """Return the scaled dynamics; None without a load and without declared sliding with friction.
 
     Args:
         problem: Contacts and joints.
@@ -160,19 +160,19 @@ def rest_dynamics(
 
 
 _LEAK = 0.1
-"""Of the power of rest: what contacts may do along what is left aside."""
+"""Of the power of rest: largest power of contacts along a separated motion."""
 
 
 def without_free_joints(
     dynamics: RestDynamics, opened: np.ndarray, still: float, force_limit: float
 ) -> RestDynamics:
-    """Return the dynamics without what joints do by themselves while some contacts are open.
+    """Return the dynamics without the free motion of joints while some contacts are open.
 
     That is the part of the load along motions in which no passive coordinate and no other contact
-    takes part. Any w is sound, as `leaked` counts what they do all the same.
+    takes part. Any w is sound, as `leaked_power` counts the power of contacts along it.
 
     Args:
-        dynamics: The scaled dynamics, of which nothing is left aside yet.
+        dynamics: The scaled dynamics, with nothing separated yet.
         opened: (M,) contacts that are open.
         still: The power up to which nothing moves, scaled.
         force_limit: Normal forces are at most this, scaled.
@@ -191,14 +191,14 @@ def without_free_joints(
     changed = replace(dynamics, load=dynamics.load - w, aside=w)
     if (
         np.linalg.norm(w) <= tolerances.LEAST_ASIDE
-        or leaked(changed, opened, force_limit) >= _LEAK * still
+        or leaked_power(changed, opened, force_limit) >= _LEAK * still
     ):
         return dynamics
     return changed
 
 
-def leaked(dynamics: RestDynamics, opened: np.ndarray, force_limit: float) -> float:
-    """Return the most that contacts which are not open do along what is left aside, scaled."""
+def leaked_power(dynamics: RestDynamics, opened: np.ndarray, force_limit: float) -> float:
+    """Return the largest power of contacts that are not open along the separated motion, scaled."""
     w, rows = dynamics.aside.astype(_LONG), dynamics.rows[~opened].astype(_LONG)
     moved = np.abs(rows @ w) + tolerances.lost(np.abs(rows) @ np.abs(w))
     share = np.sqrt(1.0 + dynamics.friction[~opened] ** 2)
@@ -207,20 +207,20 @@ def leaked(dynamics: RestDynamics, opened: np.ndarray, force_limit: float) -> fl
 
 @dataclass(frozen=True, eq=False)
 class RestMultipliers:
-    """Of the dynamics (n,), the normal accelerations (M,) and the tangential ones (M, 2)."""
+    """Multipliers of the dynamics (n,), the normal (M,) and the tangential accelerations (M, 2)."""
 
     motion: np.ndarray
     normal: np.ndarray
     tangential: np.ndarray
 
     def reversed(self) -> RestMultipliers:
-        """Return their opposites."""
+        """Return the negated multipliers."""
         return RestMultipliers(-self.motion, -self.normal, -self.tangential)
 
 
 @dataclass(frozen=True, eq=False)
 class KnownStates:
-    """What is known of each contact in a part of all outcomes.
+    """The known states of all contacts in a set of outcomes.
 
     Attributes:
         kinds: M states: an open contact has no force; a closed one does not part; a sticking one
@@ -248,7 +248,7 @@ class KnownStates:
         whole, none = np.full(count, np.pi), np.zeros(count, dtype=bool)
         return cls((Kind.FREE,) * count, zeros, whole, zeros, zeros, none)
 
-    def are(self, *kinds: Kind) -> np.ndarray:
+    def is_in(self, *kinds: Kind) -> np.ndarray:
         """Return which contacts are in one of some states, (M,)."""
         return np.array([kind in kinds for kind in self.kinds])
 
@@ -261,7 +261,7 @@ class KnownStates:
             contact: Its index.
             kind: Its state.
             arc: Middle and half width of the arc of its slip, rad.
-            most: How far it parts or slips all the same.
+            most: Largest parting or slip that the state still allows.
         """
         kinds = (*self.kinds[:contact], kind, *self.kinds[contact + 1 :])
         center, half_width = self.center.copy(), self.half_width.copy()
@@ -276,45 +276,45 @@ class KnownStates:
         return replace(changed, **{name: tolerances})
 
     def known(self, patch: PatchSlip) -> PatchSlip | None:
-        """Return what is known of the contacts of a patch; None: nothing."""
+        """Return the known slip of a patch; None: nothing is known."""
         return next((one for one in self.patches if one.contacts == patch.contacts), None)
 
     def with_patch(self, patch: PatchSlip, most: float) -> KnownStates:
-        """Return these states with what a patch does, whose contacts slip so much at rest."""
+        """Return these states with the slip of a patch; up to ``most`` counts as no slip."""
         contacts = [*patch.contacts]
         patches = (*(one for one in self.patches if one.contacts != patch.contacts), patch)
         if patch.cone is None:
             still, slips = self.still.copy(), self.slips.copy()
             still[contacts] = True
-            sticks = self.are(Kind.STICKING)[contacts]  # known by itself, and better
+            sticks = self.is_in(Kind.STICKING)[contacts]  # known more closely on its own
             slips[contacts] = np.where(sticks, slips[contacts], np.maximum(slips[contacts], most))
             return replace(self, still=still, slips=slips, patches=patches)
         center, half_width = self.center.copy(), self.half_width.copy()
-        # Of a contact that was split by itself more is known.
-        free = ~self.are(Kind.SLIPPING)[contacts]
+        # Of a contact that was split on its own the arc is known more closely.
+        free = ~self.is_in(Kind.SLIPPING)[contacts]
         center[contacts] = np.where(free, patch.arcs[:, 0], center[contacts])
         half_width[contacts] = np.where(free, patch.arcs[:, 1], half_width[contacts])
         return replace(self, center=center, half_width=half_width, patches=patches)
 
 
 def least_product(vectors: np.ndarray, center: np.ndarray, half_width: np.ndarray) -> np.ndarray:
-    """Return the least product of each vector (M, 2) with a unit vector of its arc."""
+    """(M,) smallest product of each vector (M, 2) with a unit vector of its arc."""
     turned = np.arctan2(vectors[:, 1], vectors[:, 0]) - center
     away = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
     return np.linalg.norm(vectors, axis=1) * np.cos(np.minimum(away + half_width, np.pi))
 
 
 def allowed_normals(dynamics: RestDynamics, states: KnownStates, normal: np.ndarray) -> np.ndarray:
-    """Return the (M,) nu of what is stated that prove something, in the longest format.
+    """(M,) the admissible part of the stated nu, in the longest format.
 
-    None is below zero where a contact may part, and there is none where a normal is commanded.
+    Negative ones are zero where a contact may part, and all where a normal is commanded.
     """
-    may_part = states.are(Kind.FREE, Kind.OPEN)
+    may_part = states.is_in(Kind.FREE, Kind.OPEN)
     nu = np.where(may_part, np.maximum(normal, 0.0), normal)
     return np.where(np.isfinite(dynamics.commanded), 0.0, nu).astype(_LONG)
 
 
-def most_of_forces(
+def largest_force_terms(
     dynamics: RestDynamics,
     states: KnownStates,
     half_width: np.ndarray,
@@ -323,7 +323,7 @@ def most_of_forces(
     loads: np.ndarray,
     force_limit: float,
 ) -> np.ndarray:
-    """Return what c.f is at most at each contact (M,), with what rounding may hide.
+    """(M,) upper bound on c.f at each contact, with the rounding error.
 
     Friction is mu f_n against the slip: within the cone, or on the arc.
 
@@ -341,7 +341,7 @@ def most_of_forces(
     gain = gain - mu * least_product(c[:, 1:], states.center, half_width)
     gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
     least, most = (np.where(fixed, dynamics.commanded, one) for one in (loads, force_limit))
-    return np.where(states.are(Kind.OPEN), 0.0, np.maximum(gain * least, gain * most))
+    return np.where(states.is_in(Kind.OPEN), 0.0, np.maximum(gain * least, gain * most))
 
 
 def largest_goal(
@@ -352,7 +352,7 @@ def largest_goal(
     goal: tuple[np.ndarray, np.ndarray],
     force_limit: float,
 ) -> float:
-    """Return what p.y + q.f is at most in all outcomes in these states.
+    """Return an upper bound on p.y + q.f over all outcomes in these states.
 
     Args:
         dynamics: The scaled dynamics.
@@ -364,19 +364,19 @@ def largest_goal(
     """
     (p, q), mu = goal, dynamics.friction
     rows, motion = dynamics.rows.astype(_LONG), multipliers.motion.astype(_LONG)
-    sticks = states.are(Kind.STICKING) | states.still
+    sticks = states.is_in(Kind.STICKING) | states.still
     center, half_width = states.center, np.where(sticks, np.pi, states.half_width)
     nu = allowed_normals(dynamics, states, multipliers.normal)
     kappa = multipliers.tangential.astype(_LONG)
     slope = q + rows @ motion, np.abs(q) + np.abs(rows) @ np.abs(motion)
-    pushed = most_of_forces(dynamics, states, half_width, slope, q[:, 0], loads, force_limit)
+    pushed = largest_force_terms(dynamics, states, half_width, slope, q[:, 0], loads, force_limit)
     towards = np.maximum(motion @ dynamics.spread, 0.0)
     parting = np.maximum(-nu, 0.0) * states.parts
     slipping = (np.linalg.norm(kappa, axis=1) * states.slips)[sticks]
     bound = motion @ dynamics.load + pushed.sum() + towards + parting.sum() + slipping.sum()
     size = np.abs(motion) @ (np.abs(dynamics.load) + np.abs(dynamics.spread))
     size += np.abs(pushed).sum() + parting.sum() + slipping.sum()
-    # -kappa.u_t is paid for by beta mu f_n |u_t|, or by the longest slip, since |y| <= 1.
+    # beta mu f_n |u_t| covers -kappa.u_t, or the longest slip does, since |y| <= 1.
     wrong = np.where(sticks, 0.0, np.maximum(-least_product(kappa, center, half_width), 0.0))
     lengths = np.linalg.norm(rows[:, 1:], axis=(1, 2))
     v = p - motion + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
@@ -385,14 +385,14 @@ def largest_goal(
     size += np.where(sticks, 0.0, np.linalg.norm(kappa, axis=1)) @ lengths
     bound += (v + motion) @ dynamics.aside
     size += (np.abs(v) + np.abs(motion)) @ np.abs(dynamics.aside)
-    opened = states.are(Kind.OPEN)
-    leak = leaked(dynamics, opened, force_limit) if dynamics.aside.any() else 0.0
+    opened = states.is_in(Kind.OPEN)
+    leak = leaked_power(dynamics, opened, force_limit) if dynamics.aside.any() else 0.0
     least = np.where(np.isfinite(dynamics.commanded), dynamics.commanded, loads)
-    bound += _paid(wrong, mu * least, wrong * lengths, v, dynamics.load, leak)
+    bound += _power_bound(wrong, mu * least, wrong * lengths, v, dynamics.load, leak)
     return float(bound + tolerances.lost(size))
 
 
-def _paid(
+def _power_bound(
     wrong: np.ndarray,
     power: np.ndarray,
     longest: np.ndarray,
@@ -400,9 +400,9 @@ def _paid(
     h: np.ndarray,
     leak: float,
 ) -> np.longdouble:
-    """Return the least over beta of max_y [v.y + beta (h.y + leak - |y|^2)], and of unpaid slips.
+    """Return the least over beta of max_y [v.y + beta (h.y + leak - |y|^2)] plus uncovered slips.
 
-    A slip that beta does not pay for costs what the longest one does.
+    A slip that beta does not cover counts as the longest slip.
     """
     best = _LONG(np.inf)
     size = np.linalg.norm(v) / np.maximum(np.sqrt(h @ h + 4.0 * leak), tolerances.LEAST_LOAD)
@@ -434,7 +434,7 @@ def kept_goal(
     goal: np.ndarray,
     force_limit: float,
 ) -> float:
-    """Return what p.y is at most in all outcomes in these states.
+    """Return an upper bound on p.y over all outcomes in these states, beside a declared motion.
 
     Args:
         dynamics: The scaled dynamics.
@@ -445,19 +445,19 @@ def kept_goal(
     """
     rows, pushes = dynamics.rows.astype(_LONG), dynamics.pushes.astype(_LONG)
     nu, mu = allowed_normals(dynamics, states, multipliers.normal), dynamics.friction
-    sticks, slips = states.are(Kind.STICKING), states.are(Kind.SLIPPING)
+    sticks, slips = states.is_in(Kind.STICKING), states.is_in(Kind.SLIPPING)
     kappa = multipliers.tangential.astype(_LONG)
     half_width = np.where(slips, states.half_width, np.pi)
     motion = goal + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
     rough = np.abs(goal) + np.abs(nu) @ np.abs(rows[:, 0])
     rough = rough + np.einsum("li,lin->n", np.abs(kappa), np.abs(rows[:, 1:]))
     slope, none = (pushes @ motion, np.abs(pushes) @ rough), np.zeros(len(rows))
-    pushed = most_of_forces(dynamics, states, half_width, slope, none, none, force_limit)
-    # What rounding leaves of -kappa.u_t, with the longest slip that such forces make.
+    pushed = largest_force_terms(dynamics, states, half_width, slope, none, none, force_limit)
+    # A bound on -kappa.u_t, with the longest slip that such forces cause.
     wrong = np.maximum(-least_product(kappa, states.center, half_width), 0.0)
     wrong = wrong + tolerances.lost(np.linalg.norm(kappa, axis=1))
     wrong = np.where(sticks, 0.0, wrong) @ np.linalg.norm(rows[:, 1:], axis=(1, 2))
-    fixed, opened = np.isfinite(dynamics.commanded), states.are(Kind.OPEN)
+    fixed, opened = np.isfinite(dynamics.commanded), states.is_in(Kind.OPEN)
     most = np.where(opened, 0.0, np.where(fixed, dynamics.commanded, force_limit))
     longest = np.linalg.norm(pushes, axis=2)
     fastest = most @ (longest[:, 0] + mu * longest[:, 1:].sum(axis=1))
@@ -474,14 +474,14 @@ def least_force(
     proof: tuple[int, RestMultipliers],
     limit: float,
 ) -> float:
-    """Return the normal force that all outcomes in some states have at a contact, scaled.
+    """Return a lower bound on the normal force at a contact over all outcomes, scaled.
 
     Args:
         dynamics: The scaled dynamics.
         states: Of the contacts.
         loads: (M,) normal forces that are known, scaled.
         proof: The contact, and multipliers.
-        limit: Normal forces that it has to hold for, scaled.
+        limit: Normal forces up to which it has to hold, scaled.
     """
     contact, multipliers = proof
     q = np.zeros(dynamics.rows.shape[:2])

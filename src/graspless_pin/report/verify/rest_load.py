@@ -19,7 +19,7 @@ from graspless_pin.report.verify.rest_bounds import (
 )
 
 LARGEST_FORCE = 1e6
-"""Proofs have to hold for normal forces up to so many loads."""
+"""Of the load: proofs have to hold for normal forces up to this."""
 
 
 class RestLoad:
@@ -28,7 +28,7 @@ class RestLoad:
     Attributes:
         problem: Contacts, joints and external wrench.
         load: (P + L,) external wrench, and torques less those that bear the links' weight.
-        unit: (P + L,) what each of them counts in.
+        unit: (P + L,) unit of each entry of the load.
         undisturbed: The problem whose load all tolerances are relative to.
         inertia: (P + L, P + L) of object and joints; None where it is not known.
         hybrid: (L,) contact whose normal force a column commands; -1: a joint.
@@ -46,24 +46,24 @@ class RestLoad:
         *,
         joints_held: bool = False,
     ) -> None:
-        """Work out the equations of motion."""
+        """Set up the equations of motion."""
         self.joints_held = joints_held
         self.problem, self.load, self.inertia, self.hybrid = problem, load, inertia, hybrid
         self.undisturbed = problem if undisturbed is None else undisturbed
-        self.unit = _loads(problem)
+        self.unit = _load_units(problem)
         self.dynamics: RestDynamics | None = None
         if inertia is not None:
             self.dynamics = rest_dynamics(problem, load, inertia, hybrid)
 
     def with_joints_held(self) -> RestLoad:
-        """Return the same bodies with joints that have no part in the contacts, and no load."""
+        """Return the same bodies with joints that move no contact and bear no load."""
         load = np.concatenate([self.problem.w, np.zeros(len(self.problem.units))])
         problem = replace(self.problem, J=np.zeros_like(self.problem.J))
         hybrid = np.full_like(self.hybrid, -1)
         return RestLoad(problem, load, self.inertia, hybrid, joints_held=True)
 
     def changed(self, wrench: np.ndarray) -> RestLoad:
-        """Return the same bodies with so much more external wrench (P,)."""
+        """Return the same bodies with an additional external wrench (P,)."""
         more = np.concatenate([wrench, np.zeros(len(self.load) - len(wrench))])
         problem = replace(self.problem, w=self.problem.w + wrench)
         return RestLoad(problem, self.load + more, self.inertia, self.hybrid, self.undisturbed)
@@ -87,66 +87,70 @@ class RestLoad:
         """(M, 3) forces of world axes in contact frames, N."""
         return np.einsum("lij,lj->li", self.problem.frames, forces)
 
-    def unbalanced(self, local: np.ndarray) -> float:
+    def unbalanced_load(self, local: np.ndarray) -> float:
         """Return the largest entry of G^T f + g, in loads; forces (M, 3) in contact frames."""
         none = np.zeros(len(self.load))
-        off = self._residual(contact_motion(self.problem), local.astype(np.longdouble), none, none)
-        return float((off / _loads(self.undisturbed)).max())
+        off = self._residual_sizes(
+            contact_motion(self.problem), local.astype(np.longdouble), none, none
+        )
+        return float((off / _load_units(self.undisturbed)).max())
 
-    def _residual(
-        self, motion: np.ndarray, local: np.ndarray, taken: np.ndarray, size: np.ndarray
+    def _residual_sizes(
+        self, motion: np.ndarray, local: np.ndarray, inertial: np.ndarray, size: np.ndarray
     ) -> np.ndarray:
-        """Return the sizes (P + L,) of G^T f + g less what is taken, with what rounding may hide.
+        """(P + L,) bounds on the sizes of M a - G^T f - g, with the rounding error.
 
         Args:
             motion: (M, 3, P + L) G.
             local: (M, 3) forces in contact frames, N.
-            taken: (P + L,) what accelerations take.
-            size: (P + L,) of what makes that.
+            inertial: (P + L,) M a.
+            size: (P + L,) sum of the sizes of its terms.
         """
         motion = motion.astype(np.longdouble)
-        residual = taken - np.einsum("lik,li->k", motion, local) - self.load
+        residual = inertial - np.einsum("lik,li->k", motion, local) - self.load
         sizes = np.einsum("lik,li->k", np.abs(motion), np.abs(local)) + np.abs(self.load) + size
         return np.abs(residual) + tolerances.lost(sizes)
 
-    def left_by_motion(self, local: np.ndarray, acceleration: np.ndarray) -> float:
+    def motion_residual(self, local: np.ndarray, acceleration: np.ndarray) -> float:
         """Return the largest entry of M a - G^T f - g, in loads.
 
         Args:
             local: (M, 3) forces in contact frames, N.
-            acceleration: (P + L,) of object and joints; hybrid fingers' own are not looked at.
+            acceleration: (P + L,) of object and joints; hybrid fingers' own are ignored.
         """
         if self.inertia is None:
             return float(np.inf)
         passive = len(self.problem.w)
         kept = np.concatenate([np.ones(passive, dtype=bool), self.hybrid < 0])
         acceleration = np.where(kept, acceleration, 0.0).astype(np.longdouble)
-        taken, size = self.inertia @ acceleration, np.abs(self.inertia) @ np.abs(acceleration)
-        residual = self._residual(force_motion(self.problem), local, taken, size)
-        units = _loads(self.undisturbed)
+        inertial, size = self.inertia @ acceleration, np.abs(self.inertia) @ np.abs(acceleration)
+        residual = self._residual_sizes(force_motion(self.problem), local, inertial, size)
+        units = _load_units(self.undisturbed)
         # A joint that reaches no contact moves by its weight.
         units[passive:] = np.maximum(units[passive:], np.abs(self.undisturbed.gravity))
         return float((residual / units)[kept].max())
 
-    def misdirected(self, local: np.ndarray) -> float:
-        """Return the most by which friction is not against the sliding that is declared, N."""
+    def kinetic_friction_error(self, local: np.ndarray) -> float:
+        """Return the largest distance of friction from opposing the declared sliding, N."""
         along = np.einsum("lij,lj->li", self.problem.frames, self.problem.directions)
         off = np.linalg.norm(local - local[:, :1] * along, axis=1)
         return float(off[self.problem.slides].max(initial=0.0))
 
-    def amiss(self, local: np.ndarray) -> float:
-        """Return by how much forces (M, 3) in contact frames are none of rest, in loads."""
+    def rest_violation(self, local: np.ndarray) -> float:
+        """Return the largest violation of rest by forces (M, 3) in contact frames, in loads."""
         size = self.undisturbed.force
         slip = np.linalg.norm(local[:, 1:], axis=1) - self.problem.mu * local[:, 0]
-        outside = max(float(-local[:, 0].min()), float(slip.max()), self.misdirected(local))
-        return max(self.unbalanced(local), outside / size)
+        outside = max(
+            float(-local[:, 0].min()), float(slip.max()), self.kinetic_friction_error(local)
+        )
+        return max(self.unbalanced_load(local), outside / size)
 
-    def left_by_all(self, z: np.ndarray, more: np.ndarray | float = 0.0) -> float:
-        """Return what all contact forces leave unbalanced at least, in loads.
+    def least_unbalanced_load(self, z: np.ndarray, more: np.ndarray | float = 0.0) -> float:
+        """Return a lower bound on the load that every choice of contact forces leaves, in loads.
 
         Args:
             z: (P + L,) scaled motion along which they all do work of one sign.
-            more: (P + L,) what is added to the load.
+            more: (P + L,) addition to the load.
         """
         z = z / max(1.0, float(np.abs(z).sum()))
         motion, mu = z.astype(np.longdouble) * self.problem.force / self.unit, self.problem.mu
@@ -159,10 +163,10 @@ class RestLoad:
         return load_power - LARGEST_FORCE * float(np.maximum(gain, 0.0).sum())
 
 
-def _loads(problem: Problem) -> np.ndarray:
-    """(P + L,) what a problem's load makes in the balance and at each joint, N and N m.
+def _load_units(problem: Problem) -> np.ndarray:
+    """(P + L,) unit of a problem's load in the balance and at each joint, N and N m.
 
-    Of a joint with next to no lever a small share of what load or weight make at any joint.
+    At a joint with next to no lever it is a small share of the largest load or weight at any joint.
     """
     joints = problem.joint_scale
     most = np.maximum(joints, np.abs(problem.gravity)).max(initial=0.0)
@@ -196,7 +200,7 @@ def read_load(document: object, problem: Problem) -> RestLoad:
 
 
 def _check_mass(stated: Part, inertia: np.ndarray) -> None:
-    """Refuse an inertia of one object that has no one mass: accelerations count in load over mass.
+    """Refuse an object inertia whose mass depends on the direction, or is not the stated one.
 
     Raises:
         ValueError: Saying what it is instead.

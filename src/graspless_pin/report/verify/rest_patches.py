@@ -1,12 +1,12 @@
-"""Contacts of a patch: those whose slips u_t = T x one planar motion x (3,) tells.
+"""Patches: contacts whose slips u_t = T x follow from one planar motion x (3,).
 
-A part of all outcomes is split at a patch into that in which none of its contacts slips, and into
-cones of motions. The sums of the rays at a cone's corners with weights that are not negative are
-its motions. So where T takes all rays into an arc of less than pi, the contact slips in that arc.
+A set of outcomes is split at a patch into the one in which none of its contacts slips, and into
+cones of motions. The motions of a cone are the nonnegative combinations of the rays at its corners.
+So where T takes all rays into an arc of less than pi, the contact slips in that arc.
 
-What the motion does not tell of the slips, r |y|, turns them by little, since some contact slips by
-more than the tolerance e in such a part: then |x| >= (e - r) / |T|, and a contact with d.T x >= m
-|x| for the arc's middle d turns by at most arcsin(r |T| / (m (e - r))).
+The rest of the slips, r |y|, turns them by little, since some contact slips by more than the
+tolerance e in such a set: then |x| >= (e - r) / |T|, and a contact with d.T x >= m |x| for the
+arc's middle d turns by at most arcsin(r |T| / (m (e - r))).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.fields import Part
 
 _LONGEST = 2.0
-"""Of y: its largest length, with what joints do by themselves."""
+"""Largest length of y, with the free motion of joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class MotionCone:
 
 @dataclass(frozen=True, eq=False)
 class PatchSlip:
-    """What the k contacts of a patch do.
+    """The slip of the k contacts of a patch.
 
     Attributes:
         contacts: Their indices.
@@ -69,10 +69,10 @@ class PatchSlip:
 
 
 def read_patch(stated: Part) -> PatchSlip:
-    """Return what a node states of a patch.
+    """Return the patch that a node states.
 
     Raises:
-        ValueError: If it is no such thing.
+        ValueError: If it is invalid.
     """
     contacts = tuple(stated["contacts"])
     if len(set(contacts)) < len(contacts):
@@ -84,17 +84,17 @@ def read_patch(stated: Part) -> PatchSlip:
     return PatchSlip(contacts, stated["images"], stated["arcs"], cone)
 
 
-def no_slip(still: float) -> float:
+def slip_tolerance(still: float) -> float:
     """Return the scaled slip that counts as none, by the power up to which nothing moves."""
     return min(tolerances.NO_SLIP_SHARE * still, tolerances.NO_SLIP)
 
 
 def uncovered_motions(children: list[PatchSlip], known: PatchSlip | None) -> str:
-    """Say what the children of a node leave out of what a patch may do; empty: nothing.
+    """Return in words which motions of a patch the children of a node leave out; empty: none.
 
     Args:
-        children: What each is of.
-        known: What is known at the node; None: nothing.
+        children: The patch of each child.
+        known: The patch as it is known at the node; None: nothing is known.
     """
     cones = [one.cone for one in children if one.cone is not None]
     first = children[0] if known is None else known
@@ -116,7 +116,7 @@ def uncovered_motions(children: list[PatchSlip], known: PatchSlip | None) -> str
 
 
 def _uncovered_half(cones: list[MotionCone], outer: MotionCone | None, count: int) -> str:
-    """Say what two parts of a cone leave out of it; empty: nothing."""
+    """Return in words which motions of a cone two parts of it leave out; empty: none."""
     if outer is None:
         return "it does not slip, and is split no more"
     same = [np.array_equal(one.axes, outer.axes) for one in cones]
@@ -134,10 +134,10 @@ def _uncovered_half(cones: list[MotionCone], outer: MotionCone | None, count: in
 
 
 def unproven_arcs(patch: PatchSlip, rows: np.ndarray, tolerance: float) -> str:
-    """Say of which contacts of a patch the stated arcs do not follow; empty: of none.
+    """Return the contacts of a patch whose stated arcs do not follow, listed; empty: none.
 
     Args:
-        patch: What is stated.
+        patch: The stated patch.
         rows: (M, 3, n) from y to accelerations along n, t1, t2, scaled.
         tolerance: Scaled slip that counts as none.
     """

@@ -1,16 +1,16 @@
-"""Go through a proof over contact states: a tree whose leaves together leave out no outcome.
+"""The check of a proof over contact states: a tree whose leaves together cover all outcomes.
 
-A node says how one contact's state is narrowed. What its children leave out is worked out here: an
-outcome without force at a contact counts as open there, one without parting as closed; one without
-slip sticks, and the arcs of slip have to cover all that is left. Where a node is its parent's only
-child, its multipliers prove that the contact does not part, or does not slip, by more than so much;
-proofs of closed and sticking contacts bear that much. Nodes are listed depth first.
+A node narrows the state of one contact. Whether its children cover it is worked out here: an
+outcome without force at a contact counts as open there, one without parting as closed, one without
+slip as sticking, and the arcs of slip have to cover the rest. Where a node is its parent's only
+child, its multipliers prove the largest parting or slip of the contact, which proofs of closed and
+sticking contacts allow for. Nodes are listed depth first.
 
-A proof of rest has smallest loads first, then a certificate or such a tree.
+A proof of rest states least normal forces first, then a certificate or such a tree.
 
-Where a declared motion is the outcome, a leaf needs both signs of the accelerations of all passive
-coordinates, small enough together that no point of the object accelerates above the limit, or goal
-0, p = 0, below zero: then there is no outcome in it.
+Where a declared motion is the outcome, a leaf bounds the accelerations of all passive coordinates
+with both signs, so that no point of the object accelerates above the limit, or goal 0, p = 0, below
+zero: then there is no outcome in it.
 """
 
 from __future__ import annotations
@@ -31,33 +31,33 @@ from graspless_pin.report.verify.rest_bounds import (
     kept_goal,
     kept_goals,
     largest_goal,
-    leaked,
+    leaked_power,
     least_force,
     without_free_joints,
 )
 from graspless_pin.report.verify.rest_load import RestLoad
 from graspless_pin.report.verify.rest_patches import (
     PatchSlip,
-    no_slip,
     read_patch,
+    slip_tolerance,
     uncovered_motions,
     unproven_arcs,
 )
 
 _DEEPEST = 400
 _EMPTY = -0.1
-"""Multipliers of any size prove the same of no outcome: by how much is no tolerance."""
+"""Largest bound on goal 0 that proves a leaf empty: multipliers of any size prove the same."""
 _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
-"""KnownStates that hold no outcome beside those of another state, where that other is forced."""
+"""States that add no outcome to those of another state, where that one is forced."""
 
 
 class NoProofError(Exception):
-    """Why the nodes of a proof prove nothing."""
+    """The nodes of a proof do not prove its claim."""
 
 
 @dataclass(frozen=True, eq=False)
 class RestNode:
-    """A part of all outcomes as it stands in a document."""
+    """A node of a proof: a set of outcomes, as stated."""
 
     contact: int
     kind: Kind
@@ -74,20 +74,20 @@ LeastLoad = tuple[int, float, RestMultipliers]
 """A contact, the normal force that every outcome has there at least, N, and what proves it."""
 
 
-def _multipliers(stated: Part) -> RestMultipliers:
+def _read_multipliers(stated: Part) -> RestMultipliers:
     return RestMultipliers(stated["motion"], stated["normal"], stated["tangential"])
 
 
-def _loads(stated: Part) -> list[LeastLoad]:
-    return [(one["contact"], one["force"], _multipliers(one["multipliers"]))
+def _read_loads(stated: Part) -> list[LeastLoad]:
+    return [(one["contact"], one["force"], _read_multipliers(one["multipliers"]))
             for one in stated["loads"]]  # fmt: skip
 
 
 def read_rest_tree(proof: Part, dynamics: RestDynamics) -> RestNode:
-    """Return the root of the tree that the nodes of a proof make.
+    """Return the root of the tree that the nodes of a proof form.
 
     Raises:
-        ValueError: If they make none.
+        ValueError: If they form none.
     """
     first, *others = proof.sized(n=len(dynamics.load))["nodes"]
     root, count = _read_node(first, is_root=True)
@@ -128,10 +128,10 @@ def _read_node(stated: Part, *, is_root: bool) -> tuple[RestNode, int]:
         contact,
         kind,
         (float(center), float(half_width)),
-        None if bound is None else _multipliers(bound),
-        [_multipliers(one) for one in stated["forced"]],
-        [(one["goal"], _multipliers(one["multipliers"])) for one in stated["sides"]],
-        loads=_loads(stated),
+        None if bound is None else _read_multipliers(bound),
+        [_read_multipliers(one) for one in stated["forced"]],
+        [(one["goal"], _read_multipliers(one["multipliers"])) for one in stated["sides"]],
+        loads=_read_loads(stated),
         patch=patch,
     )
     return node, stated["children"]
@@ -146,8 +146,8 @@ class RestWalk:
         loads: (M,) normal forces that every outcome has at least, scaled.
         force_limit: Normal forces that the proof has to reach, scaled.
         still: The power up to which nothing moves, scaled.
-        bound: The largest h.y that the leaves leave, without what joints do by themselves.
-        leaves: How many there were.
+        bound: The largest h.y over the leaves, without the free motion of joints.
+        leaves: Number of leaves.
         known: The dynamics without free joints, by the contacts that are open.
     """
 
@@ -160,7 +160,7 @@ class RestWalk:
     known: dict[bytes, RestDynamics] = field(default_factory=dict)
 
     def walk(self, root: RestNode) -> None:
-        """Go through all nodes.
+        """Check all nodes.
 
         Raises:
             NoProofError: If they leave out outcomes.
@@ -171,10 +171,10 @@ class RestWalk:
     def _visit(
         self, node: RestNode, states: KnownStates, loads: np.ndarray
     ) -> dict[tuple[int, str], float]:
-        """Return by how much closed or sticking contacts of siblings have to part or slip."""
-        loads = self._with_own(node, states, loads)
+        """Check a node; return the parting or slip that closed or sticking siblings must bear."""
+        loads = self._with_proven_loads(node, states, loads)
         if not node.children:
-            self._leaf(node, states, loads)
+            self._visit_leaf(node, states, loads)
             return {}
         first = node.children[0]
         if any(child.contact != first.contact for child in node.children):
@@ -183,18 +183,18 @@ class RestWalk:
         if patches:
             return self._split_patch(node, patches, states, loads)
         if len(node.children) == 1:
-            return self._forced(first, states, loads)
+            return self._visit_only_child(first, states, loads)
         is_loaded = np.isfinite(self.dynamics.commanded) | (loads > 0.0)
         why = uncovered(node.children, states, is_loaded)
         if why:
             raise NoProofError(f"contact {first.contact}: {why}")
         needed: dict[tuple[int, str], float] = {}
-        # What is passed over in the others is left to these, which come last.
+        # Outcomes that the others pass over are left to these, which come last.
         for child in sorted(
             node.children, key=lambda one: one.kind in (Kind.CLOSED, Kind.STICKING)
         ):
-            most = needed.pop((child.contact, child.kind), 0.0)
-            changed = states.changed(child.contact, child.kind, child.arc, most)
+            allowed = needed.pop((child.contact, child.kind), 0.0)
+            changed = states.changed(child.contact, child.kind, child.arc, allowed)
             for key, value in self._visit(child, changed, loads).items():
                 needed[key] = max(needed.get(key, 0.0), value)
         return needed
@@ -202,27 +202,29 @@ class RestWalk:
     def _split_patch(
         self, node: RestNode, patches: list[PatchSlip], states: KnownStates, loads: np.ndarray
     ) -> dict[tuple[int, str], float]:
-        """Go on with what the contacts of a patch do; return what `_visit` returns."""
+        """Check the children of a node that splits a patch; return what `_visit` returns."""
         first = patches[0]
         if len(patches) < len(node.children):
             raise NoProofError(f"children of one node are of contact {first.contacts[0]} alone")
         why = uncovered_motions(patches, states.known(first))
         if why:
             raise NoProofError(f"the patch of contact {first.contacts[0]}: {why}")
-        most, needed = no_slip(self.still), dict[tuple[int, str], float]()
+        allowed, needed = slip_tolerance(self.still), dict[tuple[int, str], float]()
         for child, patch in zip(node.children, patches, strict=True):
-            wrong = unproven_arcs(patch, self.dynamics.rows, most)
+            wrong = unproven_arcs(patch, self.dynamics.rows, allowed)
             if wrong:
                 raise NoProofError(f"arcs of slip of contacts {wrong} do not follow")
-            for key, value in self._visit(child, states.with_patch(patch, most), loads).items():
+            for key, value in self._visit(child, states.with_patch(patch, allowed), loads).items():
                 needed[key] = max(needed.get(key, 0.0), value)
         return needed
 
-    def _with_own(self, node: RestNode, states: KnownStates, loads: np.ndarray) -> np.ndarray:
-        """Return smallest normal forces with those that a node proves, each with those before."""
+    def _with_proven_loads(
+        self, node: RestNode, states: KnownStates, loads: np.ndarray
+    ) -> np.ndarray:
+        """Return least normal forces with those that a node proves, each by the ones before it."""
         for contact, force, multipliers in node.loads:
             proven = least_force(
-                self._dynamics(states), states, loads, (contact, multipliers), self.force_limit
+                self._dynamics_in(states), states, loads, (contact, multipliers), self.force_limit
             )
             if np.isfinite(proven):
                 least = min(force / self.dynamics.force_unit, proven)
@@ -230,20 +232,20 @@ class RestWalk:
                 loads[contact] = max(loads[contact], least)
         return loads
 
-    def _leaf(self, node: RestNode, states: KnownStates, loads: np.ndarray) -> None:
+    def _visit_leaf(self, node: RestNode, states: KnownStates, loads: np.ndarray) -> None:
         if node.bound is None:
             raise NoProofError("a leaf has no multipliers")
-        own = self._dynamics(states)
+        own = self._dynamics_in(states)
         goal = own.load, np.zeros(own.rows.shape[:2])
         proven = largest_goal(own, states, loads, node.bound, goal, self.force_limit)
         if own.aside.any():
-            proven += leaked(own, states.are(Kind.OPEN), self.force_limit)
+            proven += leaked_power(own, states.is_in(Kind.OPEN), self.force_limit)
         self.leaves += 1
         self.bound = max(self.bound, proven) if np.isfinite(proven) else np.inf
 
-    def _dynamics(self, states: KnownStates) -> RestDynamics:
-        """Return the dynamics without what joints do by themselves in some states."""
-        opened = states.are(Kind.OPEN)
+    def _dynamics_in(self, states: KnownStates) -> RestDynamics:
+        """Return the dynamics without the free motion of joints in some states."""
+        opened = states.is_in(Kind.OPEN)
         key = opened.tobytes()
         if key not in self.known:
             self.known[key] = without_free_joints(
@@ -251,24 +253,24 @@ class RestWalk:
             )
         return self.known[key]
 
-    def _forced(
+    def _visit_only_child(
         self, child: RestNode, states: KnownStates, loads: np.ndarray
     ) -> dict[tuple[int, str], float]:
-        """Go on with the state that a contact is proven to be in."""
+        """Check an only child, whose multipliers prove the state of its contact."""
         contact, known = child.contact, states.kinds[child.contact]
         rows, zeros = self.dynamics.rows[contact], np.zeros(self.dynamics.rows.shape[:2])
 
-        def most(row: np.ndarray, multipliers: RestMultipliers) -> float:
+        def largest_along(row: np.ndarray, multipliers: RestMultipliers) -> float:
             goal = row, zeros
             return largest_goal(self.dynamics, states, loads, multipliers, goal, self.force_limit)
 
         count, kind = len(child.forced), child.kind
         if kind == Kind.CLOSED and known in (Kind.FREE, Kind.OPEN) and count == 1:
-            tolerance = most(rows[0], child.forced[0])
+            tolerance = largest_along(rows[0], child.forced[0])
         elif kind == Kind.STICKING and known in (Kind.CLOSED, Kind.SLIPPING) and count == 2:
             pairs = [(row, one) for row, one in zip(rows[1:], child.forced, strict=True)]
             pairs += [(-row, one.reversed()) for row, one in pairs]
-            sides = np.array([most(row, one) for row, one in pairs])
+            sides = np.array([largest_along(row, one) for row, one in pairs])
             tolerance = float(np.linalg.norm(np.maximum(sides[:2], sides[2:])))
         else:
             raise NoProofError(f"contact {contact} cannot be told to be {child.kind}")
@@ -280,7 +282,7 @@ class RestWalk:
         return self._visit(child, states.changed(contact, child.kind, most=tolerance), loads)
 
 
-def _kept_leaves(
+def _count_kept_leaves(
     node: RestNode,
     states: KnownStates,
     proven: frozenset[int],
@@ -288,11 +290,11 @@ def _kept_leaves(
     goals: np.ndarray,
     force_limit: float,
 ) -> int:
-    """Return how many leaves a proof has that nothing but a declared motion is an outcome.
+    """Check a proof that a declared motion is the only outcome; return its number of leaves.
 
     Args:
-        node: Where it begins.
-        states: What is known there.
+        node: The root of the proof, or of a part of it.
+        states: The known states there.
         proven: Goals that are bounded there already.
         dynamics: The scaled dynamics.
         goals: (2 P + 1, n) of `kept_goals`.
@@ -302,10 +304,10 @@ def _kept_leaves(
         NoProofError: If they leave out outcomes.
     """
     for goal, multipliers in node.sides:
-        most = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
+        claimed = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
         bound = kept_goal(dynamics, states, multipliers, goals[goal], force_limit)
-        if not bound <= most:
-            raise NoProofError(f"goal {goal} reaches {bound:.3g} where {most:.3g} is claimed")
+        if not bound <= claimed:
+            raise NoProofError(f"goal {goal} reaches {bound:.3g} where {claimed:.3g} is claimed")
         proven |= {goal}
     if not node.children:
         wanted = len(goals) - 1
@@ -321,16 +323,16 @@ def _kept_leaves(
     leaves = 0
     for child in node.children:
         own = states.changed(contact, child.kind, child.arc)
-        leaves += _kept_leaves(child, own, proven, dynamics, goals, force_limit)
+        leaves += _count_kept_leaves(child, own, proven, dynamics, goals, force_limit)
     return leaves
 
 
 def uncovered(children: list[RestNode], states: KnownStates, held: np.ndarray) -> str:
-    """Say what the states of the children of a node leave out; empty: nothing.
+    """Return in words which states the children of a node leave out; empty: none.
 
     Args:
         children: Of one contact.
-        states: What is known at the node.
+        states: The known states at the node.
         held: (M,) contacts that never open.
     """
     contact = children[0].contact
@@ -348,10 +350,10 @@ def uncovered(children: list[RestNode], states: KnownStates, held: np.ndarray) -
         whole_arc = float(states.center[contact]), float(states.half_width[contact])
     else:
         return f"it is {known}, and does not slip"
-    return "" if _cover(whole_arc, arcs) else "arcs of slip are left out"
+    return "" if _arcs_cover(whole_arc, arcs) else "arcs of slip are left out"
 
 
-def _cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
+def _arcs_cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
     """Return whether arcs cover another one."""
     center, half_width = outer
     spans = []
@@ -366,9 +368,9 @@ def _cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
 
 
 def force_limit(proof: Part, wanted: float) -> tuple[float, Check]:
-    """Return the normal forces up to which a proof holds, N, and whether they are enough.
+    """Return the normal forces up to which a proof holds, N, and the check that they suffice.
 
-    None is stated where the proof uses no limit: it has neither loads nor a tree.
+    No limit is stated where the proof uses none: it has neither loads nor a tree.
     """
     limit, name = proof.maybe("force_limit"), "force limit of the proof"
     if limit is None:
@@ -382,7 +384,7 @@ def force_limit(proof: Part, wanted: float) -> tuple[float, Check]:
 def stated_loads(
     proof: Part, bodies: RestLoad, dynamics: RestDynamics | None, limit: float
 ) -> tuple[np.ndarray, list[Check]]:
-    """Return the (M,) normal forces that every outcome has, N, and the checks of their proofs.
+    """(M,) least normal forces over all outcomes, N, and the checks of their proofs.
 
     Args:
         proof: As it stands in the document.
@@ -396,7 +398,7 @@ def stated_loads(
             raise ValueError(f"loads of {proof.where} need inertias")
         return loads, checks
     unit, states = dynamics.force_unit, KnownStates.unknown(bodies.problem.count)
-    for contact, force, multipliers in _loads(proof.sized(n=len(dynamics.load))):
+    for contact, force, multipliers in _read_loads(proof.sized(n=len(dynamics.load))):
         found = unit * least_force(
             dynamics, states, loads / unit, (contact, multipliers), limit / unit
         )
@@ -408,10 +410,10 @@ def stated_loads(
     return loads, checks
 
 
-def certificate(
+def certificate_check(
     name: str, bodies: RestLoad, forces: np.ndarray, loads: np.ndarray, limit: float
 ) -> Check:
-    """Check that forces balance with no more friction than the loads of all outcomes bear.
+    """Check that forces balance with no more friction than least normal forces allow.
 
     Args:
         name: Of the check.
@@ -424,7 +426,7 @@ def certificate(
     beyond_cone, pulling = np.maximum(beyond_cone, 0.0), np.maximum(-forces[:, 0], 0.0)
     dynamics, size = bodies.dynamics, bodies.undisturbed.force
     if dynamics is None:
-        worst = max(bodies.unbalanced(forces), beyond_cone.max() / size, pulling.max() / size)
+        worst = max(bodies.unbalanced_load(forces), beyond_cone.max() / size, pulling.max() / size)
         return within(name, worst, tolerances.EXACT, "loads")
     rows, unit = dynamics.rows.astype(np.longdouble), dynamics.force_unit
     residual = np.einsum("lin,li->n", rows, forces / unit) + dynamics.load
@@ -435,7 +437,7 @@ def certificate(
     return within(name, y * dynamics.reach, limit, "m/s^2 at most")
 
 
-def tree(
+def tree_check(
     name: str, proof: Part, dynamics: RestDynamics, loads: np.ndarray, limits: tuple[float, float]
 ) -> Check:
     """Check a tree of contact states.
@@ -448,29 +450,29 @@ def tree(
         limits: Of accelerations, m/s^2, and of normal forces, N.
     """
     unit, (still, most_force) = dynamics.force_unit, limits
-    most = (still / dynamics.reach) ** 2
-    walk = RestWalk(dynamics, loads / unit, most_force / unit, most)
+    most_power = (still / dynamics.reach) ** 2
+    walk = RestWalk(dynamics, loads / unit, most_force / unit, most_power)
     try:
         walk.walk(read_rest_tree(proof, dynamics))
     except NoProofError as error:
         return holds(name, passed=False, detail=str(error))
-    shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most:.3g} (scaled)"
-    return holds(name, walk.bound <= (1.0 + tolerances.SHARE) * most, shown)
+    shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most_power:.3g} (scaled)"
+    return holds(name, walk.bound <= (1.0 + tolerances.SHARE) * most_power, shown)
 
 
-def kept_tree(
+def kept_tree_check(
     name: str,
     proof: Part,
     dynamics: RestDynamics,
     problem: Problem,
     limits: tuple[float, float],
 ) -> Check:
-    """Check a tree that leaves nothing but a declared motion; arguments as of `tree`."""
+    """Check a tree that proves a declared motion the only outcome; arguments as of `tree_check`."""
     still, most_force = limits
     goals, unknown = kept_goals(dynamics, problem, still), KnownStates.unknown(problem.count)
     reach, root = most_force / dynamics.force_unit, read_rest_tree(proof, dynamics)
     try:
-        leaves = _kept_leaves(root, unknown, frozenset(), dynamics, goals, reach)
+        leaves = _count_kept_leaves(root, unknown, frozenset(), dynamics, goals, reach)
     except NoProofError as error:
         return holds(name, passed=False, detail=str(error))
     return holds(name, passed=True, detail=f"{leaves} leaves")

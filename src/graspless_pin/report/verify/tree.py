@@ -1,15 +1,14 @@
-"""Go through a proof over modes: a tree whose leaves together leave out none.
+"""The check of a proof over modes: a tree whose leaves together cover all of them.
 
-A node stands for a part of all modes, which follows from its parent's: the file says how a part is
-split, and never what its children are. Nodes are listed depth first, children in their order.
+A node stands for a set of modes, which follows from its parent's: the file says how a set is split,
+and never what the parts are. Nodes are listed depth first, children in their order.
 
-Virtual motions decide of its leaves. u holds the velocities of the object relative to the other
+Virtual motions decide some leaves. u holds the velocities of the object relative to the other
 bodies at all contacts along n, t1, t2. A motion counts where selected contacts stay touching and
 slide with their signs, each at least theta times |u| fast. Where v with v^T u >= theta |u| for all
 such u has a projection on the possible u that is shorter than theta, there is no such motion.
 
-A part of the set of all modes is told by which contacts are selected, and which signs are left to
-them.
+A set of modes is given by the contacts that are selected, and the signs that are left to them.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ _RELEASED = _PAIRS[0]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A part of all modes: what each contact may do in it, whatever the others do.
+    """A set of modes: what each contact may do in it, whatever the others do.
 
     Attributes:
         allowed_pairs: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1
@@ -48,7 +47,7 @@ class State:
 
     @classmethod
     def every_mode(cls, problem: Problem, *, free: bool) -> State:
-        """Return all modes that the rules let exist; ``free``: all friction, without any rule."""
+        """Return all modes that the rules allow; ``free``: all friction, without any rule."""
         allowed = np.ones((problem.count, 3, 3), dtype=bool)
         if problem.sign_rule != "exact":
             allowed[:, 1] = allowed[:, :, 1] = False
@@ -58,7 +57,7 @@ class State:
 
     @classmethod
     def one_mode(cls, problem: Problem, selected: np.ndarray, signs: np.ndarray) -> State:
-        """Return one mode alone."""
+        """Return the set of one mode."""
         allowed = np.zeros((problem.count, 3, 3), dtype=bool)
         allowed[np.arange(problem.count), *(np.where(selected, signs.T, 0) + 1)] = True
         return cls(allowed)
@@ -79,7 +78,7 @@ class State:
         return self.signs[:, :, [2, 0]] | self.free
 
     def only(self, contact: int, pairs: np.ndarray) -> State | None:
-        """Return the modes of it in which a contact has one of some pairs; None: there is none.
+        """Return its modes in which a contact has one of some sign pairs; None: there are none.
 
         Args:
             contact: Its index.
@@ -91,13 +90,13 @@ class State:
 
 
 def pairs_with(component: int, sign: int) -> np.ndarray:
-    """(3, 3) pairs that have a sign along a tangent."""
+    """(3, 3) pairs of signs that have a given one along a tangent."""
     along = np.broadcast_to(sign == _SIGNS, (3, 3))
     return along if component else along.T
 
 
-def velocities(problem: Problem, twist: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """(M, 3) of the object relative to the other body along n, t1, t2, m/s."""
+def contact_velocities(problem: Problem, twist: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """(M, 3) velocities of the object relative to the other body along n, t1, t2, m/s."""
     return np.einsum("lij,lj->li", problem.frames, problem.passive @ twist - problem.J @ rates)
 
 
@@ -106,7 +105,7 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
 
     Args:
         problem: The problem.
-        u: (M, 3) its velocities, see `velocities`.
+        u: (M, 3) its velocities, see `contact_velocities`.
         selected: (M,) contacts that the mode selects.
         signs: (M, 2) their signs.
     """
@@ -135,14 +134,14 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
 
 
 @dataclass
-class Proof:
+class TreeProof:
     """What a tree proves.
 
     Attributes:
-        bound: What no forces that any of its modes admits stay below; inf: there are no forces.
+        bound: Lower bound on the objective of all forces of its modes; inf: there are no forces.
         violation: The smallest common violation that its only leaf proves; 0 with more leaves.
-        leaves: How many parts of the modes were ruled out.
-        programs: How many of them by multipliers.
+        leaves: Number of leaves.
+        programs: Number of leaves that multipliers prove.
         failure: Why it is no proof; empty: it is one.
     """
 
@@ -166,20 +165,20 @@ class TreeWalk:
     problem: Problem
     reach: float
 
-    def walk(self, nodes: list[Part], root: State) -> Proof:
-        """Return what the nodes prove of a part of all modes.
+    def walk(self, nodes: list[Part], root: State) -> TreeProof:
+        """Return what the nodes prove of a set of modes.
 
         Raises:
-            ValueError: If a node is no node.
+            ValueError: If a node is invalid.
         """
-        proof, waiting, failure = Proof(), [root], ""
+        proof, waiting, failure = TreeProof(), [root], ""
         for number, node in enumerate(nodes):
             if not waiting:
                 proof.failure = f"{len(nodes) - number} nodes are left over"
                 return proof
             state, kind = waiting.pop(), node["kind"]
             if kind == "bound":
-                bound, shared = self._bound(node, state)
+                bound, shared = self._leaf_bound(node, state)
                 proof.bound = min(proof.bound, bound)
                 proof.leaves, proof.programs = proof.leaves + 1, proof.programs + 1
                 proof.violation = max(shared, 0.0) if len(nodes) == 1 else 0.0
@@ -190,7 +189,9 @@ class TreeWalk:
                 if not self._excludes(node["combination"], state):
                     failure = "does not rule out its motions"
             else:
-                children = (self._by_conflict if kind == "conflict" else _by_contact)(node, state)
+                children = (self._conflict_children if kind == "conflict" else _contact_children)(
+                    node, state
+                )
                 failure = "names no conflict" if children is None else ""
                 waiting.extend(reversed(children or []))
             if failure:
@@ -200,8 +201,8 @@ class TreeWalk:
             proof.failure = f"{len(waiting)} parts of the modes have no node"
         return proof
 
-    def _bound(self, node: Part, state: State) -> tuple[float, float]:
-        """Return what a leaf's multipliers prove, and the violation if they refute all forces."""
+    def _leaf_bound(self, node: Part, state: State) -> tuple[float, float]:
+        """Return the bound of a leaf's multipliers, and the violation if they refute all forces."""
         problem, reach, free = self.problem, self.reach, state.friction
         m = stated_multipliers(node["multipliers"].stated, problem, node.where)
         objective = node["objective"]
@@ -209,7 +210,7 @@ class TreeWalk:
         if objective and bound <= largest_objective(problem, reach):
             return bound, 0.0
         refutes = objective or bound > 0.0
-        if objective:  # what refutes all forces proves by how much without the objective
+        if objective:  # the violation is proven without the objective
             bound = proven_bound(problem, m, free, reach, objective=False)
         return (np.inf if refutes else -np.inf), violation(problem, m, bound)
 
@@ -237,13 +238,13 @@ class TreeWalk:
             weight = float(np.where((signs != 0).all(axis=1), along.min(axis=1), 0.0).sum())
         else:
             weight = float(along.sum())
-        # The part of it that motions can see, with what rounding may hide.
+        # The length of its projection on the motions, with the rounding error.
         flat = v.ravel()
         seen = np.linalg.norm(self._basis.T @ flat) + tolerances.PROJECTED * np.linalg.norm(flat)
         return weight > 0.0 and bool(seen < tolerances.SLOWEST * weight)
 
-    def _by_conflict(self, node: Part, state: State) -> list[State] | None:
-        """Return the children of a conflict: each presumes the items before its own and breaks it.
+    def _conflict_children(self, node: Part, state: State) -> list[State] | None:
+        """Return the children of a conflict: each obeys the items before its own and violates that.
 
         None if the items do not exclude each other.
         """
@@ -255,7 +256,7 @@ class TreeWalk:
             pairs = pairs_with(component, sign) if sign else ~_RELEASED
             children.append(rest.only(contact, ~pairs))
             rest = rest.only(contact, pairs)
-        sets = [] if rest is None else _split(node, rest)  # none: every mode breaks an item already
+        sets = [] if rest is None else _conflict_sets(node, rest)  # none: no mode obeys all items
         if rest is not None:
             combinations = node["combinations"]
             if len(sets) != len(combinations) or not all(map(self._excludes, combinations, sets)):
@@ -263,8 +264,8 @@ class TreeWalk:
         return [child for child in children if child is not None]
 
 
-def _split(node: Part, rest: State) -> list[State]:
-    """Return the state of all items, or one for each sign of a component that they leave no way."""
+def _conflict_sets(node: Part, rest: State) -> list[State]:
+    """Return the set that obeys all items, or one for each sign of the component left open."""
     opened = node.get("open")
     if opened is None:
         return [rest]
@@ -275,21 +276,21 @@ def _split(node: Part, rest: State) -> list[State]:
     return [part for part in sets if part is not None]
 
 
-def _by_contact(node: Part, state: State) -> list[State]:
+def _contact_children(node: Part, state: State) -> list[State]:
     """Return the children of a contact: not selected, and selected with each pair of signs."""
     children = [state.only(node["contact"], pair) for pair in _PAIRS]
     return [child for child in children if child is not None]
 
 
-def root_of(
+def root_state(
     problem: Problem, status: str, mode: tuple[np.ndarray, np.ndarray] | None = None
 ) -> State:
-    """Return the part of all modes that the proof of an answer speaks of.
+    """Return the set of modes that the proof of an answer has to cover.
 
     Args:
         problem: The problem.
-        status: Of the answer.
-        mode: What it selects with which signs, where it is of one mode.
+        status: Status of the answer.
+        mode: Selection and signs, where the proof is of one mode.
     """
     if status in IN_MODE and mode is not None:
         return State.one_mode(problem, *mode)
@@ -297,7 +298,7 @@ def root_of(
 
 
 def proven_violation(document: dict[str, Any]) -> float:
-    """Return the smallest common violation that a document may state: its multipliers prove it.
+    """Return the smallest common violation of the constraints that a document's multipliers prove.
 
     Args:
         document: The document, with its proof.
@@ -312,7 +313,7 @@ def proven_violation(document: dict[str, Any]) -> float:
         if status not in INFEASIBLE or len(nodes) != 1 or nodes[0]["kind"] != "bound":
             return 0.0
         mode = read_mode(document, problem) if status in IN_MODE else None
-        free = root_of(problem, status, mode).friction
+        free = root_state(problem, status, mode).friction
         m = stated_multipliers(nodes[0]["multipliers"].stated, problem, nodes[0].where)
     except ValueError:
         return 0.0  # what cannot be checked proves nothing

@@ -1,12 +1,12 @@
-"""Check what a document says of torques for a whole set: the joined problem of its members.
+"""Checks of robust torques over an uncertain set: of the joined problem of its members.
 
-That these are the corners of the stated set is taken as given. What is checked is that the joined
-problem is made of them, and what its own document proves. With a policy, affine forces prove the
-torques, and the joined problem of a few further members what none are better than.
+That these are the corners of the stated set is taken as given. It is checked that the joined
+problem consists of them, and what its own document proves. With a policy, affine forces prove the
+torques, and the joined problem of a few further members proves their bound.
 
 Affine forces of member k are f_k + F_k d, for all d in a product of unit balls. A linear function
-of d is farthest from its value at d = 0 by the lengths of its coefficients in each ball. What d
-does to the loads, and by how much torques may be off, is taken as given, as the members are.
+of d differs from its value at d = 0 by at most the sum of the lengths of its coefficients in each
+ball. The effect of d on loads and the errors of torques are taken as given, as the members are.
 """
 
 from __future__ import annotations
@@ -23,13 +23,7 @@ from graspless_pin.report.verify.forces import against_mode, residual
 from graspless_pin.report.verify.outcome import Check, Claim, agrees, given, holds, within
 from graspless_pin.report.verify.problem import Forces, Problem
 from graspless_pin.report.verify.reading import read_mode, read_problem
-from graspless_pin.report.verify.values import (
-    MOST,
-    array,
-    entry,
-    items,
-    number,
-)
+from graspless_pin.report.verify.values import MOST, array, entry, items, number
 
 _AS_STATED = {
     "at_corners": "verdicts on the corners",
@@ -37,24 +31,24 @@ _AS_STATED = {
     "served_share": "the share that is served",
     "with_feedback": "what feedback would do",
 }
-"""What nothing in the document proves."""
+"""Keys that nothing in the document proves."""
 _ARRAYS = ("frames", "limit", "v")
 _OF_MEMBER = (
     "external_wrench", "friction", "gravity_torques", "torque_factors", "torque_offsets"
 )  # fmt: skip
 
 Member = dict[str, np.ndarray]
-"""What is so of a member, by key: see `_member`."""
+"""Data of a member, by key: see `_read_member`."""
 
 
 def uncertainty_checks(
     document: dict[str, Any], problem: Problem, run: Callable[[dict[str, Any]], list[Check]]
 ) -> list[Check]:
-    """Return the checks of what stands under ``uncertainty``; none where nothing does.
+    """Return the checks of ``uncertainty``; none where the document has none.
 
     Args:
         document: The document.
-        problem: What it says of contacts and joints.
+        problem: Its problem.
         run: Returns the checks of another document.
 
     Raises:
@@ -66,11 +60,11 @@ def uncertainty_checks(
         return []
     members = stated["members"]
     for one in members:
-        one["words"]  # refuses what is none
+        one["words"]  # raises if it is invalid
     checks = [given("the members", f"{len(members)} of the set, as stated")]
     if not stated["found"]:
-        return [*checks, _of_this(document, stated, members, problem)]
-    each = [_member(one, problem) for one in members]
+        return [*checks, _same_problem_check(document, stated, members, problem)]
+    each = [_read_member(one, problem) for one in members]
     nested, constant = stated["proof"], stated.maybe("feedback") is None
     if not isinstance(nested, dict) or "uncertainty" in nested:
         raise ValueError("proof of uncertainty is no document of a joined problem")
@@ -84,9 +78,9 @@ def uncertainty_checks(
         asked = {key: getattr(joined, key) for key in ("algorithm", "e0", "by_limits", "own")}
         own = replace(problem, **asked)
         checks += policy_checks(stated, own, each, [torques, stacked(joints, "torque")])
-        bounding = [_member(one, problem) for one in stated["bounding"]]
+        bounding = [_read_member(one, problem) for one in stated["bounding"]]
         proven = [
-            _is_joined(joined, problem, bounding, constant=constant),
+            _join_check(joined, problem, bounding, constant=constant),
             Check("stated", None, "the limit ended its search before forces were found")
             if bound is None
             else agrees("stated", stated["bound"], bound, tolerances.SAME * abs(bound)),
@@ -95,25 +89,27 @@ def uncertainty_checks(
         return [*checks, *(replace(one, name=f"bound: {one.name}") for one in proven)]
     size = joined.count // problem.count
     checks += [
-        *_samples(stated, each, problem),
-        _is_joined(joined, problem, each[:size], constant=constant),
-        *_further(members[size:], each[size:], problem, stated, nested, torques, constant=constant),
-        _same_torques(
+        *_sample_checks(stated, each, problem),
+        _join_check(joined, problem, each[:size], constant=constant),
+        *_other_member_checks(
+            members[size:], each[size:], problem, stated, nested, torques, constant=constant
+        ),
+        _same_torques_check(
             [stacked(proof["joints"][: len(joints)], "torque"), torques],
             stacked(joints, "torque"),
             problem,
         ),
-        *_figures(stated, proof),
-        _bound(stated, proof, joined),
+        *_figure_checks(stated, proof),
+        _bound_check(stated, proof, joined),
         *(
             given(words, "as stated")
             for key, words in _AS_STATED.items()
             if stated.get(key) is not None
         ),
-        _covers(stated, nested, joined, problem.count),
+        _coverage_check(stated, nested, joined, problem.count),
     ]
     proven = run(nested)
-    if "stability" not in nested:  # each member has a verdict of its own, which is not there
+    if "stability" not in nested:  # each member has its own verdict, which is not stated
         proven = [
             replace(one, passed=None, detail="verdicts on members are not in the document")
             if one.claim is Claim.GUARANTEE
@@ -123,21 +119,23 @@ def uncertainty_checks(
     return [*checks, *(replace(one, name=f"all members: {one.name}") for one in proven)]
 
 
-def _of_this(document: dict[str, Any], stated: Part, members: list[Part], joined: Problem) -> Check:
-    """Whether a document of the joined problem is that of the members, with the same answer."""
+def _same_problem_check(
+    document: dict[str, Any], stated: Part, members: list[Part], joined: Problem
+) -> Check:
+    """Check that the document's problem is the joined one of the members, with the same answer."""
     wrenches, coefficients = (
         [one for part in members
          for one in items(entry(part.stated, key, part.where), key, 1, MOST)]
         for key in ("external_wrench", "friction")
     )  # fmt: skip
     same = [stated[key] == document[key] for key in ("status", "found")]
-    same += [_close(joined.w[: len(wrenches)], array(wrenches, (len(wrenches),), "wrenches"))]
-    same += [_close(joined.mu, array(coefficients, (len(coefficients),), "friction"))]
+    same += [_agree(joined.w[: len(wrenches)], array(wrenches, (len(wrenches),), "wrenches"))]
+    same += [_agree(joined.mu, array(coefficients, (len(coefficients),), "friction"))]
     return holds("this is the problem of the members", all(same), f"{stated['status']:.60}")
 
 
-def _is_joined(joined: Problem, problem: Problem, each: list[Member], *, constant: bool) -> Check:
-    """Whether a problem is that of members which share their torques."""
+def _join_check(joined: Problem, problem: Problem, each: list[Member], *, constant: bool) -> Check:
+    """Check that the joined problem consists of the members, which share their torques."""
     count, contacts, name = len(each), problem.count, "the joined problem is made of the members"
     if joined.count != count * contacts:
         return holds(name, passed=False, detail=f"{joined.count} contacts")
@@ -150,15 +148,15 @@ def _is_joined(joined: Problem, problem: Problem, each: list[Member], *, constan
         for key in ("external_wrench", "friction", "moved", "carried")
     )
     same = [
-        *(_close(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
+        *(_agree(getattr(joined, key), np.tile(getattr(problem, key).T, count).T)
           for key in _ARRAYS),
-        _close(joined.p, np.tile(problem.p.T, count).T + moved),
-        _close(joined.mu, friction),
-        _close(joined.w[:rows], load),
-        _close(joined.gravity, carried[: driven * joints]),
+        _agree(joined.p, np.tile(problem.p.T, count).T + moved),
+        _agree(joined.mu, friction),
+        _agree(joined.w[:rows], load),
+        _agree(joined.gravity, carried[: driven * joints]),
         # The balance of each member by itself, and its torques.
         _are_blocks(joined.passive[:, :, :rows].reshape(*shape, count, size),
-                    [_elsewhere(problem, one).passive for one in each]),
+                    [_moved_problem(problem, one).passive for one in each]),
         _are_blocks(joined.J.reshape(*shape, driven, joints), [one["map"] for one in each]),
         (joined.upper <= np.tile(problem.upper, driven)).all(),
         (joined.lower >= np.tile(problem.lower, driven)).all(),
@@ -169,24 +167,24 @@ def _is_joined(joined: Problem, problem: Problem, each: list[Member], *, constan
 
 
 def _are_blocks(found: np.ndarray, own: list[np.ndarray]) -> bool:
-    """Whether what is found (K, M, 3, d, n) is each member's own, and nothing between members."""
+    """Return whether an array (K, M, 3, d, n) has each member's own block, and zeros elsewhere."""
     return all(
-        _close(found[k, :, :, d], one if k == d else np.zeros_like(one))
+        _agree(found[k, :, :, d], one if k == d else np.zeros_like(one))
         for k, one in enumerate(own)
         for d in range(found.shape[3])
     )
 
 
-def _loaded(maps: list[np.ndarray]) -> np.ndarray:
+def _loaded_joints(maps: list[np.ndarray]) -> np.ndarray:
     """(L,) whether joints bear contact forces in any of these Jacobians (M, 3, L)."""
     levers = np.max([np.abs(one).max(axis=(0, 1), initial=0.0) for one in maps], axis=0)
     return levers > tolerances.IDLE * levers.max(initial=0.0)
 
 
 def _shares_torques(joined: Problem, each: list[Member], first: int) -> bool:
-    """Whether the further rows say that all members have the torques of the first one."""
+    """Return whether the further rows equate the torques of all members with the first one's."""
     maps = [one["map"] for one in each]
-    loaded = np.flatnonzero(_loaded(maps))
+    loaded = np.flatnonzero(_loaded_joints(maps))
     count, rows = len(maps), len(loaded)
     if joined.passive.shape[2] != first + (count - 1) * rows:
         return False
@@ -197,10 +195,10 @@ def _shares_torques(joined: Problem, each: list[Member], first: int) -> bool:
         wanted[k, :, :, own] = maps[k][:, :, loaded]
     loads = [(one["carried"] - each[0]["carried"])[loaded] for one in each[1:]]
     further = joined.passive[:, :, first:].reshape(wanted.shape)
-    return _close(further, wanted) and _close(joined.w[first:], np.concatenate([*loads, []]))
+    return _agree(further, wanted) and _agree(joined.w[first:], np.concatenate([*loads, []]))
 
 
-def _further(
+def _other_member_checks(
     members: list[Part],
     each: list[Member],
     problem: Problem,
@@ -210,7 +208,7 @@ def _further(
     *,
     constant: bool,
 ) -> list[Check]:
-    """Whether the torques serve the members that the joined problem does not hold.
+    """Check that the torques serve the members outside the joined problem.
 
     Their forces balance within cones, with the stated margin, in the mode of the others, with the
     same torques or, with feedback, none that are larger.
@@ -224,10 +222,10 @@ def _further(
     if not problem.coulomb:
         selected, signs = read_mode(nested, read_problem(nested))
         mode = selected[: problem.count], signs[: problem.count]
-    loaded, worst = _loaded([problem.J]), 0.0
+    loaded, worst = _loaded_joints([problem.J]), 0.0
     for one, member in zip(members, each, strict=True):
         own = replace(
-            _elsewhere(problem, member), w=member["external_wrench"], mu=member["friction"],
+            _moved_problem(problem, member), w=member["external_wrench"], mu=member["friction"],
             J=member["map"], gravity=member["carried"], own=None, algorithm="margin",
             e0=stated["margin"],
         )  # fmt: skip
@@ -243,11 +241,11 @@ def _further(
     return [within(name, worst, tolerances.SHARE, f"(scaled), {detail}")]
 
 
-def _member(stated: Part, problem: Problem) -> Member:
-    """Return what is so of a member; contacts that are not said to be moved stay.
+def _read_member(stated: Part, problem: Problem) -> Member:
+    """Return the data of a member; contacts that are not stated as moved stay.
 
-    Beside what is stated ``map``, the Jacobian of what is commanded, (M, 3, L), and ``carried``,
-    what is commanded without contact forces, (L,).
+    Adds ``map``, the Jacobian of the commanded torques, (M, 3, L), and ``carried``, the commanded
+    torques without contact forces, (L,).
     """
     found = {key: stated[key] for key in _OF_MEMBER}
     factors = found["torque_factors"]
@@ -264,13 +262,13 @@ def _member(stated: Part, problem: Problem) -> Member:
     return found
 
 
-def _elsewhere(problem: Problem, member: Member) -> Problem:
-    """Return a problem with the contacts where they are in a member; its Jacobian stays."""
+def _moved_problem(problem: Problem, member: Member) -> Problem:
+    """Return a problem with the contact positions of a member; its Jacobian stays."""
     return replace(problem, p=problem.p + member["moved"])
 
 
-def _samples(stated: Part, each: list[Member], problem: Problem) -> list[Check]:
-    """Whether contacts are moved as is stated; those that were tried later are not stated."""
+def _sample_checks(stated: Part, each: list[Member], problem: Problem) -> list[Check]:
+    """Check that contacts move as stated; members that were tried later are not stated."""
     samples = stated.get("samples")
     if samples is None:
         return []
@@ -290,14 +288,14 @@ def _samples(stated: Part, each: list[Member], problem: Problem) -> list[Check]:
     ]
 
 
-def _same_torques(others: list[np.ndarray], own: np.ndarray, problem: Problem) -> Check:
-    """Whether the document's torques, those stated of the set and those proven are the same."""
+def _same_torques_check(others: list[np.ndarray], own: np.ndarray, problem: Problem) -> Check:
+    """Check that the document's torques, the stated robust ones and the proven ones agree."""
     off = float((np.abs(others - own) / problem.joint_scale).max(initial=0.0))
     return within("the torques are those for all members", off, tolerances.SHARE, "(scaled)")
 
 
-def _figures(stated: Part, proof: Part) -> list[Check]:
-    """Whether the figures that are stated are those of the joined problem."""
+def _figure_checks(stated: Part, proof: Part) -> list[Check]:
+    """Check that the stated figures are those of the joined problem."""
     same = [stated[key] == proof[key] for key in ("status", "found", "max_torque_unit")]
     checks = [holds("status and unit for all members", all(same), f"{stated['status']:.60}")]
     for key in ("margin", "max_torque"):
@@ -306,8 +304,8 @@ def _figures(stated: Part, proof: Part) -> list[Check]:
     return checks
 
 
-def _bound(stated: Part, proof: Part, joined: Problem) -> Check:
-    """Compare what no torques are better than with what the joined problem proves."""
+def _bound_check(stated: Part, proof: Part, joined: Problem) -> Check:
+    """Check the stated bound on all torques against the one of the joined problem."""
     name = "what no torques for all members are better than"
     bound = stated.maybe("bound")
     own, gap = (proof["certificate"].maybe(key) for key in ("bound", "gap"))
@@ -321,8 +319,8 @@ def _bound(stated: Part, proof: Part, joined: Problem) -> Check:
     return same if same.passed else given(name, "of another program, which is not stated")
 
 
-def _covers(stated: Part, nested: dict[str, Any], joined: Problem, contacts: int) -> Check:
-    """Whether the loads between corners are served: in one mode, or under plain Coulomb."""
+def _coverage_check(stated: Part, nested: dict[str, Any], joined: Problem, contacts: int) -> Check:
+    """Check that the loads between corners are served: in one mode, or under plain Coulomb."""
     coverage = stated["coverage"]
     if coverage == "sampled":  # with contacts at their nominal positions, more is claimed
         coverage = stated["samples"]["where_meant"]
@@ -334,28 +332,28 @@ def _covers(stated: Part, nested: dict[str, Any], joined: Problem, contacts: int
     return holds("coverage: all members in one mode", common, coverage)
 
 
-def _close(one: np.ndarray, other: np.ndarray) -> bool:
+def _agree(one: np.ndarray, other: np.ndarray) -> bool:
     size = float(np.abs(other).max(initial=0.0))
     return one.shape == other.shape and bool((np.abs(one - other) <= tolerances.SAME * size).all())
 
 
 class AffineForces:
-    """What a document says of affine forces, and what they prove.
+    """The affine forces that a document states, and what they prove.
 
     Attributes:
         commands: (K, L) N m (N) at d = 0.
         largest: (L,) the largest |command| in any member.
-        margin: That all forces keep, N.
-        value: Of the objective, in its unit.
+        margin: Smallest margin of all forces, N.
+        value: Value of the objective, in its unit.
     """
 
     def __init__(self, stated: Part, problem: Problem, members: list[Member]) -> None:
         """Read the arrays.
 
         Args:
-            stated: What stands under ``policy``.
+            stated: The part ``policy``.
             problem: Contacts and joints.
-            members: What is so of each.
+            members: Data of each member.
 
         Raises:
             ValueError: If a key is missing, or a value of a wrong type or size.
@@ -378,32 +376,32 @@ class AffineForces:
         self.added = np.einsum("klij,klid->kjd", maps, self.slopes) - self.errors
         # Constant torques are those of the first member.
         driven = slice(None) if self.directions is not None else slice(1)
-        self.room = self.most(self.added[driven]) if self.directions is not None else 0.0
+        self.room = self.largest_value(self.added[driven]) if self.directions is not None else 0.0
         self.driven = self.commands[driven]
         self.largest = (np.abs(self.driven) + self.room).max(axis=0)
-        self.margin = min(map(self._margin, range(len(members))))
+        self.margin = min(map(self._member_margin, range(len(members))))
 
-    def most(self, parts: np.ndarray) -> np.ndarray:
-        """Return (...,) the most that (..., D) coefficients add for any d."""
+    def largest_value(self, parts: np.ndarray) -> np.ndarray:
+        """(...,) largest value that (..., D) coefficients add for any d."""
         return np.sum(
             [np.linalg.norm(parts[..., self.balls == one], axis=-1) for one in set(self.balls)],
             axis=0,
         )
 
-    def _margin(self, k: int) -> float:
+    def _member_margin(self, k: int) -> float:
         own = replace(self.problem, mu=self.members[k]["friction"])
         local = np.einsum("lij,lj->li", own.frames, self.forces[k])
         slopes = np.einsum("lij,ljd->lid", own.frames, self.slopes[k])
-        deviation, normal = self.most(slopes[:, 0]), local[:, 0]
+        deviation, normal = self.largest_value(slopes[:, 0]), local[:, 0]
         least = [float((normal - deviation).min()), float((own.limit - normal - deviation).min())]
         for c in np.flatnonzero(own.cone).tolist():
             rows = own.faces(c)
-            least.append(-float((rows @ local[c] + self.most(rows @ slopes[c])).max()))
+            least.append(-float((rows @ local[c] + self.largest_value(rows @ slopes[c])).max()))
         return min(least)
 
     @property
     def value(self) -> float:
-        """Of the objective, in its unit."""
+        """Value of the objective, in its unit."""
         if self.problem.is_margin:
             return self.margin
         if not self.problem.by_limits:
@@ -411,13 +409,13 @@ class AffineForces:
         return self.problem.largest_share(self.room + self.driven, self.room - self.driven)
 
     def checks(self) -> list[Check]:
-        """Return whether forces balance, friction can be so, and torques are those of all."""
+        """Return the checks of balance, friction, shared torques, errors and limits."""
         problem, scale = self.problem, self.problem.joint_scale
         passive = problem.passive.reshape(-1, len(problem.w)).T
         flat = self.slopes.reshape(*self.forces.shape[:1], -1, len(self.balls))
         wrenches = np.array([one["external_wrench"] for one in self.members])
         residual = np.abs(self.forces.reshape(len(flat), -1) @ passive.T + wrenches)
-        residual += self.most(passive @ flat + self.loads)
+        residual += self.largest_value(passive @ flat + self.loads)
         worst = max(map(self._excess_without_cone, range(len(flat))))
         named, counts = np.unique(self.joints[self.joints >= 0], return_counts=True)
         alone = np.bincount(self.balls)[self.balls[self.joints >= 0]]
@@ -434,49 +432,46 @@ class AffineForces:
                    "of the load"),
             within("forces without a cone", worst / problem.force, tolerances.SHARE, "of the load"),
             within("margin lacks", problem.e0 - self.margin, tolerances.force(problem), "N"),
-            self._same_commands(),
+            self._same_commands_check(),
             holds("errors are those of joints", proper, f"{len(named)} joints"),
             within("errors lack", float((deficit / scale).max(initial=0.0)), tolerances.SHARE, ""),
             holds("torque limits", not (beyond > 0.0).any(), f"{beyond.max(initial=0.0):.2e}"),
         ]  # fmt: skip
 
     def _excess_without_cone(self, k: int) -> float:
-        """Return how far forces are from what contacts without a cone can bear, N."""
+        """Return the largest distance of forces without a cone from their direction, N."""
         own = replace(self.problem, mu=self.members[k]["friction"])
         along, off = own.directions, ~own.cone
         normals = own.frames[:, 0]
         apart = self.forces[k] - along * (normals * self.forces[k]).sum(axis=1)[:, None]
         turned = np.einsum("lj,ljd->ld", normals, self.slopes[k])
         slopes = self.slopes[k] - along[:, :, None] * turned[:, None]
-        return float((np.abs(apart) + self.most(slopes))[off].max(initial=0.0))
+        return float((np.abs(apart) + self.largest_value(slopes))[off].max(initial=0.0))
 
-    def _same_commands(self) -> Check:
-        """Whether all members have the same commands, but for what feedback adds."""
-        loaded, note = _loaded([self.problem.J]), ""
+    def _same_commands_check(self) -> Check:
+        """Check that all members have the same commands, but for what feedback adds."""
+        loaded, note = _loaded_joints([self.problem.J]), ""
         shared = np.eye(len(loaded))[loaded]
         if self.directions is not None:
             columns, sizes, _ = np.linalg.svd(self.directions)
             shared = columns[:, int((sizes > tolerances.SAME * sizes.max(initial=0.0)).sum()) :].T
             note = "; what feedback adds is given"
         off = np.abs((self.commands - self.commands[0]) @ shared.T)
-        off = (off + self.most(shared @ self.added)) @ np.abs(shared)
+        off = (off + self.largest_value(shared @ self.added)) @ np.abs(shared)
         most = float((off / self.problem.joint_scale).max(initial=0.0))
         check = within("all members have the same commands", most, tolerances.SHARE, "")
         return replace(check, detail=check.detail + note)
 
 
 def policy_checks(
-    stated: Part,
-    problem: Problem,
-    members: list[Member],
-    torques: list[np.ndarray],
+    stated: Part, problem: Problem, members: list[Member], torques: list[np.ndarray]
 ) -> list[Check]:
-    """Return the checks of forces that are affine in what is unknown.
+    """Return the checks of forces that are affine in the unknowns.
 
     Args:
-        stated: What stands under ``uncertainty``.
-        problem: Contacts and joints, and what is asked of all members.
-        members: What is so of each corner.
+        stated: The part ``uncertainty``.
+        problem: Contacts and joints, with the options for all members.
+        members: Data of each corner.
         torques: (L,) each, of the set and of the document, N m (N).
 
     Raises:
@@ -485,7 +480,7 @@ def policy_checks(
     affine = AffineForces(stated["policy"], problem, members)
     checks = affine.checks()
     checks += [
-        _same_torques(torques, affine.commands[0], problem),
+        _same_torques_check(torques, affine.commands[0], problem),
         agrees("margin", stated["margin"], affine.margin, tolerances.force(problem), "N"),
         agrees("max_torque", stated["max_torque"], float(affine.largest.max(initial=0.0)),
                float(tolerances.SHARE * problem.joint_scale.max(initial=0.0))),
