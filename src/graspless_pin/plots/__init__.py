@@ -1,7 +1,7 @@
 """Plots of solutions and analyses with matplotlib: each function returns the `Axes` it drew on.
 
-Needs the extra ``plots``. Without ``ax`` a new pyplot figure is made; with it nothing but those
-axes is touched, so that plots can be combined and styled by the caller.
+Needs the extra ``plots``. Without ``ax`` a new pyplot figure is made; with it only those axes are
+touched, so that the caller can combine and style plots.
 """
 
 from graspless_pin.plots.curves import (

@@ -1,4 +1,4 @@
-"""What all plots share: axes to draw on, and the texts and numbers on them."""
+"""What all plots share: axes, and the texts and numbers on them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def axes_for(ax: Axes | None, *, size: tuple[float, float] = (6.4, 4.0), **optio
     Args:
         ax: The caller's axes; None: new ones.
         size: Width and height of a new figure, inches.
-        options: Of the new axes, such as ``projection``.
+        options: Keywords of the new axes, such as ``projection``.
 
     Raises:
         GrasplessPinError: If matplotlib is not installed.
@@ -43,10 +43,10 @@ def axes_for(ax: Axes | None, *, size: tuple[float, float] = (6.4, 4.0), **optio
 
 
 def plain_text(name: str) -> str:
-    """Return a name from a file as matplotlib draws its letters, on one line.
+    """Return a name from a file as a text that matplotlib draws literally, on one line.
 
-    Between dollar signs matplotlib reads mathematics, and fails at what is none. Long names are cut
-    in their middle, and what cannot be printed is written as its code.
+    Between dollar signs matplotlib reads mathematics, and fails on other text. Long names are cut
+    in their middle, and unprintable characters are written as their codes.
     """
     letters = printable(" ".join(name.split()))
     if len(letters) > _LONGEST_NAME:
@@ -56,20 +56,20 @@ def plain_text(name: str) -> str:
 
 
 def legend_text(text: str) -> str:
-    """Return a text for a legend, which would leave out one that begins with ``_``."""
+    """Return a text for a legend, which leaves out one that begins with ``_``."""
     return f" {text}" if text.startswith("_") else text
 
 
 @contextmanager
 def fonts_without_remarks() -> Iterator[None]:
-    """Have matplotlib not warn of letters that its fonts lack: names may have any."""
+    """Suppress matplotlib's warnings of letters that its fonts lack: names may have any."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=r"Glyph \d+ .*missing from")
         yield
 
 
 def plain_axis(axis: Any) -> None:
-    """Let an axis state its figures as they are: no common offset, and no power of ten for it."""
+    """Let an axis show its figures without a common offset, and without a power of ten."""
     from matplotlib.ticker import ScalarFormatter
 
     formatter = ScalarFormatter(useOffset=False)
@@ -77,10 +77,10 @@ def plain_axis(axis: Any) -> None:
     axis.set_major_formatter(formatter)
 
 
-def from_zero(axes: Axes, values: ArrayLike) -> None:
-    """Let the upward axis begin at zero, or below it with values, and end above the largest.
+def start_at_zero(axes: Axes, values: ArrayLike) -> None:
+    """Let the upward axis begin at zero, or below negative values, and end above the largest.
 
-    A constant is a level line then, and not its rounding.
+    So a constant is a level line, and not its rounding.
     """
     finite = np.asarray(values, dtype=float)
     finite = finite[np.isfinite(finite)]
@@ -103,8 +103,8 @@ def polar_region(
         ax: The caller's axes; None: new ones.
         size: Width and height of a new figure, inches.
         angles: (K,) ascending, rad.
-        radii: (K,) how far the outline is there.
-        names: Of the directions at 0, 90, 180 and 270 degrees.
+        radii: (K,) radius of the outline there.
+        names: Names of the directions at 0, 90, 180 and 270 degrees.
     """
     axes = cast("PolarAxes", axes_for(ax, size=size, projection="polar"))
     blue = LIGHT.roles[Role.NORMAL_FORCE]
@@ -115,7 +115,7 @@ def polar_region(
 
 
 def crosses_below(axes: Axes, places: FloatArray, label: str) -> None:
-    """Mark where there is nothing to draw, at the lower end of the axes."""
+    """Mark places without a value, at the lower end of the axes."""
     axes.plot(
         places, np.full(len(places), _CROSS_HEIGHT), "x", color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
         transform=axes.get_xaxis_transform(), label=label,
@@ -123,7 +123,7 @@ def crosses_below(axes: Axes, places: FloatArray, label: str) -> None:
 
 
 def legend_above(axes: Axes) -> None:
-    """Add a legend above the axes, where it hides nothing."""
+    """Add a legend above the axes, where it covers nothing."""
     axes.legend(
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize="small", frameon=False
     )

@@ -14,12 +14,12 @@ from graspless_pin.planning import PathProfile, PathTiming, SqueezeWindow, Timin
 from graspless_pin.plots.canvas import (
     axes_for,
     crosses_below,
-    from_zero,
     legend_above,
     legend_text,
     plain_axis,
     plain_text,
     polar_region,
+    start_at_zero,
 )
 from graspless_pin.problem.checks import FloatArray, units_text
 from graspless_pin.visualization import LIGHT, Role
@@ -40,7 +40,7 @@ def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
     Args:
         first: Component at angle 0: ``fx``, ``fy``, ``fz``, ``mx``, ``my`` or ``mz``.
         second: Component at a right angle.
-        count: How many directions, evenly spaced, beginning along the first.
+        count: Number of directions, evenly spaced, beginning along the first.
 
     Raises:
         ArgumentError: If a component is not known, both are the same or there are fewer than 3.
@@ -53,7 +53,7 @@ def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
                [-1.,  0.,  0.,  0.,  0.,  0.],
                [-0.,  0., -1.,  0.,  0.,  0.]])
     """
-    plane = _plane(first, second)
+    plane = _plane_indices(first, second)
     if count < _LEAST_COUNT:
         raise ArgumentError("count", f"is {count}; a polar plot needs at least {_LEAST_COUNT}")
     angles = 2.0 * np.pi * np.arange(count) / count
@@ -68,7 +68,8 @@ def disturbance_polar(
     """Draw the largest balanced disturbance by direction in a plane of wrench space.
 
     Args:
-        margin: Its directions in that plane are drawn; `plane_directions` makes them.
+        margin: A disturbance margin; its directions in that plane are drawn, see
+            `plane_directions`.
         first: Component at angle 0: ``fx``, ``fy``, ``fz``, ``mx``, ``my`` or ``mz``.
         second: Component at a right angle.
         ax: Polar axes to draw on; None: a new figure.
@@ -88,7 +89,7 @@ def disturbance_polar(
         >>> disturbance_polar(around).name
         'polar'
     """
-    plane = _plane(first, second)
+    plane = _plane_indices(first, second)
     if not margin.found:
         raise NoSolutionError(f"There is no disturbance margin ({margin.status.message}).")
     others = np.delete(margin.directions, plane, axis=1)
@@ -122,7 +123,7 @@ def disturbance_polar(
 
 
 def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes:
-    """Draw the least torque against the margin asked for.
+    """Draw the least torque against the required margin.
 
     Args:
         curve: Of `margin_torque_curve`.
@@ -153,14 +154,14 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
     axes.plot(curve.margins.T, curve.torques.T, "o-", color=blue, markersize=4, linewidth=1.8)
     least = f"least possible largest |torque|\n[{curve.torque_unit}]"
     axes.set(xlabel="required margin $e_0$ [N]", ylabel=least)
-    from_zero(axes, curve.torques)
+    start_at_zero(axes, curve.torques)
     plain_axis(axes.xaxis)
     axes.grid(alpha=0.25)
     return axes
 
 
 def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = "margin") -> Axes:
-    """Draw the margin, growth of small motions or normal forces over how hard a hand squeezes.
+    """Draw the margin, growth of small motions or normal forces against the squeeze of a hand.
 
     Args:
         window: Of `squeeze_window`.
@@ -169,7 +170,7 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
 
     Returns:
         The axes: multiples of the window's direction to the right; up N or 1/s. The window is
-        shaded, its ends say what fails there. Full dots are samples that hold, hollow ones others.
+        shaded, its ends name what fails there. Full dots are samples that hold, hollow ones others.
 
     Raises:
         ArgumentError: If the value is not known.
@@ -208,7 +209,7 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
         ylabel=label,
         xlim=(first - padding, last + padding),
     )
-    from_zero(axes, values)
+    start_at_zero(axes, values)
     if window.lower is not None and window.upper is not None:
         axes.axvspan(window.lower.amount, window.upper.amount, color=blue, alpha=0.1, linewidth=0.0)
         ends = zip((window.lower, window.upper), ("right", "left"), strict=True)
@@ -225,7 +226,7 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
     return axes
 
 
-def _plane(first: str, second: str) -> list[int]:
+def _plane_indices(first: str, second: str) -> list[int]:
     for argument, name in (("first", first), ("second", second)):
         if name not in COMPONENTS:
             raise ArgumentError(argument, f"is {name!r}; it must be one of {', '.join(COMPONENTS)}")
@@ -235,7 +236,7 @@ def _plane(first: str, second: str) -> list[int]:
 
 
 _PADDING_BESIDE = 0.24
-"""Of the width: what the ends are called stands there."""
+"""Of the width: room for the names of the ends."""
 
 
 def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:
@@ -262,21 +263,22 @@ def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:
     blue = LIGHT.roles[Role.NORMAL_FORCE]
     axes.plot(profile.times, margins, "o-", color=blue, markersize=4, label="margin")
     axes.set_ylabel("margin e [N]")
-    from_zero(axes, margins)
+    start_at_zero(axes, margins)
     _mark_path(axes, profile)
     axes.legend(fontsize="small")
     return axes
 
 
 def timing_plot(timing: PathTiming, ax: Axes | None = None) -> Axes:
-    """Draw the speed along a path and the margin against time, and what limits the speed.
+    """Draw the speed along a path and the margin against time, and the limits of the speed.
 
     Args:
         timing: Of `fastest_timing`.
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: s to the right, rad/s up, with N on a second axis. Marks tell the limits.
+        The axes: s to the right, rad/s up, with N on a second axis. Marks show what limits the
+        speed.
 
     Raises:
         NoSolutionError: If there is no timing.
@@ -311,13 +313,13 @@ def timing_plot(timing: PathTiming, ax: Axes | None = None) -> Axes:
             label = "no limit here" if limit is TimingLimit.NOTHING else f"limited by {limit}"
             axes.plot(*at, mark, color=LIGHT.roles[role], markersize=4, label=label)
     axes.set(xlabel="time [s]", ylabel="speed along the path [rad/s]")
-    from_zero(axes, timing.speeds)
+    start_at_zero(axes, timing.speeds)
     margins = axes.twinx()
     margins.plot(
         timing.times, timing.margins, "--", color=LIGHT.roles[Role.VIRTUAL_SLIDING], label="margin"
     )
     margins.set_ylabel("margin e [N]")
-    from_zero(margins, timing.margins)
+    start_at_zero(margins, timing.margins)
     lines = [*axes.get_lines()[1:], *margins.get_lines()]
     axes.legend(handles=lines, fontsize="small", loc="lower center")
     return axes
@@ -365,13 +367,13 @@ def path_torques(profile: PathProfile, ax: Axes | None = None) -> Axes:
 
 
 def _mark_path(axes: Axes, profile: PathProfile) -> None:
-    """Time, changes of contacts and waypoints without torques."""
+    """Label time, and mark changes of contacts and waypoints without torques."""
     for number, change in enumerate(profile.contact_changes):
         axes.axvline(
             profile.times[change.waypoint], color=LIGHT.text, linestyle="--", linewidth=0.8,
             label="_" * (number > 0) + "contacts change",
         )  # fmt: skip
-    lost = profile.times[list(profile.failures)]
-    crosses_below(axes, lost, "no torques" if len(lost) else "_no torques")
+    failed_at = profile.times[list(profile.failures)]
+    crosses_below(axes, failed_at, "no torques" if len(failed_at) else "_no torques")
     axes.set_xlabel("time [s]")
     axes.grid(alpha=0.25)

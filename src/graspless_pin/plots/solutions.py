@@ -1,7 +1,7 @@
-"""What there is to see of one solution: torques, forces, friction, and what may be off.
+"""Plots of one solution: torques, forces, friction and tolerances.
 
-Joint torques within their limits, and normal forces that given torques can end up with, as bars;
-friction in the cut of its cone; how far something may be off, by its direction across gravity.
+Joint torques within their limits, and ranges of normal forces, as bars; friction in the
+cross-section of its cone; tolerances by their direction across gravity.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def normal_force_ranges(
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes, N: one bar a contact, the first on top. An unbounded one leaves the axes and ends
-        in an arrow. The label tells where ranges are reached and not all proven.
+        The axes, N: one bar for each contact, the first on top. An unbounded one leaves the axes
+        and ends in an arrow. The label says where ranges are reached and not all proven.
 
     Raises:
         NoSolutionError: If the torques cannot be held.
@@ -91,7 +91,7 @@ def normal_force_ranges(
     unproven = "" if bounds.proven[:, 0].all() else ", as far as reached"
     axes.set(
         xlabel=f"normal force $f_n$ [N]{unproven}",
-        # From zero, and so that a bar or mark at the right end is seen whole.
+        # From zero, with room for a bar or mark at the right end.
         xlim=(-_PADDING_AT_ENDS * edge, (1.0 + _PADDING_AT_ENDS) * edge),
         ylim=(len(rows) - 0.4, -0.6),
         axisbelow=True,
@@ -117,8 +117,8 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: one horizontal bar a joint, the first on top; N m (N for prismatic and hybrid
-        joints).
+        The axes: one horizontal bar for each joint, the first on top; N m (N for prismatic and
+        hybrid joints).
 
     Raises:
         NoSolutionError: If the solution was not found.
@@ -162,10 +162,10 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
 
 
 DIRECTED = (Quantity.CENTER, Quantity.PUSH, Quantity.MOMENT)
-"""What may be off in one direction or another."""
+"""Quantities whose tolerance depends on a direction."""
 _OFF_LEVEL = 1e-6  # of a unit vector
 _WIDEST_CIRCLE = 12.0
-"""Of the least: what goes farther leaves the circle, or the least could not be seen."""
+"""Of the least tolerance: larger ones leave the circle, so that the least can be seen."""
 
 
 def tolerance_plot(
@@ -173,10 +173,10 @@ def tolerance_plot(
     quantity: Quantity | str = Quantity.CENTER,
     ax: PolarAxes | None = None,
 ) -> Axes:
-    """Draw how far the centre of mass may be off, or what push or moment is borne, by direction.
+    """Draw the tolerance of the centre of mass, of a push or of a moment, by direction.
 
-    Across gravity: directions are level ones. What is inside the line is borne; of pushes and
-    moments more may be, as it is the hull of those that were looked at. The circle ends at twelve
+    Across gravity: directions are level ones. Inside the line all is borne; of pushes and moments
+    more may be, as it is the hull of the directions that were examined. The circle ends at twelve
     times the least.
 
     Args:
@@ -185,11 +185,11 @@ def tolerance_plot(
         ax: Polar axes to draw on; None: a new figure.
 
     Returns:
-        Polar axes, radius in cm, N or N m. A dot is where the least fails; the legend says what it
-        is, along which direction where that is not level, and at which contacts it fails.
+        Polar axes, radius in cm, N or N m. A dot marks the least failure; the legend states it,
+        with its direction where that is not level, and the contacts at which it fails.
 
     Raises:
-        ArgumentError: If the tolerances do not tell of the quantity, or it has no directions.
+        ArgumentError: If the tolerances do not include the quantity, or it has no directions.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -213,13 +213,13 @@ def tolerance_plot(
     up = np.cross(level[0], level[1])
     angles, sizes = level_boundary(one, level)
     radii = scale * sizes
-    names = [_name(direction) for direction in (*level, *-level)]
+    names = [_direction_name(direction) for direction in (*level, *-level)]
     axes = polar_region(ax, (4.6, 4.9), angles, radii, names)
     direction = np.zeros(3) if one.direction is None else one.direction
     words = f"least: {scale * one.borne:.3g} {unit}"
     at, mark = ([np.arctan2(*(level @ direction)[::-1])], [scale * one.failing]), "o"
     if abs(direction @ up) > _OFF_LEVEL:
-        words += f" along {_components(direction)}"
+        words += f" along {_components_text(direction)}"
         at, mark = ([], []), "None"
     if one.contacts:
         many = "s" * (len(one.contacts) > 1)
@@ -238,15 +238,15 @@ def tolerance_plot(
     return axes
 
 
-def _name(direction: FloatArray) -> str:
+def _direction_name(direction: FloatArray) -> str:
     """Return the name of a unit vector: a world axis, or its components."""
     axis = int(np.abs(direction).argmax())
     if abs(direction[axis]) > 1.0 - _OFF_LEVEL:
         return f"{'+' if direction[axis] > 0.0 else '−'}{'xyz'[axis]}"
-    return _components(direction)
+    return _components_text(direction)
 
 
-def _components(direction: FloatArray) -> str:
+def _components_text(direction: FloatArray) -> str:
     return f"[{', '.join(f'{x:+.2f}' for x in direction.tolist())}]".replace("-", "−")
 
 
@@ -260,10 +260,10 @@ _NOTHING = np.zeros((0, 2))
 def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = None) -> Axes:
     """Draw the friction of one contact inside the cross-section of its cone.
 
-    The cut is at the contact's normal force: dashed mu f_n of Coulomb's law, filled the polygon
-    of the program's cone, dotted what is left of it where every face keeps the solution's margin.
-    The friction is a dot; arrows show the directions of virtual or actual sliding of the object,
-    which friction opposes.
+    The section is at the contact's normal force: dashed mu f_n of Coulomb's law, filled the polygon
+    of the program's cone, dotted the part of it where every face keeps the solution's margin. The
+    friction is a dot; arrows show the directions of virtual or actual sliding of the object, which
+    friction opposes.
 
     Args:
         solution: A solution that was found.
@@ -324,14 +324,14 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
 
 
 def section_corners(solution: TorqueSolution, contact: int, margin: float = 0.0) -> FloatArray:
-    """(r, 2) corners f_t1, f_t2 (N) of the cone's cut at the contact's normal force.
+    """(r, 2) corners f_t1, f_t2 (N) of the cone's section at the contact's normal force.
 
-    A round cone has as many as a circle needs to look like one.
+    A round cone is drawn as a polygon with many corners.
 
     Args:
         solution: A solution that was found.
         contact: Index of a contact that has a cone.
-        margin: Distance that every side face keeps, N; no corners where it leaves nothing.
+        margin: Distance to every side face, N; no corners where nothing is left.
     """
     problem, model = solution.problem, solution.problem.cone_model
     normal = float(problem.normals[contact] @ solution.contact_forces[contact])
@@ -346,12 +346,12 @@ def section_corners(solution: TorqueSolution, contact: int, margin: float = 0.0)
         # A face at distance e: slope f_n - (outward tangential force) = e sqrt(1 + slope^2).
         most = slopes * normal - margin * np.sqrt(1.0 + slopes**2)
         for direction, distance in zip(section.directions.T, most, strict=True):
-            corners = _cut(corners, direction, distance)
+            corners = _clipped_polygon(corners, direction, distance)
     return corners
 
 
-def _cut(corners: FloatArray, direction: FloatArray, most: float) -> FloatArray:
-    """Return the corners of the part of a convex polygon that is no farther along a direction."""
+def _clipped_polygon(corners: FloatArray, direction: FloatArray, most: float) -> FloatArray:
+    """Return the corners of a convex polygon, clipped at a distance along a direction."""
     kept = []
     for first, second in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         before, after = direction @ first - most, direction @ second - most

@@ -1,6 +1,6 @@
-"""The margin, or another result, over one or two of the things that a study varied.
+"""Plots of a study's table: the margin, or another result, over one or two varied parameters.
 
-And where its outcome changes.
+And the boundaries between its outcomes.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.plots.canvas import (
     axes_for,
     crosses_below,
-    from_zero,
     legend_text,
     plain_axis,
     plain_text,
+    start_at_zero,
 )
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.units import UNITS
@@ -50,22 +50,22 @@ _UNITS = {"_s": "s"} | {
     for name, unit in UNITS.items()
     if unit.suffix
 }
-"""What stands on an axis, by the ending of a column."""
+"""Unit on an axis, by the ending of a column's name."""
 
 
 def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "margin_N") -> Axes:
-    """Draw a result against one parameter: found ones as a line, the others as marks below.
+    """Draw a result against one parameter: a line of found ones, marks below for the others.
 
     Args:
         table: A study's table: a pandas data frame, or any mapping of columns.
         x: Column of the parameter.
         ax: Axes to draw on; None: a new figure.
-        value: Column of the result; not a number where nothing was found.
+        value: Column of the result; NaN where nothing was found.
 
     Returns:
-        The axes. Of several results at one parameter the line joins the means, and a band goes
-        from the least to the largest. Nothing is joined where samples are scattered: where other
-        parameters of a study vary, too, and few samples share their place.
+        The axes. Of several results at one parameter the line joins the means, and a band spans
+        from the least to the largest. Points are not joined where samples are scattered: where
+        other parameters of a study vary, too, and few samples share a value.
 
     Raises:
         ArgumentError: If a column is missing or not of numbers.
@@ -77,11 +77,11 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
         >>> len(margin_plot(table, "mass_kg").lines)
         1
     """
-    at, results = number_column(table, "x", x), number_column(table, "value", value)
+    parameters, results = number_column(table, "x", x), number_column(table, "value", value)
     axes = axes_for(ax)
     blue = LIGHT.roles[Role.NORMAL_FORCE]
-    places = np.unique(at)
-    groups = [results[(at == place) & np.isfinite(results)] for place in places]
+    places = np.unique(parameters)
+    groups = [results[(parameters == place) & np.isfinite(results)] for place in places]
     # A place where nothing was found breaks the line.
     means = np.array([group.mean() if len(group) else np.nan for group in groups])
     if max((len(group) for group in groups), default=0) > 1:
@@ -90,17 +90,17 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
         axes.fill_between(
             places, low, high, color=blue, alpha=0.2, linewidth=0.0, label="least to largest"
         )
-    several = "mean" if axes.collections else legend_text(quantity(value).partition(" [")[0])
+    label = "mean" if axes.collections else legend_text(quantity(value).partition(" [")[0])
     style = "o" if _is_scattered(table, x, len(places)) else "o-"
-    axes.plot(places, means, style, color=blue, markersize=4, label=several)
-    lost = np.unique(at[~np.isfinite(results)])
-    if len(lost):
-        crosses_below(axes, lost, "nothing found")
-    if len(lost) or axes.collections:
+    axes.plot(places, means, style, color=blue, markersize=4, label=label)
+    failed_at = np.unique(parameters[~np.isfinite(results)])
+    if len(failed_at):
+        crosses_below(axes, failed_at, "nothing found")
+    if len(failed_at) or axes.collections:
         axes.legend(fontsize="small")
     axes.set(xlabel=quantity(x), ylabel=quantity(value))
-    from_zero(axes, results)
-    _scale(axes.xaxis, table, x)
+    start_at_zero(axes, results)
+    _set_scale(axes.xaxis, table, x)
     axes.grid(alpha=0.25)
     return axes
 
@@ -113,9 +113,9 @@ def margin_heat_map(
     Args:
         table: A study's table: a pandas data frame, or any mapping of columns.
         x: Column of the parameter to the right.
-        y: Column of the parameter that goes up.
+        y: Column of the parameter upward.
         ax: Axes to draw on; None: a new figure.
-        value: Column of the result; not a number where nothing was found.
+        value: Column of the result; NaN where nothing was found.
 
     Returns:
         The axes. Cells without any result are hatched; several in one cell are averaged, as the
@@ -157,20 +157,20 @@ def margin_heat_map(
     bar.set_label(label)
     plain_axis(bar.ax.yaxis)
     axes.set(xlabel=quantity(x), ylabel=quantity(y))
-    _scale(axes.xaxis, table, x)
-    _scale(axes.yaxis, table, y)
+    _set_scale(axes.xaxis, table, x)
+    _set_scale(axes.yaxis, table, y)
     return axes
 
 
 _CONSTANT = 1e-6
 """Of the largest value: where all differ by less, colours would show rounding."""
 _FEW_TO_A_SAMPLE = 4
-"""Cells of a map for each sample: where there are more, samples are scattered."""
+"""Cells of a map for each sample above which samples count as scattered."""
 
 
-def _scale(axis: Any, table: Any, column: str) -> None:
-    """Give an axis a logarithmic scale where a study varied its column so; else plain figures."""
-    from graspless_pin.studies.results import KEY  # who plots solutions alone needs no studies
+def _set_scale(axis: Any, table: Any, column: str) -> None:
+    """Give an axis a logarithmic scale where a study varied its column so; else a plain one."""
+    from graspless_pin.studies.results import KEY  # not needed for plots of solutions
 
     study = getattr(table, "attrs", {}).get(KEY, {}).get("entry", {})
     for key, values in study.get("vary", {}).items():
@@ -182,7 +182,7 @@ def _scale(axis: Any, table: Any, column: str) -> None:
 
 
 def _is_scattered(table: Any, x: str, places: int) -> bool:
-    """Whether other parameters of a study vary, and hardly two samples share their x."""
+    """Return whether other parameters of a study vary, and hardly two samples share their x."""
     names = [str(one) for one in table]
     if "status" not in names or 2 * places <= len(table[x]):
         return False
@@ -202,12 +202,12 @@ def heat_cells(x: FloatArray, y: FloatArray, values: FloatArray) -> np.ma.Masked
 
 
 def number_column(table: Any, argument: str, name: str) -> FloatArray:
-    """(rows,) a column of numbers of a study's table, not a number where there is none.
+    """(rows,) a column of numbers of a study's table, NaN where there is none.
 
     Args:
         table: The table.
-        argument: The argument that names the column.
-        name: Its name.
+        argument: The argument that names the column, for messages.
+        name: The column's name.
 
     Raises:
         ArgumentError: If it is missing or not of numbers.
@@ -218,7 +218,7 @@ def number_column(table: Any, argument: str, name: str) -> FloatArray:
         known = ", ".join(str(key) for key in table)
         raise ArgumentError(argument, f"is {name!r}; the table has the columns {known}") from None
     try:
-        # A pandas column of integers may have gaps of its own kind.
+        # A pandas column of integers may have missing values of its own kind.
         if hasattr(column, "to_numpy"):
             return column.to_numpy(dtype=float, na_value=np.nan)
         return np.asarray(column, dtype=float)
@@ -229,11 +229,11 @@ def number_column(table: Any, argument: str, name: str) -> FloatArray:
 
 
 def quantity(column: str) -> str:
-    """Return what a column of a study's table holds, in words with its unit.
+    """Return the quantity in a column of a study's table, in words with its unit.
 
     Args:
         column: Its name: of a result, of a key such as ``object.mass``, or one that ends in its
-            unit, such as ``slope_deg``. Any other stays as `plain_text` has it.
+            unit, such as ``slope_deg``. Any other becomes its `plain_text`.
     """
     if column in _NAMED:
         return _NAMED[column]
@@ -256,29 +256,29 @@ _WORDS = {
     ("holding", "nan"): "nothing found",
 }
 _MOST_NAMED = 12
-"""Outcomes that a legend has room for."""
+"""Largest number of outcomes in a legend."""
 
 
 def outcome_boundary(
     table: Any, x: str, y: str, ax: Axes | None = None, *, outcome: str = "found"
 ) -> Axes:
-    """Draw samples over two parameters in the colour of their outcome, and lines between these.
+    """Draw samples over two parameters in the colour of their outcome, with boundaries between.
 
     Args:
         table: A study's table: a pandas data frame, or any mapping of columns.
         x: Column of the parameter to the right.
-        y: Column of the parameter that goes up.
+        y: Column of the parameter upward.
         ax: Axes to draw on; None: a new figure.
         outcome: Column of the outcome: ``found``, ``status``, ``contacts``, ``verdict``, ``mode``
             or any other with few values.
 
     Returns:
-        The axes. Lines go half way between neighbours of different outcomes: where the outcome
-        really changes is known as well as these are near to each other.
+        The axes. Boundaries are half way between neighbours of different outcomes: the distance of
+        these is how well a boundary is known.
 
     Raises:
         ArgumentError: If a column is missing, parameters are not numbers or lie on one line, or
-            samples at one place differ.
+            samples with equal parameters differ.
 
     Examples:
         >>> import pandas as pd
@@ -316,10 +316,10 @@ def outcome_boundary(
         axes.scatter(*here.T, s=6.0, color=colors[kind], linewidths=0.0, label=label)
     axes.add_collection(LineCollection([*segments], colors=LIGHT.text, linewidths=1.2))
     axes.set(xlabel=quantity(x), ylabel=quantity(y))
-    _scale(axes.xaxis, table, x)
-    _scale(axes.yaxis, table, y)
+    _set_scale(axes.xaxis, table, x)
+    _set_scale(axes.yaxis, table, y)
     if named:
-        # Above, where it hides no sample.
+        # Above, where it covers no sample.
         axes.legend(
             loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(len(names), 4),
             fontsize="small", markerscale=2.5, frameon=False,
@@ -328,9 +328,9 @@ def outcome_boundary(
 
 
 def boundary_segments(places: FloatArray, kinds: NDArray[np.integer[Any]]) -> FloatArray:
-    """(segments, 2 ends, 2) lines between places of different kinds, half way between neighbours.
+    """(segments, 2 ends, 2) boundaries half way between neighbouring places of different kinds.
 
-    Neighbours are those of a Delaunay triangulation in which both parameters count alike.
+    Neighbours are those of a Delaunay triangulation, with both parameters scaled to equal extents.
 
     Args:
         places: (samples, 2) different places.

@@ -268,7 +268,7 @@ def _corner_verdict_data(judged: MemberVerdicts) -> dict[str, Any]:
     }
 
 
-def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
+def tolerances_data(tolerances: Tolerances) -> list[dict[str, Any]]:
     """Return the tolerance of each quantity as plain data in SI units; infinite ends are None."""
     entries: list[dict[str, Any]] = [
         {
@@ -277,13 +277,13 @@ def tolerances_data(off: Tolerances) -> list[dict[str, Any]]:
             "failing": one.failing if math.isfinite(one.failing) else None,
             "direction": None if one.direction is None else one.direction.tolist(),
             "contacts": list(one.contacts),
-            "joints": [off.problem.joint_names[joint] for joint in one.joints],
+            "joints": [tolerances.problem.joint_names[joint] for joint in one.joints],
             "deflection": one.deflection if math.isfinite(one.deflection) else None,
         }
-        for one in off.each
+        for one in tolerances.each
     ]
-    names = off.problem.joint_names
-    for entry, one in zip(entries, off.attainable, strict=False):
+    names = tolerances.problem.joint_names
+    for entry, one in zip(entries, tolerances.attainable, strict=False):
         entry["attainable"] = {
             "borne": one.borne,
             "failing": one.failing if math.isfinite(one.failing) else None,

@@ -1,6 +1,6 @@
-"""An interactive page in the browser: a scene whose friction, mass, slope and joints can be moved.
+"""An interactive page in the browser, with controls of a scene's friction, mass, slope and joints.
 
-The page itself needs the extra ``viewer``; what it shows is worked out without it.
+The page itself needs the extra ``viewer``; its content is computed without it.
 """
 
 from graspless_pin.viewer.controls import Control, changed_scene, controls_of

@@ -1,8 +1,8 @@
-"""What reaches the viewer's server: requests of its own page, and messages that its page can send.
+"""The guard of the viewer's server: of requests to it, and of messages from its pages.
 
 viser answers whoever connects and sets whatever a message names. Here each request is checked for
 the token of the page's address, for its Host and its Origin before viser sees it, and each message
-for a value that its control can have. Imports viser and the websocket library below it, when asked.
+for a value that its control can have. viser and its websocket library are imported on use.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from urllib.parse import urlsplit
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 
-_LAST_PORT = 65_000  # viser looks upward for a free one
+_LAST_PORT = 65_000  # viser tries the ports above for a free one
 SCHEMES = ("light", "dark")
-"""Addresses under the page's own that it asks for, to say which mode its reader prefers."""
+"""Paths below the page's own, which it requests to report its reader's colour scheme."""
 # viser leaves some controls without a name and labels them too faintly to be read.
 _ADDED = b"""<script>
 (() => {
@@ -61,11 +61,13 @@ label[for], [class*=markLabel], [data-variant=outline] [class*=Button-label] {
 </head>"""
 
 
-def with_reader(answer: Any) -> Any:
-    """Return viser's answer with what its page tells of its reader; others as they are.
+def with_page_script(answer: Any) -> Any:
+    """Return viser's answer, with a script and styles added to HTML pages.
+
+    The script reports which colour scheme the reader prefers, and labels controls.
 
     Args:
-        answer: Of websockets, to a request for a file.
+        answer: Of the websocket library, to a request for a file.
     """
     body, headers = answer.body, answer.headers
     if "text/html" not in headers.get("Content-Type", "") or not body:
@@ -79,7 +81,7 @@ def with_reader(answer: Any) -> Any:
 
 
 def check_address(host: str, port: int) -> None:
-    """Refuse what viser would try in vain for ever.
+    """Refuse an address at which viser would retry without end.
 
     Raises:
         ArgumentError: See `view`.
@@ -104,29 +106,29 @@ _CAMERA = {
     "wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3,
     "image_height": 0, "image_width": 0, "fov": 0, "near": 0, "far": 0,
 }  # fmt: skip
-"""Numbers in a message about the camera; 0: one that is no list."""
+"""Numbers of each entry of a camera message; 0: one that is no list."""
 _GIZMO = {
     "TransformControlsUpdateMessage": {"wxyz": 4, "position": 3},
     "TransformControlsDragStartMessage": {},
     "TransformControlsDragEndMessage": {},
 }
-"""Numbers in messages about gizmos."""
+"""Numbers of each entry of messages about gizmos."""
 _starting = threading.Lock()
 
 Admits = Callable[[Any], bool]
-"""Whether a control can have a value."""
+"""Returns whether a control can have a value."""
 
 
 class Gate:
-    """Decides what a page's server answers.
+    """Decides which requests and messages a page's server accepts.
 
     Attributes:
-        token: Random text in the page's address; who does not know it is refused.
+        token: Random text in the page's address; requests without it are refused.
         scheme_told: Called with whether a page's reader prefers dark pages.
     """
 
     def __init__(self, host: str) -> None:
-        """Make a gate for a server that listens at a host; nothing is a value of its page yet."""
+        """Make a gate for a server that listens at a host; no control is admitted yet."""
         self.token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._host = host.lower()
         self._checks: dict[str, Admits] = {}
@@ -134,11 +136,11 @@ class Gate:
         self.scheme_told: Callable[[bool], object] = bool
 
     def admit(self, control: Any, check: Admits, then: Callable[[Any], object]) -> Any:
-        """Let messages set a control of viser's to what passes a check; return the control.
+        """Let messages set a control of viser's to values that pass a check; return the control.
 
         Args:
             control: The control.
-            check: Whether it can have a value.
+            check: Whether a value is possible for the control.
             then: Called with viser's event once it is set or clicked.
         """
         self._checks[control._impl.uuid] = check
@@ -153,14 +155,14 @@ class Gate:
         """Return why a request is refused; empty if it is not.
 
         Args:
-            path: What is asked for, as it was sent.
+            path: The requested path, as it was sent.
             headers: All values of the headers ``host``, ``origin`` and ``upgrade``.
         """
         hosts, origins = headers["host"], headers["origin"]
         if len(hosts) != 1 or not self._is_own_name(hosts[0]):
             return "this address is not one of the viewer's; open the one that it printed"
         own = (f"http://{hosts[0]}".lower(), f"https://{hosts[0]}".lower())
-        # Browsers tell the origin of every websocket, but not of a page that is opened.
+        # Browsers state the Origin of every websocket, but not of an opened page.
         if headers["upgrade"] and not origins:
             return "a websocket without an Origin is not answered"
         if any(origin.lower() not in own for origin in origins):
@@ -173,7 +175,7 @@ class Gate:
         return ""
 
     def accepts(self, message: Any) -> bool:
-        """Return whether a message, decoded, sets a control to a value that it can have."""
+        """Return whether a decoded message sets a control to a value that it can have."""
         if not isinstance(message, dict):
             return False
         kind = message.get("type")
@@ -198,7 +200,7 @@ class Gate:
         return check is not None and updates.keys() == {"value"} and check(updates["value"])
 
     def _is_own_name(self, host: str) -> bool:
-        """Return whether a Host header names this machine and not a site whose name leads here."""
+        """Return whether a Host header names this machine, and no other site that leads here."""
         try:
             name = urlsplit(f"//{host}").hostname
         except ValueError:
@@ -207,37 +209,37 @@ class Gate:
             return False
         if name in (*_LOCAL_NAMES, self._host):
             return True
-        own = _address(self._host)
+        own = _parsed_address(self._host)
         if self._host in _LOCAL_NAMES or (own is not None and own.is_loopback):
             return False
-        # Only names can be made to lead elsewhere. Whoever listens beyond this machine may be
-        # reached at any of its addresses.
-        return _address(name) is not None or name == socket.gethostname().lower()
+        # Only names can be made to resolve elsewhere. A server that listens beyond this machine
+        # may be reached at any of its addresses.
+        return _parsed_address(name) is not None or name == socket.gethostname().lower()
 
 
 def number_between(low: float, high: float) -> Admits:
-    """Return a check for numbers of a range; rounding may leave it by a little."""
+    """Return a check for numbers of a range, with a tolerance for rounding."""
     slack = 1e-9 * max(abs(low), abs(high)) if math.isfinite(high) else 0.0
     return lambda value: _is_number(value) and low - slack <= value <= high + slack
 
 
 def one_of(values: tuple[str, ...]) -> Admits:
-    """Return a check for one of some texts."""
+    """Return a check for texts out of a list."""
     return lambda value: isinstance(value, str) and value in values
 
 
 def is_switch(value: Any) -> bool:
-    """Return whether a value is true or false."""
+    """Return whether a value is a boolean."""
     return isinstance(value, bool)
 
 
 @contextmanager
-def gated(gate: Gate) -> Iterator[None]:
-    """Servers that viser starts in here answer what the gate lets in.
+def guarded_by(gate: Gate) -> Iterator[None]:
+    """Guard the servers that viser starts in this context by a gate.
 
     viser has no hook for that. It starts its server with ``websockets.asyncio.server.serve``, which
-    has one for requests and another for connections; both are added on the way, by giving viser's
-    own module another ``websockets`` for the moment.
+    has one for requests and another for connections; both are added by giving viser's own module
+    another ``websockets`` for that time.
 
     Raises:
         GrasplessPinError: If viser starts its server in another way: then there is no gate.
@@ -275,7 +277,7 @@ class _Websockets:
         self._passed.append(True)
         inner = options.pop("process_request")
         options |= {
-            "process_request": lambda connection, request: _processed(
+            "process_request": lambda connection, request: _process_request(
                 self._gate, inner, connection, request
             ),
             "create_connection": _connection_class(self._gate),
@@ -284,8 +286,8 @@ class _Websockets:
         return self._library.asyncio.server.serve(handler, host, port, **options)
 
 
-def _processed(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
-    """Refuse a request, or have viser answer it."""
+def _process_request(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
+    """Refuse a request, or let viser answer it."""
     names = ("host", "origin", "upgrade")
     why = gate.refusal(request.path, {name: request.headers.get_all(name) for name in names})
     if why:
@@ -298,7 +300,7 @@ def _processed(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
             response = connection.respond(HTTPStatus.NO_CONTENT, "")
         else:
             response = inner(connection, replace(request, path="/" + path.removeprefix("/")))
-            response = None if response is None else with_reader(response)
+            response = None if response is None else with_page_script(response)
     if response is not None:
         response.headers["Referrer-Policy"] = "no-referrer"
         response.headers["Cache-Control"] = "no-store"
@@ -338,7 +340,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+def _parsed_address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     try:
         return ipaddress.ip_address(name)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The numbers of a scene that a viewer may change, and the scene after a change."""
+"""The figures of a scene that a viewer may change, and the scene after a change."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from graspless_pin.visualization.picture import up_against
 
 _FRICTION = "friction/"
 OBJECT_PLACE, HAND_PLACE = "object/", "hand/"
-"""How keys of what moves as a whole begin; `PLACES` goes on."""
+"""Prefixes of the keys of rigid displacements; `PLACES` are their endings."""
 PLACES = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 """Shift (mm) and rotation vector (degrees) along and about the world's axes."""
 ALONG = "object/along"
@@ -35,7 +35,7 @@ _LEVEL_SINE = 1e-6
 
 @dataclass(frozen=True)
 class Control:
-    """A number of a scene that can be changed. See the example of `controls_of`.
+    """A figure of a scene that can be changed. See the example of `controls_of`.
 
     Attributes:
         key: ``friction/hand``, ``friction/supports``, ``mass``, ``slope``, ``object/x`` to
@@ -58,7 +58,7 @@ class Control:
 
 
 def controls_of(scene: Scene) -> tuple[Control, ...]:
-    """Return what can be changed in a scene.
+    """Return the controls of a scene.
 
     Object and joints can be moved where contacts are found from the shapes, not where they are
     given.
@@ -70,33 +70,33 @@ def controls_of(scene: Scene) -> tuple[Control, ...]:
         >>> [control.label for control in controls_of(scene)][:2]
         ['friction, hand', 'friction, supports']
     """
-    found = [*_friction_controls(scene)]
+    controls = [*_friction_controls(scene)]
     mass = scene.object.mass
     step = 10.0 ** (math.floor(math.log10(mass)) - 2)
-    found.append(Control("mass", "mass [kg]", "Load", 5.0 * step, 4.0 * mass, step, mass))
-    name, angle = _slope(scene)
+    controls.append(Control("mass", "mass [kg]", "Load", 5.0 * step, 4.0 * mass, step, mass))
+    name, angle = _slope_name_and_angle(scene)
     angle = round(angle, 2)
     low, high = max(angle - _MOST_TILT, 0.0 if angle > 0.0 else -_MOST_TILT), angle + _MOST_TILT
     label = "tilt [°]" if name is None else f"angle of {name} [°]"
-    found.append(Control("slope", label, "Load", low, high, 0.1, angle))
+    controls.append(Control("slope", label, "Load", low, high, 0.1, angle))
     if scene.given_contacts is None:
-        found += _place_controls(OBJECT_PLACE, "Object")
-        if _half_space(scene) is not None:
-            label = f"stay on {_slope(scene)[0]}"
-            found.append(Control(ALONG, label, "Object", 0.0, 1.0, 1.0, 0.0))
+        controls += _place_controls(OBJECT_PLACE, "Object")
+        if _first_half_space(scene) is not None:
+            label = f"stay on {_slope_name_and_angle(scene)[0]}"
+            controls.append(Control(ALONG, label, "Object", 0.0, 1.0, 1.0, 0.0))
         if scene.hand is not None:
-            found += _place_controls(HAND_PLACE, "Hand's base")
-            found += _joint_controls(scene.hand)
-    return tuple(found)
+            controls += _place_controls(HAND_PLACE, "Hand's base")
+            controls += _joint_controls(scene.hand)
+    return tuple(controls)
 
 
 def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     """Return the scene with other values of its controls; those that are not named stay.
 
     Friction of a group scales in proportion, with its largest coefficient becoming the value. The
-    slope turns gravity, which is the same as tilting hand, object and supports together. The
-    object turns about its centre of mass, the hand about its base. Where the object stays on a
-    half-space, what would lift it off or tilt it is left out.
+    slope turns gravity, which is the same as tilting hand, object and supports together. The object
+    turns about its centre of mass, the hand about its base. Where the object stays on a half-space,
+    shifts along its normal and turns about other axes are left out.
 
     Args:
         scene: The scene.
@@ -124,7 +124,7 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     for key, value in moved.items():
         if key.startswith(_FRICTION):
             first = controls[key].initial
-            changed = _with_friction(
+            changed = _with_group_friction(
                 changed,
                 key.removeprefix(_FRICTION),
                 lambda mu, first=first, value=value: mu * value / first if first > 0.0 else value,
@@ -132,21 +132,21 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     if "mass" in moved:
         changed = changed.with_changes(object=replace(changed.object, mass=moved["mass"]))
     if "slope" in moved:
-        angle = math.radians(_slope(scene)[1] - moved["slope"])
+        angle = math.radians(_slope_name_and_angle(scene)[1] - moved["slope"])
         turn = Rotation.from_rotvec(angle * _tilt_axis(scene))
         gravity = scene.gravity.copy()  # scipy takes no read-only array
         changed = changed.with_changes(gravity=turn.apply(gravity))
-    shift, turn = place_of(moved, OBJECT_PLACE)
+    shift, turn = stated_displacement(moved, OBJECT_PLACE)
     if moved.get(ALONG):
         normal = support_frame(scene)[:, 2]
         shift, turn = shift - (shift @ normal) * normal, (turn @ normal) * normal
     if shift.any() or turn.any():
         body = changed.object
-        T = moved_about(body.center_of_mass_world, shift, turn) @ body.T_world_object
+        T = displacement_about(body.center_of_mass_world, shift, turn) @ body.T_world_object
         changed = changed.with_changes(object=replace(body, T_world_object=T))
-    shift, turn = place_of(moved, HAND_PLACE)
+    shift, turn = stated_displacement(moved, HAND_PLACE)
     if changed.hand is not None and (shift.any() or turn.any()):
-        displacement = moved_about(changed.hand.T_world_base[:3, 3], shift, turn)
+        displacement = displacement_about(changed.hand.T_world_base[:3, 3], shift, turn)
         changed = changed.with_changes(hand=displaced_hand(changed.hand, displacement))
     joints = {
         key.removeprefix(_JOINT): value for key, value in moved.items() if key.startswith(_JOINT)
@@ -156,7 +156,7 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     return changed
 
 
-def place_of(values: Mapping[str, float], group: str) -> tuple[FloatArray, FloatArray]:
+def stated_displacement(values: Mapping[str, float], group: str) -> tuple[FloatArray, FloatArray]:
     """Return the (3,) shift, m, and rotation vector, rad, that values of `PLACES` state.
 
     Args:
@@ -167,7 +167,7 @@ def place_of(values: Mapping[str, float], group: str) -> tuple[FloatArray, Float
     return place[:3] / 1000.0, np.radians(place[3:])
 
 
-def placed_values(group: str, shift: FloatArray, turn: FloatArray) -> dict[str, float]:
+def displacement_values(group: str, shift: FloatArray, turn: FloatArray) -> dict[str, float]:
     """Return the values that state a shift (m) and a rotation vector (rad), within their ranges."""
     place = [
         *np.clip(1000.0 * shift, -_MOST_SHIFT, _MOST_SHIFT),
@@ -176,14 +176,14 @@ def placed_values(group: str, shift: FloatArray, turn: FloatArray) -> dict[str, 
     return {group + name: round(float(x), 2) for name, x in zip(PLACES, place, strict=True)}
 
 
-def moved_about(center: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:
-    """(4, 4) turning about a point by a rotation vector (rad), then shifting (m), world axes."""
+def displacement_about(center: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:
+    """(4, 4) rotation about a point by a vector (rad), then a shift (m), world axes."""
     return turned_about(center, Rotation.from_rotvec(turn).as_matrix(), shift)
 
 
 def support_frame(scene: Scene) -> FloatArray:
     """(3, 3) axes of the first half-space, its outward normal last; the world's without one."""
-    support = _half_space(scene)
+    support = _first_half_space(scene)
     return np.eye(3) if support is None else support.T_world_support[:3, :3]
 
 
@@ -198,7 +198,7 @@ def _place_controls(group: str, folder: str) -> list[Control]:
 
 
 def _friction_controls(scene: Scene) -> list[Control]:
-    """One control for the hand's contacts and one for the supports', as far as there are any."""
+    """Return a control for the hand's contacts and one for the supports', where there are any."""
     try:
         coefficients = scene.problem().friction
         bodies = scene.contacts.bodies
@@ -234,8 +234,8 @@ def _joint_controls(hand: Hand) -> list[Control]:
     return controls
 
 
-def _with_friction(scene: Scene, group: str, change: Callable[[float], float]) -> Scene:
-    """Change the coefficients of one group: those of materials become the bodies' own."""
+def _with_group_friction(scene: Scene, group: str, change: Callable[[float], float]) -> Scene:
+    """Change the coefficients of one group; those of materials become the bodies' own."""
     if group == "supports":
         return scene.with_changes(
             supports=tuple(
@@ -268,14 +268,14 @@ def _support_friction(scene: Scene, name: str) -> float | None:
         return None
 
 
-def _half_space(scene: Scene) -> Support | None:
+def _first_half_space(scene: Scene) -> Support | None:
     """Return the first half-space among the supports."""
     return next((one for one in scene.supports if isinstance(one.shape, HalfSpace)), None)
 
 
-def _slope(scene: Scene) -> tuple[str | None, float]:
-    """Name of the first half-space and its angle against level ground, degrees."""
-    support = _half_space(scene)
+def _slope_name_and_angle(scene: Scene) -> tuple[str | None, float]:
+    """Return the name of the first half-space and its angle against level ground, degrees."""
+    support = _first_half_space(scene)
     if support is None:
         return None, 0.0
     cosine = float(np.clip(support.T_world_support[:3, 2] @ up_against(scene.gravity), -1.0, 1.0))
@@ -283,8 +283,8 @@ def _slope(scene: Scene) -> tuple[str | None, float]:
 
 
 def _tilt_axis(scene: Scene) -> FloatArray:
-    """Return the axis about which up turns towards the slope's normal; y where nothing slopes."""
-    support, axis = _half_space(scene), np.zeros(3)
+    """Return the axis about which up turns towards the slope's normal; y on level ground."""
+    support, axis = _first_half_space(scene), np.zeros(3)
     if support is not None:
         axis = np.cross(up_against(scene.gravity), support.T_world_support[:3, 2])
     length = float(np.linalg.norm(axis))

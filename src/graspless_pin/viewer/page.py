@@ -1,6 +1,6 @@
-"""The page: viser draws what `answer_settings` works out for the settings of its controls.
+"""The page: viser draws what `answer_settings` returns for the settings of its controls.
 
-Handles in the picture, by which object and hand are shifted and turned.
+With handles in the picture, by which object and hand are shifted and turned.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import CrashError, GrasplessPinError, optional_import
 from graspless_pin.scene import Scene
-from graspless_pin.viewer.auth import SCHEMES, Gate, check_address, gated, is_switch, one_of
+from graspless_pin.viewer.auth import SCHEMES, Gate, check_address, guarded_by, is_switch, one_of
 from graspless_pin.viewer.controls import (
     ALONG,
     HAND_PLACE,
     OBJECT_PLACE,
-    place_of,
-    placed_values,
+    displacement_values,
+    stated_displacement,
     support_frame,
 )
 from graspless_pin.viewer.panels import (
-    Desk,
+    ControlPanel,
     contacts_html,
     headline_html,
     legend_html,
@@ -45,9 +45,9 @@ from graspless_pin.viewer.scene_process import (
     Settings,
     SettingsAnswer,
     came_and_went,
+    error_text,
     free_name,
     initial_settings,
-    words_of,
 )
 from graspless_pin.viewer.scene_view import NUMBERS, OUTCOME, SLIDING, Player, Stage
 from graspless_pin.visualization import Role
@@ -72,7 +72,7 @@ class Gizmos:
 
         Args:
             server: viser's.
-            gate: Whom it lets pass.
+            gate: The gate that admits them.
             scene: The scene as loaded.
             size: Radius of the object, m.
             moved: Called with the values of `PLACES` when somebody drags one.
@@ -90,7 +90,7 @@ class Gizmos:
                 visible=False, position=self._centers[group],
             )  # fmt: skip
             gate.admit_gizmo(handle)
-            handle.on_update(self._follower(group, moved))
+            handle.on_update(self._drag_callback(group, moved))
             self._handles[group] = handle
 
     def show(self, group: str, visible: bool) -> None:
@@ -98,22 +98,22 @@ class Gizmos:
         self._handles[group].visible = visible
 
     def place(self, values: Mapping[str, float]) -> None:
-        """Bring those that nobody drags to where values have object and hand."""
+        """Move handles that are not being dragged to the displacement that values state."""
         along = bool(values.get(ALONG))
         self._frame = self._support if along else np.eye(3)
         self._handles[OBJECT_PLACE].active_axes = (True, True, not along)
         for group, handle in self._handles.items():
             if group not in self._dragged:
-                shift, turn = place_of(values, group)
-                R = Rotation.from_rotvec(turn).as_matrix() @ self._axes(group)
+                shift, turn = stated_displacement(values, group)
+                R = Rotation.from_rotvec(turn).as_matrix() @ self._axes_of(group)
                 handle.position = self._centers[group] + shift
                 handle.wxyz = Rotation.from_matrix(R).as_quat(scalar_first=True)
 
-    def _axes(self, group: str) -> Any:
+    def _axes_of(self, group: str) -> Any:
         return self._frame if group == OBJECT_PLACE else np.eye(3)
 
-    def _follower(self, group: str, moved: Callable[..., None]) -> Callable[[Any], Any]:
-        """Return what follows a handle that is dragged."""
+    def _drag_callback(self, group: str, moved: Callable[..., None]) -> Callable[[Any], Any]:
+        """Return the callback of a handle that is dragged."""
 
         # viser awaits coroutines one after the other, in the order of the messages; functions it
         # runs in threads, where the end of a drag can come before its last step.
@@ -123,11 +123,11 @@ class Gizmos:
                 return
             handle = self._handles[group]
             R = Rotation.from_quat(np.asarray(handle.wxyz, dtype=float), scalar_first=True)
-            turn = R * Rotation.from_matrix(self._axes(group)).inv()
+            turn = R * Rotation.from_matrix(self._axes_of(group)).inv()
             shift = np.asarray(handle.position, dtype=float) - self._centers[group]
             if event.phase == "end":  # not before the pose is read: `place` would take it back
                 self._dragged.discard(group)
-            moved(placed_values(group, shift, turn.as_rotvec()))
+            moved(displacement_values(group, shift, turn.as_rotvec()))
 
         return follow
 
@@ -139,7 +139,7 @@ _VIEWS = {"Fit": "fit", "Front": "front", "Side": "side", "Top": "top"}
 _BUTTON = (11, 83, 148)
 _RESULT_WIDTH = 330  # px
 _LISTEN_EVERY = 0.5  # s
-_PAUSE = 0.5  # s without a change before the verdict is asked for
+_PAUSE = 0.5  # s without a change before the verdict is computed
 _BODIES = (Role.HAND, Role.OBJECT, Role.SUPPORT)
 _log = logging.getLogger(__name__)
 
@@ -182,19 +182,19 @@ def view(
     gate = Gate(host)
     server = None
     try:
-        with contextlib.redirect_stdout(io.StringIO()), gated(gate):  # viser announces itself
+        with contextlib.redirect_stdout(io.StringIO()), guarded_by(gate):  # viser announces itself
             server = viser.ViserServer(host=host, port=port, label="graspless_pin", verbose=False)
         viewer = Viewer(scene, server, gate, host, dark=dark)
     except BaseException:
         if server is not None:
-            _stop(server)
+            _stop_server(server)
         raise
     if open_browser:
         webbrowser.open(viewer.url)
     return viewer
 
 
-def _stop(server: Any) -> None:
+def _stop_server(server: Any) -> None:
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
 
@@ -206,13 +206,13 @@ class Viewer:
 
     Attributes:
         scene: The scene as loaded.
-        url: Where the page is, with the token that it is answered for.
+        url: The address of the page, with its token.
     """
 
     def __init__(
         self, scene: Scene, server: Any, gate: Gate, host: str, *, dark: bool | None
     ) -> None:
-        """Build the page on a viser server behind a gate and begin to answer its controls."""
+        """Build the page on a viser server behind a gate and start the thread that evaluates it."""
         self.scene = scene
         shown = "localhost" if host in ("0.0.0.0", "::", "") else host  # noqa: S104 - not binding
         name = f"[{shown}]" if ":" in shown else shown
@@ -232,22 +232,22 @@ class Viewer:
         self._changed = threading.Condition()
         self._waiting = False
         self._stopped = threading.Event()
-        self._build()
-        self._show(self._initial)
+        self._build_panels()
+        self._show_answer(self._initial)
         gate.scheme_told = self._note_scheme
-        server.on_client_connect(lambda client: self._stage.welcome(client.camera))
-        self._worker = threading.Thread(target=self._work, name="graspless-viewer", daemon=True)
+        server.on_client_connect(lambda client: self._stage.keep_fitted(client.camera))
+        self._worker = threading.Thread(target=self._run, name="graspless-viewer", daemon=True)
         self._worker.start()
 
     @property
     def evaluation(self) -> SettingsAnswer:
-        """What the page shows now."""
+        """The answer that the page shows now."""
         return self._shown
 
     def wait(self) -> None:
         """Wait until the page is stopped, from another thread or by the keyboard."""
-        # Not without end: Ctrl-C is answered by this thread, and nothing else wakes it where the
-        # kernel gave the signal to another one.
+        # With a timeout: Ctrl-C is handled by this thread, and nothing else wakes it where the
+        # kernel delivers the signal to another one.
         while not self._stopped.wait(_LISTEN_EVERY):
             pass
 
@@ -262,9 +262,9 @@ class Viewer:
         self._worker.join()
         self._player.stop()
         self._solving.close()
-        _stop(self._server)
+        _stop_server(self._server)
 
-    def _build(self) -> None:
+    def _build_panels(self) -> None:
         """Lay out panels and controls."""
         gui, admit = self._server.gui, self._gate.admit
         results = gui.add_panel()
@@ -277,7 +277,7 @@ class Viewer:
         with results.add_tab("Layers"):
             self._legend = gui.add_html("")
             box = gui.add_dropdown("colours", _SCHEMES, initial_value=self._scheme)
-            self._scheme_box = admit(box, one_of(_SCHEMES), lambda _: self._switch_mode())
+            self._scheme_box = admit(box, one_of(_SCHEMES), lambda _: self._apply_scheme())
             for layer, label in ((NUMBERS, NUMBERS), *((role, role.label) for role in Role)):
                 box = gui.add_checkbox(label, layer not in HIDDEN_AT_FIRST)
                 admit(box, is_switch, partial(self._show_layer, layer))
@@ -290,13 +290,13 @@ class Viewer:
             one_of(tuple(_VIEWS)),
             lambda event: self._stage.look(event.client.camera, _VIEWS[event.target.value]),
         )
-        self._desk = Desk(
-            self._server, self._gate, self.scene, self._settings, self._ask, self._gizmos.show
+        self._desk = ControlPanel(
+            self._server, self._gate, self.scene, self._settings, self._request, self._gizmos.show
         )
         save = gui.add_button("Save as scene file", color=_BUTTON)
         admit(save, is_switch, lambda _: self._save_at_page())
         self._saying = gui.add_html("")
-        self._set_mode()
+        self._configure_theme()
 
     def _show_layer(self, layer: str, event: Any) -> None:
         self._stage.show_layer(layer, visible=event.target.value)
@@ -325,15 +325,15 @@ class Viewer:
             message = f"not saved: {error}"
         self._saying.content = note_html("graspless-saved", message)
 
-    def _ask(self, settings: Settings) -> None:
-        """Ask for other settings; the newest ones win over those not yet worked out."""
+    def _request(self, settings: Settings) -> None:
+        """Request other settings; the newest ones replace those that are not evaluated yet."""
         with self._changed:
             self._settings = settings
             self._waiting = True
             self._changed.notify()
 
-    def _work(self) -> None:
-        """Work settings out and show them, and their verdict once no others come, until the end."""
+    def _run(self) -> None:
+        """Evaluate and show settings, then their verdict where no others follow, until the end."""
         judged = False
         while True:
             with self._changed:
@@ -347,33 +347,33 @@ class Viewer:
             judged, shown = not asked, self._shown
             try:
                 if judged:
-                    self._judge()
+                    self._show_verdict()
                 else:
-                    self._show(self._solving.evaluate(settings))
+                    self._show_answer(self._solving.evaluate(settings))
                 continue
             except CrashError as error:
                 why = f"a solver failed and took its process along: {error}"
-            except Exception as error:  # a page that goes on and says so is better than a dead one
-                what = "the verdict" if judged else f"the settings {settings}"
-                _log.exception("%s cannot be shown", what)
-                why = words_of(error)
+            except Exception as error:  # the page goes on, and shows the error
+                subject = "the verdict" if judged else f"the settings {settings}"
+                _log.exception("%s cannot be shown", subject)
+                why = error_text(error)
             if self._stopped.is_set():
                 return
             if judged:
-                self._show(replace(shown, verdict=f"no verdict: {why}"))
-            else:  # of what was shown before, the bodies stay
+                self._show_answer(replace(shown, verdict=f"no verdict: {why}"))
+            else:  # the bodies that were shown before stay
                 bodies = replace(shown.picture, meshes=shown.picture.of(*_BODIES))
-                self._show(SettingsAnswer(settings, shown.scene, None, bodies, why))
+                self._show_answer(SettingsAnswer(settings, shown.scene, None, bodies, why))
 
-    def _judge(self) -> None:
-        """Show the verdict on the torques that are shown; what is set now can be undone to."""
+    def _show_verdict(self) -> None:
+        """Show the verdict on the torques that are shown, and make the settings a step for undo."""
         self._desk.remember()
         solution = self._shown.solution
         if solution is not None and solution.found:
-            self._show(self._solving.judge())
+            self._show_answer(self._solving.judge())
 
-    def _show(self, result: SettingsAnswer) -> None:
-        """Bring meshes and readings up to date."""
+    def _show_answer(self, result: SettingsAnswer) -> None:
+        """Bring meshes and panels up to date."""
         self._shown = result
         motions = {OUTCOME: result.motion, SLIDING: result.sliding}
         with self._server.atomic():
@@ -381,11 +381,11 @@ class Viewer:
                 result.picture, {name: one for name, one in motions.items() if one is not None}
             )
             self._gizmos.place(result.settings.values)
-            self._write()
+            self._write_panels()
         self._server.flush()
 
-    def _write(self) -> None:
-        """Write the readings."""
+    def _write_panels(self) -> None:
+        """Write the panels."""
         shown = self._shown
         same = shown.settings.algorithm == self._initial.settings.algorithm
         before = self._initial.solution if same else None
@@ -402,23 +402,23 @@ class Viewer:
         self._legend.content = legend_html(Role, shown.picture, dark=self._dark)
 
     def _note_scheme(self, dark: bool) -> None:
-        """Take note of what a reader prefers; viser's own thread, which must not wait, calls it."""
+        """Note a reader's colour scheme; called by viser's own thread, which must not wait."""
         self._reader_dark = dark
-        threading.Thread(target=self._switch_mode, daemon=True).start()
+        threading.Thread(target=self._apply_scheme, daemon=True).start()
 
-    def _switch_mode(self) -> None:
-        """Follow the box of the colours."""
+    def _apply_scheme(self) -> None:
+        """Apply the colour scheme that is chosen in the box."""
         scheme = self._scheme_box.value
         dark = self._reader_dark if scheme == _SCHEMES[0] else scheme == "dark"
         if dark == self._dark:
             return
         self._dark = dark
         with self._server.atomic():
-            self._set_mode()
+            self._configure_theme()
             self._stage.set_dark(dark=dark)
-            self._write()
+            self._write_panels()
 
-    def _set_mode(self) -> None:
+    def _configure_theme(self) -> None:
         self._server.gui.configure_theme(
             dark_mode=self._dark, show_logo=False, show_share_button=False, control_width="medium"
         )

@@ -1,4 +1,4 @@
-"""The page's readings as HTML: margin, torque bars, why not, legend. Styled for both modes."""
+"""The panels of the page as HTML: margin, torques, explanation, legend. Styled for both modes."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
     """Return margin and largest torque with their bars, or why there are no torques.
 
     Args:
-        result: What to show.
-        as_loaded: The solution of the unchanged scene, to compare with.
+        result: The answer to show.
+        as_loaded: The solution of the unchanged scene, for comparison; None: there is none.
         dark: Whether the page is dark.
     """
     solution = result.solution
@@ -50,7 +50,7 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
             f"<b>No torques: why not</b><br>{words}</div></div>"
         )
     at_margin = f"at margin {solution.required_margin:g} N"
-    what = {
+    algorithm = {
         Algorithm.MARGIN: "Algorithm 1: largest margin",
         Algorithm.TORQUE: f"Algorithm 2: smallest torque {at_margin}",
         None: f"{solution.objective.name} {at_margin}",
@@ -60,8 +60,10 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
         before = as_loaded.margin, as_loaded.max_torque
     roles = (DARK if dark else LIGHT).roles
     load = solution.problem.scales.force
-    margin = _reading("margin e", "N", solution.margin, before[0], load, roles[Role.FRICTION_FORCE])
-    torque = _reading(
+    margin = _figure_html(
+        "margin e", "N", solution.margin, before[0], load, roles[Role.FRICTION_FORCE]
+    )
+    torque = _figure_html(
         "max torque",
         solution.max_torque_unit,
         solution.max_torque,
@@ -73,12 +75,12 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
         f'<div id="graspless-result" data-found="true" data-margin="{solution.margin!r}" '
         f'style="{_TEXT}">'
         f"{margin}{torque}<div>{'<br>'.join(map(escape, filter(None, result.limits)))}</div>"
-        f'<div style="{_MUTED}">{escape(what)}; {escape(solution.status.message)}</div></div>'
+        f'<div style="{_MUTED}">{escape(algorithm)}; {escape(solution.status.message)}</div></div>'
     )
 
 
 def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
-    """Return what is said of whether the object stays; nothing without torques."""
+    """Return the verdict on whether the object stays; empty without torques."""
     solution = result.solution
     if solution is None or not solution.found:
         return ""
@@ -93,7 +95,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
 
 
 def _verdict_color(result: SettingsAnswer, *, dark: bool) -> str:
-    """Return the colour of what holds, of what fails, or of what nobody knows."""
+    """Return the colour of a verdict: for what holds, what fails, or what is not known."""
     roles, solution = (DARK if dark else LIGHT).roles, result.solution
     if result.holds:
         return roles[Role.FRICTION_FORCE]
@@ -104,7 +106,7 @@ def _verdict_color(result: SettingsAnswer, *, dark: bool) -> str:
 
 
 def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
-    """Return one bar a joint between its limits, zero marked; nothing without a solution."""
+    """Return one bar for each joint between its limits, zero marked; a remark without torques."""
     solution = result.solution
     if solution is None or not solution.found or not solution.problem.joint_count:
         return f'<div id="graspless-torques" style="{_TEXT};{_MUTED}">no torques</div>'
@@ -115,14 +117,14 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
     rows, rounding = [], torque_rounding(problem, solution.contact_torques)
     for index, name in enumerate(problem.joint_names):
         torque = float(solution.torques[index])
-        low, high = _axis(problem.lower_torque[index], problem.upper_torque[index], widest)
+        low, high = _bar_ends(problem.lower_torque[index], problem.upper_torque[index], widest)
         full = np.isfinite(shares[index]) and shares[index] >= _AT_LIMIT
         color = palette.roles[Role.FRICTION_AT_LIMIT if full else Role.NORMAL_FORCE]
         rows.append(
             f'<div style="display:grid;grid-template-columns:38% 1fr 22%;gap:6px;'
             f'align-items:center"><span style="white-space:nowrap;overflow:hidden;'
             f'text-overflow:ellipsis" title="{escape(name)}">{escape(name)}</span>'
-            f"{_bar(torque, low, high, color)}"
+            f"{_bar_html(torque, low, high, color)}"
             '<span style="text-align:right;font-variant-numeric:tabular-nums">'
             f"{shown(torque, size, '+', rounding[index])}</span></div>"
         )
@@ -134,9 +136,9 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
 
 
 def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
-    """Return margin and verdict in short, for where there is no room for more.
+    """Return margin and verdict in short, for small pages.
 
-    The place of three lines is kept: what stands below does not move when the verdict comes.
+    It always has the height of three lines: what is below does not move when the verdict comes.
     """
     solution, message = result.solution, "no torques"
     color = _verdict_color(result, dark=dark)
@@ -152,7 +154,7 @@ def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
 
 
 def note_html(name: str, words: str) -> str:
-    """Return a remark with an id; nothing where there are no words."""
+    """Return a remark with an id; empty where there are no words."""
     if not words:
         return ""
     return (
@@ -161,7 +163,7 @@ def note_html(name: str, words: str) -> str:
 
 
 def contacts_html(result: SettingsAnswer) -> str:
-    """Return what there is to say of each contact, by its number in the picture."""
+    """Return the words of each contact, by its number in the picture."""
     marks = [mark for mark in result.picture.marks if mark.contact is not None]
     if not marks:
         return ""
@@ -192,24 +194,24 @@ def legend_html(roles: Iterable[Role], picture: Picture, *, dark: bool) -> str:
     return f'<div id="graspless-legend" style="{_TEXT}">{scale}{items}</div>'
 
 
-def _reading(
+def _figure_html(
     label: str, unit: str, value: float, before: float | None, size: float, color: str
 ) -> str:
-    """Return a figure, its bar up to twice that of the unchanged scene, and that as a mark.
+    """Return a figure with a bar, whose scale is twice that of the unchanged scene, a mark there.
 
     Args:
-        label: What it is.
+        label: Its name.
         unit: Its unit.
         value: The figure.
-        before: That of the unchanged scene, if any.
-        size: What its digits are beside.
-        color: Of the bar.
+        before: The figure of the unchanged scene, if any.
+        size: The size that its digits are relative to.
+        color: Colour of the bar.
     """
     top = max(2.0 * abs(before) if before else 0.0, abs(value)) or size
     compared = ""
     if before is not None:
         compared = f'<span style="{_MUTED}">as loaded {shown(before, size)}</span>'
-    mark = "" if before is None else _mark(before / top)
+    mark = "" if before is None else _mark_html(before / top)
     return (
         '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;'
         'align-items:baseline;column-gap:8px;white-space:nowrap">'
@@ -221,15 +223,15 @@ def _reading(
     )
 
 
-def _axis(lower: float, upper: float, widest: float) -> tuple[float, float]:
-    """Return the ends of a bar: the limits, or something finite around zero."""
+def _bar_ends(lower: float, upper: float, widest: float) -> tuple[float, float]:
+    """Return the ends of a bar: the limits, or finite ones around zero."""
     low = lower if np.isfinite(lower) else -widest
     high = upper if np.isfinite(upper) else widest
     low, high = min(low, 0.0), max(high, 0.0)
     return (low, high) if high > low else (-widest, widest)
 
 
-def _bar(value: float, low: float, high: float, color: str) -> str:
+def _bar_html(value: float, low: float, high: float, color: str) -> str:
     """Return a bar from zero to the value between two ends."""
     zero = -low / (high - low)
     end = float(np.clip((value - low) / (high - low), 0.0, 1.0))
@@ -238,11 +240,11 @@ def _bar(value: float, low: float, high: float, color: str) -> str:
         '<span style="position:relative;height:10px;display:block;'
         'background:rgba(128,128,128,0.25)"><span style="position:absolute;top:0;bottom:0;'
         f'left:{100.0 * left:.2f}%;width:{100.0 * width:.2f}%;background:{color}"></span>'
-        f"{_mark(zero)}</span>"
+        f"{_mark_html(zero)}</span>"
     )
 
 
-def _mark(place: float) -> str:
+def _mark_html(place: float) -> str:
     """Return a thin line across a bar at a share of its length."""
     return (
         '<span style="position:absolute;top:-2px;bottom:-2px;width:1px;background:currentColor;'
@@ -257,14 +259,14 @@ _ALGORITHMS = {
 _STEPS = ("Undo", "Redo", "As loaded")
 _OPEN_GROUPS = ("Load",)
 _MOVED = {"Object": OBJECT_PLACE, "Hand's base": HAND_PLACE}
-"""What can be dragged, by the group of its controls."""
+"""Prefix of the keys of what can be dragged, by the group of its controls."""
 
 
-class Desk:
-    """Controls of a scene, with the steps that they have gone.
+class ControlPanel:
+    """The controls of a scene, with the steps of their settings for undo.
 
     Attributes:
-        settings: What they are set to.
+        settings: The present settings.
     """
 
     def __init__(
@@ -280,10 +282,10 @@ class Desk:
 
         Args:
             server: viser's.
-            gate: Whom it lets pass.
+            gate: The gate that admits them.
             scene: The scene.
-            settings: What they begin with.
-            changed: Called with every new setting.
+            settings: The first settings.
+            changed: Called with all new settings.
             handles: Called to show or hide the handles of `OBJECT_PLACE` or `HAND_PLACE`.
         """
         self.settings = settings
@@ -293,16 +295,16 @@ class Desk:
         self._lock = threading.RLock()  # controls, handles and steps are moved from several threads
         self._controls = {control.key: control for control in controls_of(scene)}
         steps = self._gui.add_button_group("steps", _STEPS)
-        gate.admit(steps, one_of(_STEPS), lambda event: self._go(event.target.value))
+        gate.admit(steps, one_of(_STEPS), lambda event: self._go_to_step(event.target.value))
         self._algorithm = gate.admit(
             self._gui.add_dropdown("algorithm", tuple(_ALGORITHMS)),
             one_of(tuple(_ALGORITHMS)),
-            lambda event: self._set(algorithm=_ALGORITHMS[event.target.value]),
+            lambda event: self._change_settings(algorithm=_ALGORITHMS[event.target.value]),
         )
         self._margin = gate.admit(
             self._gui.add_number("e0 [N]", 0.0, min=0.0, step=0.01, hint="required margin"),
             number_between(0.0, math.inf),
-            lambda event: self._set(required_margin=float(event.target.value)),
+            lambda event: self._change_settings(required_margin=float(event.target.value)),
         )
         self._inputs: dict[str, Any] = {}
         folders: dict[str, Any] = {}
@@ -311,27 +313,27 @@ class Desk:
                 folders[control.group] = self._add_folder(control.group)
             with folders[control.group]:
                 self._inputs[control.key] = self._add_input(control)
-        self._show(settings)
+        self._show_settings(settings)
 
     def change(self, values: Mapping[str, float]) -> None:
-        """Set some controls, as somebody at the page would."""
+        """Set some controls, with the same effect as at the page."""
         with self._lock:
             self.apply(replace(self.settings, values={**self.settings.values, **values}))
 
     def apply(self, settings: Settings) -> None:
-        """Set all controls, and say so."""
+        """Set all controls and report the settings."""
         with self._lock:
-            self._show(settings)
-            self._set(**vars(settings))
+            self._show_settings(settings)
+            self._change_settings(**vars(settings))
 
     def remember(self) -> None:
-        """Make what is set now a step that can be undone."""
+        """Make the present settings a step that can be undone."""
         with self._lock:
             if self.settings != self._steps[self._at]:
                 self._steps[self._at + 1 :] = [self.settings]
                 self._at += 1
 
-    def _go(self, step: str) -> None:
+    def _go_to_step(self, step: str) -> None:
         with self._lock:
             if step == "As loaded":
                 self.apply(self._steps[0])
@@ -341,7 +343,7 @@ class Desk:
             self._at = min(max(self._at, 0), len(self._steps) - 1)
             self.apply(self._steps[self._at])
 
-    def _set(self, **changes: Any) -> None:
+    def _change_settings(self, **changes: Any) -> None:
         with self._lock:
             if self._quiet:
                 return
@@ -355,8 +357,8 @@ class Desk:
             self._margin.disabled = bool(useless("margin", settings.algorithm))
             self._changed(self.settings)
 
-    def _show(self, settings: Settings) -> None:
-        """Set the controls without saying so."""
+    def _show_settings(self, settings: Settings) -> None:
+        """Set the controls without a report of the settings."""
         names = {algorithm: name for name, algorithm in _ALGORITHMS.items()}
         self._quiet = True
         try:
@@ -379,7 +381,7 @@ class Desk:
         return folder
 
     def _add_input(self, control: Control) -> Any:
-        then = partial(self._set_value, control.key)
+        then = partial(self._set_control_value, control.key)
         if control.key == ALONG:
             box = self._gui.add_checkbox(control.label, initial_value=False)
             return self._gate.admit(box, is_switch, then)
@@ -387,6 +389,6 @@ class Desk:
         slider = self._gui.add_slider(control.label, low, high, control.step, control.initial)
         return self._gate.admit(slider, number_between(low, high), then)
 
-    def _set_value(self, key: str, event: Any) -> None:
+    def _set_control_value(self, key: str, event: Any) -> None:
         with self._lock:
-            self._set(values={**self.settings.values, key: float(event.target.value)})
+            self._change_settings(values={**self.settings.values, key: float(event.target.value)})

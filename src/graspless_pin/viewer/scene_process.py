@@ -1,4 +1,4 @@
-"""What the page shows for one setting of its controls; no browser, no server."""
+"""The evaluation of one setting of the page's controls, without browser or server."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _VERDICT_LIMITS: StabilityKeywords = {"node_limit": BRIEF_NODE_LIMIT, "time_limi
 
 @dataclass(frozen=True)
 class Settings:
-    """The state of the page. See the example of `answer_settings`.
+    """The settings of the page's controls. See the example of `answer_settings`.
 
     Attributes:
         algorithm: ``margin``, ``torque`` or another objective's name.
@@ -70,21 +70,21 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class SettingsAnswer:
-    """What a setting leads to. See the example of `answer_settings`.
+    """Scene, solution, picture and verdict of one setting. See the example of `answer_settings`.
 
     Attributes:
         settings: The setting.
-        scene: The scene as changed; as loaded if it cannot be changed so.
-        solution: The solution, found or not; None if there is no problem to solve. Of a scene that
-            says what is not known of it, that under the torques for all of it.
-        picture: What it looks like; without contacts if there are none.
+        scene: The scene as changed; as loaded if the change is not possible.
+        solution: The solution, found or not; None if there is no problem to solve. Of a scene with
+            uncertainty, the one under the robust torques.
+        picture: The picture; without contacts if there are none.
         reason: Why there are no torques; empty if there are.
-        verdict: What is said of whether the object stays; None: nothing yet.
-        stability: The answer to that, if there is one.
+        verdict: The verdict on whether the object stays; None: it is not known yet.
+        stability: Its status, if there is one.
         holds: Whether the object provably stays under the scene's controller.
-        motion: What would happen, where the verdict states a motion.
+        motion: The motion that the verdict states; None: it states none.
         sliding: The picture along the mode's virtual motion; None: there is none.
-        bodies: What touches the object at each contact; None: contacts cannot be found.
+        bodies: The body at each contact; None: contacts cannot be found.
         limits: What limits margin and torques, a sentence each.
     """
 
@@ -121,13 +121,13 @@ def initial_settings(scene: Scene) -> Settings:
 
 
 def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
-    """Change a scene, solve it and draw it. A scene that makes no sense gives a reason, no error.
+    """Change a scene, solve it and draw it; an impossible scene gives a reason, and no error.
 
-    So does an exception that is none of this package's.
+    So does an exception from outside this package.
 
     Args:
         scene: The scene as loaded.
-        settings: What to change and to solve.
+        settings: The changes, and the algorithm.
 
     Raises:
         MeshError: A mesh file is missing or unreadable.
@@ -141,21 +141,21 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
         1.6504 N
     """
     try:
-        return _answered_settings(scene, settings)
+        return _solve_and_draw(scene, settings)
     except GrasplessPinError:
         raise
-    except Exception as error:  # costs this state of the page, and is told
-        return SettingsAnswer(settings, scene, None, draw_bodies(scene), words_of(error))
+    except Exception as error:  # is shown in place of this state of the page
+        return SettingsAnswer(settings, scene, None, draw_bodies(scene), error_text(error))
 
 
-def words_of(error: Exception) -> str:
-    """Return what a page says of an error; what is none of ours asks for a report."""
+def error_text(error: Exception) -> str:
+    """Return the message of an error; an internal one asks for a report."""
     is_known = isinstance(error, GrasplessPinError)
     return str(error) if is_known else f"{internal_error(error)}; please report it"
 
 
-def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
-    """Do what `answer_settings` does, whatever is raised."""
+def _solve_and_draw(scene: Scene, settings: Settings) -> SettingsAnswer:
+    """Return what `answer_settings` returns, but let unexpected exceptions pass."""
     changed, bodies, robust = scene, None, None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GrasplessPinWarning)  # they were shown at loading
@@ -189,7 +189,7 @@ def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
             sliding=draw_virtual_sliding(picture, solution, changed.hand, origin),
             bodies=bodies,
             limits=(
-                "" if robust is None else _served_words(robust),
+                "" if robust is None else _served_set_text(robust),
                 TORQUES_OF_HELD_JOINTS if changed.controller.holds_joints else "",
                 margin_limit_words(solution, bodies),
                 joint_limit_words(solution),
@@ -197,8 +197,8 @@ def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
         )
 
 
-def _served_words(robust: RobustSolution) -> str:
-    """Return what torques were found for, and the member of it with the least room."""
+def _served_set_text(robust: RobustSolution) -> str:
+    """Return what the robust torques are proven for, and the member with the least room."""
     sampled = "" if robust.samples is None else f"; sampled: {robust.samples}"
     return (
         f"torques for {robust.uncertainty}, proven for {robust.proven_for}{sampled}; the least "
@@ -207,14 +207,14 @@ def _served_words(robust: RobustSolution) -> str:
 
 
 def came_and_went(before: Sequence[str], after: Sequence[str]) -> str:
-    """Return in words which contacts came and went from one state to another; empty: none.
+    """Return in words which contacts are gone or new after a change; empty: none.
 
-    Contacts are told apart by what touches the object there, not by their places, which change
-    with every shift.
+    Contacts are told apart by the body that touches, not by their positions, which change with
+    every shift.
 
     Args:
-        before: What touched the object at each contact.
-        after: The same in the other state.
+        before: The body at each contact before the change.
+        after: The same after it.
     """
     counts, now = Counter(before), Counter(after)
     changes = []
@@ -227,7 +227,7 @@ def came_and_went(before: Sequence[str], after: Sequence[str]) -> str:
 
 
 def with_region(answer: SettingsAnswer) -> SettingsAnswer:
-    """Return an answer with where the centre of mass may be under its torques, if that is known."""
+    """Return an answer with the region of the centre of mass under its torques, where known."""
     scene, solution = answer.scene, answer.solution
     if solution is None or not solution.found:
         return answer
@@ -237,7 +237,7 @@ def with_region(answer: SettingsAnswer) -> SettingsAnswer:
             quantities=(Quantity.CENTER,),
             static_friction=StaticFriction.COULOMB,
         )
-    except GrasplessPinError:  # such as a scene that turns as it accelerates
+    except GrasplessPinError:  # such as of a scene with an angular acceleration
         return answer
     picture = draw_scene(scene, solution, tolerances=found)
     origin = scene.object.center_of_mass_world
@@ -246,7 +246,7 @@ def with_region(answer: SettingsAnswer) -> SettingsAnswer:
 
 
 def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
-    """Return an answer with the verdict on its torques; without torques as it is."""
+    """Return an answer with the verdict on its torques; unchanged without torques."""
     if answer.solution is None or not answer.solution.found:
         return answer
     try:
@@ -256,7 +256,7 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     except GrasplessPinError:
         raise
     except Exception as error:
-        return replace(answer, verdict=f"no verdict: {words_of(error)}")
+        return replace(answer, verdict=f"no verdict: {error_text(error)}")
     motion, small = None, found.small_motions
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
@@ -280,7 +280,7 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
 
 
 def free_name(scene: Scene) -> Path:
-    """Return a path for a changed scene that no file has: beside the scene's own, or here.
+    """Return an unused path for a changed scene: beside the scene's own file, or here.
 
     Raises:
         SceneError: There are too many already.
@@ -294,9 +294,9 @@ def free_name(scene: Scene) -> Path:
 
 
 class SceneProcess:
-    """Evaluates settings of one scene in a process of its own, which may die without harm.
+    """Evaluates settings of one scene in a child process, whose crash does no harm.
 
-    Not to be shared between threads, but for `kill`.
+    Not to be shared between threads, except for `kill`.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -305,17 +305,17 @@ class SceneProcess:
         self._child, self._knows_scene = ChildProcess(), False
 
     def evaluate(self, settings: Settings) -> SettingsAnswer:
-        """Return what `answer_settings` does; a process that has died is replaced before.
+        """Return what `answer_settings` returns; a process that has died is replaced first.
 
         Raises:
-            CrashError: The process died of it.
+            CrashError: The process died of these settings.
             MeshError: See `answer_settings`.
         """
         if not self._child.is_running:
             self._child.close()
             self._child, self._knows_scene = ChildProcess(), False
         if not self._knows_scene:
-            self._child.call(_keep, self._scene)
+            self._child.call(_keep_scene, self._scene)
             self._knows_scene = True
         return self._child.call(_evaluate_kept, settings)
 
@@ -328,14 +328,14 @@ class SceneProcess:
         return self._child.call(_judge_kept)
 
     def evaluate_first(self, settings: Settings) -> SettingsAnswer:
-        """Return what `evaluate` does; if the process dies of it, the bodies and that as reason."""
+        """Return what `evaluate` returns; after a crash the bodies, with the crash as reason."""
         try:
             return self.evaluate(settings)
         except CrashError as error:
             return SettingsAnswer(settings, self._scene, None, draw_bodies(self._scene), str(error))
 
     def kill(self) -> None:
-        """End the process; what it evaluates just now raises a `CrashError`."""
+        """End the process; an evaluation under way raises a `CrashError`."""
         self._child.kill()
 
     def close(self) -> None:
@@ -347,7 +347,7 @@ _kept: list[Scene] = []
 _answered: list[SettingsAnswer] = []
 
 
-def _keep(scene: Scene) -> None:
+def _keep_scene(scene: Scene) -> None:
     _kept[:] = [scene]
 
 

@@ -1,4 +1,4 @@
-"""What viser draws between the panels: meshes and layers, and the motions that it plays."""
+"""The drawing between the panels: meshes and layers in viser, and the motions that it plays."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from graspless_pin.visualization.picture import HIDDEN_AT_FIRST, Mark, framing
 
 _ROOT = "/scene"
 _FIELD_OF_VIEW = 0.7  # rad, vertical
-_ASPECT = 0.75  # of what lies between the panels on a screen of 1280 x 800
+_ASPECT = 0.75  # of the area between the panels on a screen of 1280 x 800
 _AMBIENT = 1.6
 _NARROW = 700  # px: below it panels lie over the lower part of the page
 _NARROW_BOX = 0.03, 0.02, 0.97, 0.4
-"""Left, top, right and bottom of what panels leave free there, as shares of the page."""
+"""Left, top, right and bottom of the area free of panels there, as shares of the page."""
 _PANELS = 650  # px
-_UNMOVED_CAMERA = 1e-3  # of its distance: a camera that has not been moved
+_UNMOVED_CAMERA = 1e-3  # of its distance: smaller moves do not count
 _FACING_DOWN = 0.9
 NUMBERS = "contact numbers"
 """The layer of the contacts' numbers."""
@@ -35,7 +35,7 @@ class Stage:
     """The drawing of a viser server."""
 
     def __init__(self, server: Any, picture: Picture, *, dark: bool) -> None:
-        """Set up layers, light and camera for a first picture, which still has to be drawn."""
+        """Set up layers, light and camera for a first picture, which is not drawn yet."""
         scene = server.scene
         self._scene = scene
         self._first = picture
@@ -53,16 +53,16 @@ class Stage:
         scene.set_up_direction(picture.up)
         scene.configure_environment_map(None)
         scene.add_light_ambient("/ambient light", intensity=_AMBIENT)
-        _aim(server.initial_camera, picture)
+        _aim_camera(server.initial_camera, picture)
         self._start = np.array(server.initial_camera.position)
         self._looks: dict[int, tuple[str, tuple[float, float], FloatArray]] = {}
 
     def draw(self, picture: Picture) -> None:
-        """Send the meshes that are new or have changed and remove those that are gone."""
-        names = {_node(mesh): mesh for mesh in picture.meshes}
+        """Send meshes that are new or have changed, and remove those that are gone."""
+        names = {_mesh_node(mesh): mesh for mesh in picture.meshes}
         for name in [name for name in self._meshes if name not in names]:
             self._meshes.pop(name)[1].remove()
-        for _, handle in self._meshes.values():  # where a motion has left them
+        for _, handle in self._meshes.values():  # a motion may have moved them
             handle.wxyz, handle.position = _NO_TURN, np.zeros(3)
         for name, mesh in names.items():
             before = self._meshes.get(name)
@@ -71,13 +71,13 @@ class Stage:
             elif not np.array_equal(before[0].vertices, mesh.vertices):
                 before[1].vertices = mesh.vertices.astype(np.float32)
                 self._meshes[name] = mesh, before[1]
-        self._number(picture)
-        self._tilt(picture)
+        self._update_marks(picture)
+        self._keep_upright(picture)
 
-    def welcome(self, camera: Any) -> None:
-        """Look at all of the scene, and again when a page turns, until its reader looks elsewhere.
+    def keep_fitted(self, camera: Any) -> None:
+        """Fit the view to the scene, again when a page is turned, until its reader moves it.
 
-        Also when the page goes where all begin after it was told where to look: it may do so late.
+        A page may also reset its camera to the common start after it was set: it is set again then.
         """
         self.look(camera)
 
@@ -95,7 +95,7 @@ class Stage:
                 self.look(camera, view)
 
     def look(self, camera: Any, view: str = "fit") -> None:
-        """Bring the camera of a page to one of the views of the first picture, all of it seen.
+        """Move the camera of a page to one of the views of the first picture, with all in sight.
 
         Args:
             camera: viser's, of one page.
@@ -115,7 +115,7 @@ class Stage:
         center, distance = framing(picture, field, aspect, toward)
         across = np.cross(picture.up, toward)
         over = np.cross(toward, across / np.linalg.norm(across))
-        # The page's middle is below that of what is free of panels.
+        # The middle of the page is below that of the area free of panels.
         center = center - (1.0 - top - bottom) * distance * slope * over
         place = center + distance * toward
         self._looks[camera.client.client_id] = view, (wide, high), place
@@ -125,9 +125,9 @@ class Stage:
             camera.position = place
             camera.look_at = center
 
-    def _number(self, picture: Picture) -> None:
+    def _update_marks(self, picture: Picture) -> None:
         """Bring the texts up to date."""
-        marks = {_text_node(mark): mark for mark in picture.marks}
+        marks = {_mark_node(mark): mark for mark in picture.marks}
         for name in [name for name in self._labels if name not in marks]:
             self._labels.pop(name)[1].remove()
         for name, mark in marks.items():
@@ -142,7 +142,7 @@ class Stage:
             self._labels[name] = mark, handle
 
     def move(self, moving: MovingPicture, index: int) -> None:
-        """Bring the meshes of a moving picture to where they are at one of its times."""
+        """Move the meshes of a moving picture to their poses at one of its times."""
         poses = [path[index] for path in moving.paths]
         turns = Rotation.from_matrix([pose[:3, :3] for pose in poses]).as_quat(scalar_first=True)
         for mesh, handle in self._meshes.values():
@@ -166,8 +166,8 @@ class Stage:
     def _color(self, mesh: Mesh) -> tuple[int, int, int]:
         return (DARK if self._dark else LIGHT).of_mesh(mesh)
 
-    def _tilt(self, picture: Picture) -> None:
-        """Turn all that is drawn about its middle so that up stays up on the page."""
+    def _keep_upright(self, picture: Picture) -> None:
+        """Turn the whole drawing about its middle so that up stays up on the page."""
         turn = Rotation.align_vectors(self._first.up[None], picture.up[None])[0]
         center = self._first.center
         self._root.wxyz = turn.as_quat(scalar_first=True)
@@ -188,20 +188,20 @@ class Stage:
         )
 
 
-def _node(mesh: Mesh) -> str:
-    """Name of a mesh on the page: links of prefixed robots have slashes of their own."""
+def _mesh_node(mesh: Mesh) -> str:
+    """Return a mesh's name on the page: links of prefixed robots have slashes of their own."""
     return f"{_ROOT}/{mesh.role}/{mesh.name.replace('/', ' ')}"
 
 
-def _text_node(mark: Mark) -> str:
-    """Name of a text on the page, in the layer of what it stands beside."""
+def _mark_node(mark: Mark) -> str:
+    """Return a text's name on the page, in the layer of what it belongs to."""
     if mark.contact is not None:
         return f"{_ROOT}/{NUMBERS}/{mark.contact}"
     return f"{_ROOT}/{mark.role}/text {mark.text if mark.role is Role.AXES else ''}"
 
 
 def _without_undersides(mesh: Mesh, floors: FloatArray) -> NDArray[np.int64]:
-    """Return the faces of a support that are not its underside: from below it hides nothing."""
+    """Return the faces of a support without its underside, which would hide it from below."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -209,8 +209,8 @@ def _without_undersides(mesh: Mesh, floors: FloatArray) -> NDArray[np.int64]:
     return mesh.faces[~down.any(axis=1)]
 
 
-def _aim(camera: Any, picture: Picture) -> None:
-    """Look at what matters, all of it."""
+def _aim_camera(camera: Any, picture: Picture) -> None:
+    """Fit the camera to all that is framed."""
     center, distance = framing(picture, _FIELD_OF_VIEW, _ASPECT)
     camera.fov = _FIELD_OF_VIEW
     camera.position = center + distance * picture.view_from
@@ -222,17 +222,17 @@ def _aim(camera: Any, picture: Picture) -> None:
 _FRAME_TIME = 0.08  # s
 _STILL_FRAMES = 10  # at the motion's end
 OUTCOME, SLIDING = "what can happen", "virtual sliding"
-"""The motions that there may be."""
+"""The names of the motions."""
 
 
 class Player:
-    """Controls that show a motion and play it, slowed, again and again, when they are asked to.
+    """Controls that show a motion and play it in slow motion, repeatedly, on request.
 
-    Nothing moves before: a server does not know who wants little motion.
+    Nothing moves before: a server does not know who prefers reduced motion.
     """
 
     def __init__(self, server: Any, gate: Gate, stage: Stage) -> None:
-        """Lay the controls out where the page is being built."""
+        """Lay the controls out on the page that is being built."""
         self._server, self._stage = server, stage
         self._motions: Mapping[str, MovingPicture] = {}
         self._picture: Picture | None = None
@@ -256,7 +256,7 @@ class Player:
         self._thread.start()
 
     def set(self, picture: Picture, motions: Mapping[str, MovingPicture]) -> None:
-        """Draw a picture, and offer motions in its stead, by name."""
+        """Draw a picture, and offer motions by name that replace it."""
         with self._lock:
             new = tuple(motions) != tuple(self._motions)
             self._picture, self._motions = picture, motions
@@ -269,8 +269,8 @@ class Player:
             self._draw()
 
     @property
-    def _moving(self) -> MovingPicture | None:
-        """The motion that is chosen; None: none is shown."""
+    def _chosen_motion(self) -> MovingPicture | None:
+        """The chosen motion; None: none is shown."""
         return self._motions.get(self._which.value) if self._shown.value else None
 
     def stop(self) -> None:
@@ -285,7 +285,7 @@ class Player:
     def _draw(self) -> None:
         """Draw the picture, or the motion at its time."""
         with self._lock, self._server.atomic():
-            moving = self._moving
+            moving = self._chosen_motion
             if moving is not None:
                 self._stage.draw(moving.picture)
                 self._stage.move(moving, round(self._time.value * (len(moving.times) - 1)))
@@ -297,7 +297,7 @@ class Player:
         frame = 0
         while not self._stopped.wait(_FRAME_TIME):
             with self._lock, self._server.atomic():
-                moving = self._moving
+                moving = self._chosen_motion
                 if moving is not None and self._play.value:
                     last = len(moving.times) - 1
                     frame = (frame + 1) % (last + _STILL_FRAMES)

@@ -1,4 +1,4 @@
-"""What a scene and its solution look like, as triangle meshes: no drawing library is needed."""
+"""Pictures of a scene and its solution as triangle meshes, without a drawing library."""
 
 from graspless_pin.visualization.drawing import draw_scene
 from graspless_pin.visualization.picture import DARK, LIGHT, Mesh, Palette, Picture, Role

@@ -1,7 +1,4 @@
-"""Contacts, cones, forces and sliding as meshes.
-
-What there is to say of each contact where it is drawn.
-"""
+"""Contacts, cones, forces and sliding as meshes, with the words for each contact."""
 
 from __future__ import annotations
 
@@ -42,12 +39,12 @@ from graspless_pin.visualization.primitives import (
 def contact_words(
     problem: QuasistaticProblem, solution: TorqueSolution | None, bodies: Sequence[str] | None
 ) -> list[tuple[str, ...]]:
-    """Return lines for each contact: its name, its force, how much friction is used, what limits.
+    """Return lines for each contact: its name, force, share of friction used, nearest limit.
 
     Args:
         problem: The contacts.
         solution: A solution that was found; None: only names and coefficients.
-        bodies: M names of what touches the object; None: left out.
+        bodies: M names of the bodies that touch the object; None: left out.
     """
     names = [
         f"contact {index}" + (f": {bodies[index]}" if bodies is not None else "")
@@ -70,8 +67,8 @@ def contact_words(
             shown(float(one), load, "", rounding[index])
             for one in (reserves[index, nearest], normal[index], friction[index])
         )
-        away = f"{reserve} N from "
-        away += " and ".join(limits) or tuple(ContactLimit)[nearest]
+        distance = f"{reserve} N from "
+        distance += " and ".join(limits) or tuple(ContactLimit)[nearest]
         lines.append(
             (
                 name,
@@ -79,7 +76,7 @@ def contact_words(
                 f"friction {own_friction} N"
                 + ("" if np.isnan(use[index]) else use_text)
                 + f" ({states[index]})",
-                away + (", which limits the margin" if limits else ""),
+                distance + (", which limits the margin" if limits else ""),
             )
         )
     return lines
@@ -118,13 +115,13 @@ def draw_contacts(
     origin: ArrayLike = (0.0, 0.0, 0.0),
     bodies: Sequence[str] | None = None,
 ) -> Picture:
-    """Draw contacts alone, and with a solution that was found forces and virtual sliding.
+    """Draw contacts, and with a solution that was found its forces and virtual sliding.
 
     Args:
         problem: The contacts.
         solution: A solution of the problem; None, or not found: only the contacts.
         origin: (3,) the problem's reference point in the picture, m.
-        bodies: M names of what touches the object; None: not known.
+        bodies: M names of the bodies that touch the object; None: not known.
 
     Raises:
         ArgumentError: ``origin`` is not three finite numbers.
@@ -163,15 +160,15 @@ def with_contacts(
         size: Radius of the object, m.
         force_scale: Metres per newton; None: a round figure with which the largest force is about
             as long as the object's radius.
-        bodies: M names of what touches the object; None: not known.
+        bodies: M names of the bodies that touch the object; None: not known.
     """
     points = problem.positions + origin
     meshes = [
-        _mesh(Role.CONTACT, index, ball_surface(point, _BALL * size))
+        _contact_mesh(Role.CONTACT, index, ball_surface(point, _BALL * size))
         for index, point in enumerate(points)
     ]
-    meshes += _cones(problem, points, _CONE_HEIGHT * size)
-    meshes += _velocities(Role.SLIDING, problem.sliding, points, size)
+    meshes += _cone_meshes(problem, points, _CONE_HEIGHT * size)
+    meshes += _velocity_meshes(Role.SLIDING, problem.sliding, points, size)
     found = solution if solution is not None and solution.found else None
     marks = [
         Mark(str(index), Role.CONTACT, read_only(point), index, words)
@@ -183,9 +180,9 @@ def with_contacts(
         forces = found.contact_forces
         states = contact_states(problem, forces)
         at_limit = [state in ("sliding", "at its limit") for state in states]
-        chosen = _fitting_scale(forces, size) if force_scale is None else force_scale
-        meshes += _forces(problem, forces, at_limit, points, chosen, _SHAFT * size)
-        meshes += _velocities(Role.VIRTUAL_SLIDING, virtual_velocities(found), points, size)
+        chosen = _fitting_force_scale(forces, size) if force_scale is None else force_scale
+        meshes += _force_meshes(problem, forces, at_limit, points, chosen, _SHAFT * size)
+        meshes += _velocity_meshes(Role.VIRTUAL_SLIDING, virtual_velocities(found), points, size)
         picture = with_force_scale(picture, chosen, size)
         load = _load_force(problem)
         if chosen > 0.0 and (load @ load) > _NO_FORCE**2 * (forces * forces).sum():
@@ -197,21 +194,21 @@ def with_contacts(
 def with_loads(
     picture: Picture, loads: Sequence[ActingForce], origin: FloatArray, size: float
 ) -> Picture:
-    """Return a picture with what bears on the object beside its weight.
+    """Return a picture with the loads on the object besides its weight.
 
     Forces are arrows from the points that they act on; moments are arrows with two heads along
     their axes, all of one length.
 
     Args:
-        picture: The picture; where it has no scale of forces, one that fits the loads.
-        loads: What acts on the object.
+        picture: The picture; where it has no scale of forces, one that fits the loads is added.
+        loads: The forces and moments on the object.
         origin: (3,) the object's centre of mass in the picture, m.
         size: Radius of the object, m.
     """
     if not loads:
         return picture
     if picture.force_scale is None:
-        scale = _fitting_scale(np.array([one.force for one in loads]), size)
+        scale = _fitting_force_scale(np.array([one.force for one in loads]), size)
         picture = with_force_scale(picture, scale, size)
     scale = 0.0 if picture.force_scale is None else picture.force_scale.metres_per_newton
     meshes, texts = [], dict[bytes, list[tuple[FloatArray, str, str]]]()
@@ -229,12 +226,12 @@ def with_loads(
         words = [f"force {force:.3g} N"] if force else []
         words += [f"moment {moment:.3g} N m"] if moment else []
         if ends:
-            own = point + 1.08 * ends[0], one.name, f"{one.name}: {', '.join(words)}"
-            texts.setdefault(one.lever.tobytes(), []).append(own)
+            label = point + 1.08 * ends[0], one.name, f"{one.name}: {', '.join(words)}"
+            texts.setdefault(one.lever.tobytes(), []).append(label)
     # One text at each point: names of several loads there would cover each other.
     marks = []
-    for there in texts.values():
-        tips, names, lines = zip(*there, strict=True)
+    for texts_here in texts.values():
+        tips, names, lines = zip(*texts_here, strict=True)
         name = ", ".join(names)
         marks.append(Mark(name, Role.LOAD, read_only(tips[0]), words=(name, *lines)))
     return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
@@ -247,11 +244,11 @@ def with_outcome(
     origin: FloatArray,
     size: float,
 ) -> Picture:
-    """Return a picture with each contact by what it does in an outcome, and the forces there.
+    """Return a picture with the state of each contact in an outcome, and its force.
 
     Args:
         picture: The picture.
-        problem: What it is an outcome of.
+        problem: The problem of the outcome.
         motion: The outcome.
         origin: (3,) the problem's reference point in the picture, m.
         size: Radius of the object, m.
@@ -262,10 +259,10 @@ def with_outcome(
         role = OUTCOME_ROLES[state]
         radius, rings, opacity = _MARKS[role]
         mark = ball_surface(points[index], radius * size, rings)
-        meshes.append(_mesh(role, index, mark, opacity))
+        meshes.append(_contact_mesh(role, index, mark, opacity))
     slips = [OUTCOME_ROLES[state] is Role.SLIPPING_CONTACT for state in motion.states]
-    scale = _fitting_scale(forces, size)
-    meshes += _forces(problem, forces, slips, points, scale, _SHAFT * size)
+    scale = _fitting_force_scale(forces, size)
+    meshes += _force_meshes(problem, forces, slips, points, scale, _SHAFT * size)
     marks = [
         Mark(str(index), Role.CONTACT, read_only(point), index)
         for index, point in enumerate(points)
@@ -274,8 +271,8 @@ def with_outcome(
     return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
 
 
-def _fitting_scale(forces: FloatArray, size: float) -> float:
-    """Return metres per newton, of round figures, with which the largest force just fits."""
+def _fitting_force_scale(forces: FloatArray, size: float) -> float:
+    """Return metres per newton, a round figure with which the largest force just fits."""
     largest = float(np.linalg.norm(forces, axis=1).max())
     if largest <= 0.0:
         return 0.0
@@ -287,8 +284,8 @@ def _fitting_scale(forces: FloatArray, size: float) -> float:
 def virtual_velocities(solution: TorqueSolution) -> FloatArray:
     """(M, 3) velocities of the object relative to the other body in one virtual motion of the mode.
 
-    World axes, to scale among each other; zero where the mode selects no virtual sliding, and
-    everywhere with Coulomb friction, which asks for none.
+    World axes, in an arbitrary common scale; zero where the mode selects no virtual sliding, and
+    everywhere with Coulomb friction, which requires none.
     """
     problem, mode = solution.problem, solution.mode
     velocities = np.zeros((problem.contact_count, 3))
@@ -302,7 +299,7 @@ def virtual_velocities(solution: TorqueSolution) -> FloatArray:
     return velocities
 
 
-def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> Iterator[Mesh]:
+def _cone_meshes(problem: QuasistaticProblem, points: FloatArray, height: float) -> Iterator[Mesh]:
     """Return the cones, of one height along the normal, with the problem's own edges if any."""
     model = problem.cone_model
     corners = model.section(_ROUND if model.second_order else problem.cone_edges).corners
@@ -314,10 +311,10 @@ def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> It
         edges = height / max(1.0, slant * np.sqrt(0.5)) * local @ frame.T
         if np.linalg.det(frame) < 0.0:  # edges run the other way round
             edges = edges[::-1]
-        yield _mesh(Role.CONE, index, pyramid_surface(points[index], edges), _CONE_OPACITY)
+        yield _contact_mesh(Role.CONE, index, pyramid_surface(points[index], edges), _CONE_OPACITY)
 
 
-def _forces(
+def _force_meshes(
     problem: QuasistaticProblem,
     forces: FloatArray,
     at_limit: Sequence[bool],
@@ -325,35 +322,35 @@ def _forces(
     scale: float,
     radius: float,
 ) -> Iterator[Mesh]:
-    """Return normal force, friction and their sum at each contact, as far as they can be seen."""
+    """Return normal force, friction and their sum at each contact, where they are long enough."""
     normal = np.einsum("ij,ij->i", problem.normals, forces)[:, None] * problem.normals
     friction = forces - normal
-    seen = _NO_FORCE * max(1.0, float(np.linalg.norm(forces, axis=1).max()))
+    shortest = _NO_FORCE * max(1.0, float(np.linalg.norm(forces, axis=1).max()))
     for index, point in enumerate(points):
         parts = {
             Role.NORMAL_FORCE: normal[index],
             Role.FRICTION_AT_LIMIT if at_limit[index] else Role.FRICTION_FORCE: friction[index],
         }
-        if np.linalg.norm(friction[index]) > seen:
+        if np.linalg.norm(friction[index]) > shortest:
             parts[Role.TOTAL_FORCE] = forces[index]
         for role, force in parts.items():
-            if scale > 0.0 and np.linalg.norm(force) > seen:
+            if scale > 0.0 and np.linalg.norm(force) > shortest:
                 shaft = 0.5 * radius if role is Role.TOTAL_FORCE else radius
-                yield _mesh(role, index, arrow_surface(point, scale * force, shaft))
+                yield _contact_mesh(role, index, arrow_surface(point, scale * force, shaft))
 
 
-def _velocities(
+def _velocity_meshes(
     role: Role, velocities: FloatArray, points: FloatArray, size: float
 ) -> Iterator[Mesh]:
-    """Arrows along velocities; the fastest has a fixed length, slower ones at least half of it."""
+    """Return arrows of velocities: the fastest of a fixed length, others of at least half of it."""
     speeds = np.linalg.norm(velocities, axis=1)
     fastest = float(speeds.max(initial=0.0))
     for index in np.flatnonzero(speeds > 1e-9 * fastest).tolist():
         share = max(0.5, speeds[index] / fastest)
         along = share * _SLIDING_ARROW * size * velocities[index] / speeds[index]
-        yield _mesh(role, index, arrow_surface(points[index], along, 0.8 * _SHAFT * size))
+        yield _contact_mesh(role, index, arrow_surface(points[index], along, 0.8 * _SHAFT * size))
 
 
-def _mesh(role: Role, contact: int, surface: Solid, opacity: float = 1.0) -> Mesh:
+def _contact_mesh(role: Role, contact: int, surface: Solid, opacity: float = 1.0) -> Mesh:
     vertices, faces = surface
     return Mesh(f"{role}/{contact}", role, vertices, faces, opacity, contact)

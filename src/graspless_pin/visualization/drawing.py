@@ -1,6 +1,6 @@
-"""A scene with its solution as a picture.
+"""Pictures of a scene with its solution.
 
-The centre of mass, and where it may be, are drawn in the object.
+The centre of mass, and its tolerated region, are drawn inside the object.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ _REGION_OPACITY = 0.85
 
 
 def level_boundary(one: Tolerance, level: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how large a change may be all around a plane: (K,) angles, rad, and (K,) sizes.
+    """Return the boundary of a tolerance in a plane: (K,) angles, rad, and (K,) largest changes.
 
     Args:
         one: A tolerance with a boundary.
         level: (2, 3) unit vectors that span the plane, the first at angle 0.
     """
     angles = 2.0 * np.pi * np.arange(_BOUNDARY_ANGLES) / _BOUNDARY_ANGLES
-    if one.boundary is not None:  # each corner that lies in the plane, too
+    if one.boundary is not None:  # with each corner that lies in the plane
         along = one.boundary @ level.T
         sizes = np.linalg.norm(one.boundary, axis=1)
         corners = along[
@@ -71,13 +71,13 @@ def level_boundary(one: Tolerance, level: FloatArray) -> tuple[FloatArray, Float
 def with_tolerances(
     picture: Picture, tolerances: Tolerances, origin: FloatArray, size: float
 ) -> Picture:
-    """Return a picture with the centre of mass, and the level region in which it may lie.
+    """Return a picture with the centre of mass and the level region in which it may lie.
 
-    The region has a rim but where it goes beyond the object, and none if it is a point.
+    The region ends at 1.1 radii of the object, without a rim there; a mere point is not drawn.
 
     Args:
         picture: The picture.
-        tolerances: They tell of the centre of mass, or nothing is added.
+        tolerances: Without a tolerance of the centre of mass nothing is added.
         origin: (3,) the object's centre of mass in the picture, m.
         size: Radius of the object, m.
     """
@@ -91,13 +91,13 @@ def with_tolerances(
     if float(radii.max()) > _LEAST_REGION * size:
         role, within = Role.CENTER_REGION, radii < _FARTHEST_REGION * size
         ends = origin + np.minimum(radii, _FARTHEST_REGION * size)[:, None] * _rays(angles, level)
-        meshes.append(Mesh(f"{role}/inside", role, *_fan(origin, ends), _REGION_OPACITY))
+        meshes.append(Mesh(f"{role}/inside", role, *_fan_surface(origin, ends), _REGION_OPACITY))
         rim = [
             bar_surface(ends[k - 1], ends[k], _RIM * size)
             for k in np.flatnonzero(within & np.roll(within, 1)).tolist()
         ]
         if rim:
-            meshes.append(Mesh(f"{role}/rim", role, *_joined(rim)))
+            meshes.append(Mesh(f"{role}/rim", role, *_joined_solid(rim)))
     return replace(picture, meshes=(*picture.meshes, *meshes))
 
 
@@ -105,26 +105,26 @@ def _rays(angles: FloatArray, level: FloatArray) -> FloatArray:
     return np.column_stack([np.cos(angles), np.sin(angles)]) @ level
 
 
-def _fan(middle: FloatArray, ends: FloatArray) -> Solid:
+def _fan_surface(middle: FloatArray, ends: FloatArray) -> Solid:
     """Return the triangles between a point and neighbouring ends all around it."""
     here = np.arange(1, len(ends) + 1)
     faces = np.column_stack([np.zeros_like(here), here, np.roll(here, -1)])
     return read_only(np.vstack([middle, ends])), faces.astype(np.int64)
 
 
-def _joined(solids: list[Solid]) -> Solid:
+def _joined_solid(solids: list[Solid]) -> Solid:
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in solids[:-1])])
     faces = [faces + start for (_, faces), start in zip(solids, starts, strict=True)]
     return read_only(np.vstack([vertices for vertices, _ in solids])), np.vstack(faces)
 
 
 _OBJECT_OPACITY = 0.45
-# Of a wall between the object and who looks at it.
+# Of a wall between the object and the camera.
 _WALL_OPACITY = 0.3
 _FACING = 0.1
-# The least upward part of a normal of what somebody would not look up through.
+# Planes whose normals have a larger upward part are floors: views stay above them.
 _UPWARD = 0.2
-# Fingers none of which is nearer to the object than so many of its radii are context, as arms are.
+# In radii of the object: hands without a finger that is nearer are context, as arms are.
 _CLOSE = 3.5
 # A half-space is drawn this wide on each side of the object, and this deep, in its radii.
 _SLAB_WIDTH = 1.3
@@ -145,7 +145,7 @@ def draw_scene(
         scene: The scene.
         solution: A solution of ``scene.problem()``; None, or not found: without forces.
         tolerances: Of ``scene.tolerances``: the centre of mass is drawn, and the level region in
-            which it may lie, as far as the object goes; None: neither.
+            which it may lie, cut off near the object; None: neither.
         force_scale: Metres per newton; None: a round figure, fitted to the object.
         max_faces: Most triangles of one link, object or support; finer meshes are simplified.
 
@@ -176,7 +176,7 @@ def draw_scene(
 
 
 def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
-    """Draw hand, object and supports alone, wherever they are.
+    """Draw hand, object and supports without contacts, wherever they are.
 
     Args:
         scene: The scene.
@@ -187,11 +187,11 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
     """
     body = scene.object.shape.surface(max_faces)
     body = body.moved(scene.object.T_world_object)
-    middle, size = _enclosing(body.vertices)
-    hand = [] if scene.hand is None else _hand(scene.hand, max_faces)
-    close = [] if scene.hand is None else _close(scene.hand, hand, middle, size)
+    middle, size = _enclosing_sphere(body.vertices)
+    hand = [] if scene.hand is None else _hand_meshes(scene.hand, max_faces)
+    close = [] if scene.hand is None else _close_vertices(scene.hand, hand, middle, size)
     shown = np.vstack([body.vertices, *close])
-    center, radius = _enclosing(shown)
+    center, radius = _enclosing_sphere(shown)
     up = up_against(scene.gravity)
     away = shown[len(body.vertices) :].mean(axis=0) - middle if any(map(len, close)) else 0.0 * up
     walls = [
@@ -200,13 +200,13 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
         if isinstance(support.shape, HalfSpace)
     ]
     view_from = look_across(away, up, walls)
-    supports = [_support(one, middle, size, max_faces, view_from) for one in scene.supports]
-    planes = _planes(scene.supports, supports, body, up)
+    supports = [_support_mesh(one, middle, size, max_faces, view_from) for one in scene.supports]
+    planes = _bounding_planes(scene.supports, supports, body, up)
     floors = planes[planes[:, :3] @ up > _UPWARD]
     fingers = () if scene.hand is None else tuple(scene.hand.fingers)
     meshes = (
         *hand,
-        _mesh(f"object/{scene.object.name}", Role.OBJECT, body, _OBJECT_OPACITY),
+        _body_mesh(f"object/{scene.object.name}", Role.OBJECT, body, _OBJECT_OPACITY),
         *supports,
     )
     upright = [wall for wall in walls if wall @ up <= _UPWARD]
@@ -217,14 +217,14 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
     return with_bearings(picture, size, scene.gravity, planes)
 
 
-def _planes(
+def _bounding_planes(
     supports: Sequence[Support], meshes: Sequence[Mesh], body: Triangles, up: FloatArray
 ) -> FloatArray:
-    """(K, 4) planes that the object is in front of: of half-spaces, and below it what carries it.
+    """(K, 4) planes with the object in front: of half-spaces, and below it of what carries it.
 
     Args:
         supports: The supports.
-        meshes: What they look like.
+        meshes: Their meshes.
         body: The object's triangles.
         up: (3,) unit.
     """
@@ -240,31 +240,33 @@ def _planes(
 
 def object_radius(picture: Picture) -> float:
     """Return the radius of the sphere that holds the picture's object, m."""
-    return _enclosing(picture.of(Role.OBJECT)[0].vertices)[1]
+    return _enclosing_sphere(picture.of(Role.OBJECT)[0].vertices)[1]
 
 
-def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
+def _hand_meshes(hand: Hand, max_faces: int) -> list[Mesh]:
     names = list(hand.fingers)
-    found = []
+    meshes = []
     for index, (link, triangles) in enumerate(hand_triangles(hand, max_faces=max_faces)):
         mesh, finger = (
-            _mesh(f"hand/{index}/{link}", Role.HAND, triangles, 1.0),
+            _body_mesh(f"hand/{index}/{link}", Role.HAND, triangles, 1.0),
             hand.finger_of(link),
         )
-        found.append(mesh if finger is None else replace(mesh, finger=names.index(finger)))
-    return found
+        meshes.append(mesh if finger is None else replace(mesh, finger=names.index(finger)))
+    return meshes
 
 
-def _close(hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float) -> list[FloatArray]:
-    """Return the (V, 3) vertices of the fingers and palms that are at an object.
+def _close_vertices(
+    hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float
+) -> list[FloatArray]:
+    """Return the (V, 3) vertices of the fingers and palms that are close to the object.
 
-    With one finger comes all that its palm carries. Of a hand without fingers it is what is near.
+    A close finger brings all that its palm carries. Of a hand without fingers, the close vertices.
 
     Args:
         hand: The hand.
-        meshes: Of its links.
-        middle: (3,) of the object, m.
-        size: Its radius, m.
+        meshes: Meshes of its links.
+        middle: (3,) middle of the object, m.
+        size: Radius of the object, m.
     """
     close = {
         mesh.name: np.linalg.norm(mesh.vertices - middle, axis=1) < _CLOSE * size for mesh in meshes
@@ -286,10 +288,10 @@ def _close(hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float) 
     return shown or [mesh.vertices[close[mesh.name]] for mesh in meshes]
 
 
-def _support(
+def _support_mesh(
     support: Support, middle: FloatArray, size: float, max_faces: int, view_from: FloatArray
 ) -> Mesh:
-    """Return a support; of a half-space the slab below the object, translucent from behind."""
+    """Return a support's mesh; a half-space as a slab below the object, translucent from behind."""
     T, opacity = support.T_world_support, 1.0
     if isinstance(support.shape, HalfSpace):
         local = T[:3, :3].T @ (middle - T[:3, 3])
@@ -297,24 +299,24 @@ def _support(
         opacity = 1.0 if T[:3, 2] @ view_from > -_FACING else _WALL_OPACITY
     else:
         surface = support.shape.surface(max_faces)
-    return _mesh(f"support/{support.name}", Role.SUPPORT, surface.moved(T), opacity)
+    return _body_mesh(f"support/{support.name}", Role.SUPPORT, surface.moved(T), opacity)
 
 
-def _enclosing(points: FloatArray) -> tuple[FloatArray, float]:
-    """Middle of the box around points and the radius of the sphere about it that holds them."""
+def _enclosing_sphere(points: FloatArray) -> tuple[FloatArray, float]:
+    """Return the middle of the box around points, and the radius of the sphere about it."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     return middle, float(np.linalg.norm(points - middle, axis=1).max())
 
 
-def _mesh(name: str, role: Role, surface: Triangles, opacity: float) -> Mesh:
+def _body_mesh(name: str, role: Role, surface: Triangles, opacity: float) -> Mesh:
     return Mesh(name, role, surface.vertices, surface.faces, opacity)
 
 
 def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, Triangles]]:
     """Yield the link and the triangles of each of a hand's shapes, world frame, m.
 
-    A link looks as the URDF's visual shapes say; one that has none, or none that can be read, as
-    its collision shapes.
+    A link is drawn by the URDF's visual shapes; one that has none, or none that can be read, by its
+    collision shapes.
 
     Args:
         hand: The hand at its configuration.
@@ -325,7 +327,7 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
         try:
             surfaces = [_visual_triangles(item, max_faces) for item in items]
         except MeshError:
-            continue  # the collision shapes will do
+            continue  # the collision shapes are drawn instead
         drawn.add(link)
         T = hand.pose_of(link)
         yield from ((link, surface.moved(T)) for surface in surfaces)

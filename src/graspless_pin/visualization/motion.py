@@ -1,4 +1,4 @@
-"""Motions that are played: of an object that does not stay, small ones, and virtual slidings."""
+"""Motions that are played: of outcomes, of small motions that grow, and of virtual slidings."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from graspless_pin.visualization.drawing import draw_bodies, object_radius
 from graspless_pin.visualization.picture import Picture, Role
 
 _TIMES = 31
-_OUTCOME_DISTANCE = 0.6  # of the object's radius: how far a point of it goes
+_OUTCOME_DISTANCE = 0.6  # of the object's radius: largest displacement of its points
 _OUTCOME_TURN = 0.6  # rad, of object and joints
 _SLID, _SLID_TURN = 0.35, 0.4  # the same of virtual slidings and small motions
-_GROWN = 30.0  # times as large as it begins: how far a small motion is shown
+_GROWN = 30.0  # of its first size: the last size of a small motion that is shown
 _STILL = (Role.HAND, Role.SUPPORT, Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
 
 
@@ -35,11 +35,11 @@ class MovingPicture(Record):
     """A picture whose meshes move.
 
     Attributes:
-        picture: What there is to see at first.
+        picture: The picture at first.
         times: (K,) s from rest on, evenly spaced.
         paths: (K, 4, 4) poses of each body that moves, relative to where the picture has it, world
             frame; the object's first.
-        path_of: Which of them a mesh goes, by name; the others stand still.
+        path_of: Index of the path of a mesh, by its name; the others stand still.
     """
 
     picture: Picture
@@ -55,16 +55,16 @@ def draw_motion(
     scene: Scene | None = None,
     origin: FloatArray | None = None,
 ) -> MovingPicture:
-    """Draw what an outcome does, were its first accelerations to last.
+    """Draw the motion of an outcome, as if its first accelerations lasted.
 
-    Object and joints go along their accelerations until a point of the object has gone 0.6 of its
-    radius, or something has turned by 0.6 rad. A joint that comes to its limit ends the hand's
-    motion. Contacts go along with the object: balls stick, diamonds slip, pale balls open.
+    Object and joints move along their accelerations until a point of the object has moved by 0.6 of
+    its radius, or something has turned by 0.6 rad. A joint that comes to its limit ends the hand's
+    motion. Contacts move with the object: balls stick, diamonds slip, pale balls open.
 
     Args:
-        problem: What the motion is an outcome of.
-        motion: The motion.
-        scene: The scene of the problem; None: contacts and forces are drawn alone.
+        problem: The problem of the outcome.
+        motion: The outcome.
+        scene: The scene of the problem; None: only contacts and forces are drawn.
         origin: (3,) the problem's reference point in a picture without scene, m; None: zero.
 
     Raises:
@@ -85,7 +85,7 @@ def draw_motion(
         size = object_radius(picture)
     times = np.linspace(0.0, _duration(motion, size), _TIMES)
     amounts = 0.5 * times[:, None] ** 2
-    return _played(
+    return _moving_picture(
         with_outcome(picture, problem, motion, center, size),
         None if scene is None else scene.hand,
         times,
@@ -97,27 +97,27 @@ def draw_motion(
 def draw_virtual_sliding(
     picture: Picture, solution: TorqueSolution, hand: Hand | None, origin: FloatArray
 ) -> MovingPicture | None:
-    """Let a picture of a solution go along the virtual motion behind its mode.
+    """Return a picture of a solution that moves along the virtual motion behind its mode.
 
-    Enlarged: a point at the radius of the contacts goes 0.35 of that, or something turns by 0.4
-    rad. The contacts go with the object.
+    Enlarged: a point at the radius of the contacts moves by 0.35 of that, or something turns by 0.4
+    rad. The contacts move with the object.
 
     Args:
         picture: Of `draw_scene` or `draw_contacts`.
-        solution: The solution that it is of.
+        solution: Its solution.
         hand: The hand; None: it is not drawn.
         origin: (3,) the problem's reference point in the picture, m.
 
     Returns:
-        The motion; None where no virtual sliding is asked for, or the coordinates are not those
-        of one free object.
+        The motion; None where no virtual sliding is required, or the coordinates are not those of
+        one free object.
     """
     if not picture.of(Role.VIRTUAL_SLIDING) or solution.motion is None:
         return None
     if solution.problem.wrench_matrix is not None:
         return None
-    times = np.linspace(0.0, _enlarged(solution.problem, solution.motion), _TIMES)
-    return _along(picture, solution.motion, times, times, hand, origin)
+    times = np.linspace(0.0, _enlargement(solution.problem, solution.motion), _TIMES)
+    return _moved_along(picture, solution.motion, times, times, hand, origin)
 
 
 def draw_small_motion(
@@ -128,23 +128,23 @@ def draw_small_motion(
     hand: Hand | None,
     origin: FloatArray,
 ) -> MovingPicture:
-    """Let a picture go along a small motion that grows, enlarged like a virtual sliding.
+    """Return a picture that moves along a growing small motion, enlarged like a virtual sliding.
 
     Args:
         picture: Of `draw_scene` or `draw_contacts`.
-        problem: Of the rest that is lost.
+        problem: The problem of the unstable rest.
         motion: (6 + L,) the motion, of any size.
         growth: Its rate, 1/s.
         hand: The hand; None: it is not drawn.
         origin: (3,) the problem's reference point in the picture, m.
     """
     times = np.linspace(0.0, np.log(_GROWN) / growth, _TIMES)
-    amounts = _enlarged(problem, motion) * np.expm1(growth * times) / (_GROWN - 1.0)
-    return _along(picture, motion, times, amounts, hand, origin)
+    amounts = _enlargement(problem, motion) * np.expm1(growth * times) / (_GROWN - 1.0)
+    return _moved_along(picture, motion, times, amounts, hand, origin)
 
 
-def _enlarged(problem: QuasistaticProblem, motion: FloatArray) -> float:
-    """Return how many times a motion (6 + L,) is shown: object and joints go so far."""
+def _enlargement(problem: QuasistaticProblem, motion: FloatArray) -> float:
+    """Return the factor of a shown motion (6 + L,), within the limits of object and joints."""
     velocity, bends = motion[:6], motion[6:]
     size = float(np.linalg.norm(problem.positions, axis=1).max())
     speed = float(np.linalg.norm(velocity[:3]) + size * np.linalg.norm(velocity[3:]))
@@ -153,7 +153,7 @@ def _enlarged(problem: QuasistaticProblem, motion: FloatArray) -> float:
     return min((distance / rate for distance, rate in limits if rate > 0.0), default=1.0)
 
 
-def _along(
+def _moved_along(
     picture: Picture,
     motion: FloatArray,
     times: FloatArray,
@@ -161,22 +161,22 @@ def _along(
     hand: Hand | None,
     origin: FloatArray,
 ) -> MovingPicture:
-    """Return a picture that goes so many times (K,) along a motion (6 + L,)."""
+    """Return a picture that moves along a motion (6 + L,), by amounts (K,)."""
     path = _object_path(amounts[:, None] * motion[:6], origin)
-    return _played(picture, hand, times, path, amounts[:, None] * motion[6:])
+    return _moving_picture(picture, hand, times, path, amounts[:, None] * motion[6:])
 
 
-def _played(
+def _moving_picture(
     picture: Picture, hand: Hand | None, times: FloatArray, path: FloatArray, bends: FloatArray
 ) -> MovingPicture:
-    """Return a picture whose object and contacts go along a path, and whose links follow joints.
+    """Return a picture whose object and contacts move along a path, and whose links follow joints.
 
     Args:
         picture: The picture.
         hand: Its hand; None: there is none.
         times: (K,) s.
         path: (K, 4, 4) poses of the object, relative to where it is.
-        bends: (K, L) how far the joints have gone.
+        bends: (K, L) displacements of the joints.
     """
     paths = [path]
     path_of = {mesh.name: 0 for mesh in picture.meshes if mesh.role not in _STILL}
@@ -189,7 +189,7 @@ def _played(
 
 
 def _duration(motion: DynamicOutcome, size: float) -> float:
-    """Return when the motion has been seen, s."""
+    """Return the time after which the motion reaches its limits, s."""
     turning = [float(np.linalg.norm(motion.object_acceleration[3:]))]
     turning += np.abs(motion.joint_accelerations).tolist()
     limits = (
@@ -200,7 +200,7 @@ def _duration(motion: DynamicOutcome, size: float) -> float:
 
 
 def _object_path(displacements: FloatArray, center: FloatArray) -> FloatArray:
-    """Return (K, 4, 4) after (K, 6) ways: the object turns about its centre, which goes along."""
+    """(K, 4, 4) poses after (K, 6) displacements: a turn about the centre, and its shift."""
     path = np.tile(np.eye(4), (len(displacements), 1, 1))
     path[:, :3, :3] = Rotation.from_rotvec(displacements[:, 3:]).as_matrix()
     path[:, :3, 3] = center + displacements[:, :3] - path[:, :3, :3] @ center
@@ -208,17 +208,17 @@ def _object_path(displacements: FloatArray, center: FloatArray) -> FloatArray:
 
 
 def _link_paths(hand: Hand, bends: FloatArray) -> dict[str, FloatArray]:
-    """Return (K, 4, 4) of each link that moves, by the hand's forward kinematics."""
+    """Return the path (K, 4, 4) of each link that moves, by the hand's forward kinematics."""
     bent = hand
     hands: list[Hand] = []
     for bend in bends:
-        with suppress(SceneError):  # at a limit it stays
+        with suppress(SceneError):  # at a limit the hand stays
             bent = bent_hand(hand, bend)
         hands.append(bent)
     paths = {}
     for link in hand.tree.link_frames:
-        back = np.linalg.inv(hand.pose_of(link))
-        path = np.array([there.pose_of(link) @ back for there in hands])
+        from_start = np.linalg.inv(hand.pose_of(link))
+        path = np.array([moved_hand.pose_of(link) @ from_start for moved_hand in hands])
         if not np.allclose(path, np.eye(4), atol=1e-9):
             paths[link] = path
     return paths

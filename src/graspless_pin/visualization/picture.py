@@ -1,4 +1,4 @@
-"""The records of a picture: meshes and short texts with a role, their colours, and the camera."""
+"""The records of a picture: meshes and texts with roles, their colours, and the camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from graspless_pin.records import Record
 
 
 class Role(StrEnum):
-    """What a mesh stands for; layers and colours go by it. See the example of `draw_scene`."""
+    """The meaning of a mesh; layers and colours depend on it. See the example of `draw_scene`."""
 
     HAND = "hand"
     OBJECT = "object"
@@ -42,7 +42,7 @@ class Role(StrEnum):
 
     @property
     def label(self) -> str:
-        """In words, for legends."""
+        """The role in words, for legends."""
         return _LABELS[self]
 
 
@@ -71,18 +71,18 @@ _LABELS = {
 }
 _UNITS = {1.0: "1 m", 1e-2: "1 cm", 1e-3: "1 mm", 1e-6: "1 µm"}
 _PREFIXES = {1e6: "MN", 1e3: "kN", 1.0: "N", 1e-3: "mN", 1e-6: "µN", 1e-9: "nN"}
-_LEAST_PLAIN, _MOST_PLAIN = 0.01, 1e4  # N, said without a prefix
+_LEAST_PLAIN, _MOST_PLAIN = 0.01, 1e4  # N, without a prefix
 _UNITS_IN_SIZE = 2.0
 HIDDEN_AT_FIRST = frozenset({Role.TOTAL_FORCE, Role.EXTERNAL_FORCE})
-"""Layers that are shown when they are asked for: what other arrows sum up to."""
+"""Layers that are shown on request: the sums of other arrows."""
 
 
 class ForceScale(NamedTuple):
-    """How long forces are drawn, as maps state it: so many newtons to a length.
+    """The scale of drawn forces, as on maps: a force for a length.
 
     Attributes:
         length: The length, m: a metre, centimetre, millimetre or micrometre.
-        force: The force that is so long, N.
+        force: The force that is drawn with this length, N.
     """
 
     length: float
@@ -90,18 +90,18 @@ class ForceScale(NamedTuple):
 
     @classmethod
     def fitting(cls, metres_per_newton: float, size: float) -> ForceScale:
-        """Return a scale, with a length that goes into the size of the object (m)."""
+        """Return a scale whose length fits into the size of the object (m)."""
         fits = [unit for unit in _UNITS if _UNITS_IN_SIZE * unit <= size]
         unit = max(fits, default=min(_UNITS))
         return cls(unit, unit / metres_per_newton)
 
     @property
     def metres_per_newton(self) -> float:
-        """How long one newton is, m."""
+        """Drawn length of one newton, m."""
         return self.length / self.force
 
     def __str__(self) -> str:
-        """Return it in words, such as "1 cm = 5 N"."""
+        """Return the scale in words, such as "1 cm = 5 N"."""
         prefixes = [prefix for prefix in _PREFIXES if prefix <= self.force]
         prefix = max(prefixes, default=min(_PREFIXES))
         prefix = 1.0 if _LEAST_PLAIN <= self.force < _MOST_PLAIN else prefix
@@ -114,10 +114,10 @@ class Mark(Record):
 
     Attributes:
         text: The text: a contact's number, the letter of an axis.
-        role: What it stands beside; it is seen where that is.
+        role: Role of what it labels; it is visible where that is.
         position: (3,) read-only, world frame, m.
         contact: Index of the contact that it numbers; None: of none.
-        words: What there is to say of it, a line each; the first names it.
+        words: Description, a line each; the first names it.
     """
 
     text: str
@@ -129,13 +129,13 @@ class Mark(Record):
 
 @dataclass(frozen=True, eq=False)
 class Mesh(Record):
-    """Triangles of one thing, counterclockwise when seen from outside.
+    """Triangles of one body or arrow, counterclockwise when seen from outside.
 
     See the example of `draw_scene`.
 
     Attributes:
         name: Unique in its picture; slashes make groups.
-        role: What it stands for.
+        role: Its meaning.
         vertices: (V, 3) read-only, world frame, m.
         faces: (F, 3) read-only indices of vertices.
         opacity: 0 to 1.
@@ -154,20 +154,20 @@ class Mesh(Record):
 
 @dataclass(frozen=True, eq=False)
 class Picture(Record):
-    """What there is to see, and what to look at. See the example of `draw_scene`.
+    """Meshes and texts, with views of them. See the example of `draw_scene`.
 
     Attributes:
         meshes: All meshes.
-        center: (3,) middle of what matters: the object and the hand around it, m.
-        radius: Radius of a sphere around that, m.
+        center: (3,) middle of object and near hand, m.
+        radius: Radius of a sphere around them, m.
         up: (3,) unit vector against gravity, world axes.
-        view_from: (3,) unit vector from the center towards a good place to look from.
+        view_from: (3,) unit vector from the center towards the default camera.
         views: Other such vectors by name: ``front``, ``side`` and ``top``.
-        floors: (K, 4) planes (n, d) with n^T x >= d in front of them, from below which nobody
-            looks: supports that the object may stand on.
-        fingers: Names of the fingers, that of each mesh by its index.
+        floors: (K, 4) planes (n, d) with n^T x >= d in front of them, supports of the object that
+            views stay above.
+        fingers: Names of the fingers; meshes have their index.
         marks: Texts in the picture.
-        force_scale: How long forces are; None: there are none.
+        force_scale: The scale of forces; None: there are none.
     """
 
     meshes: tuple[Mesh, ...]
@@ -189,14 +189,14 @@ class Picture(Record):
 _FORWARD, _HEIGHT = 0.35, 0.5
 _TOO_SHORT = 1e-9
 _LOWEST_VIEW, _VIEW_STEP = np.radians(10.0), np.radians(1.0)
-# Only what is nearer to the middle than this is framed, in radii: of hands, whose arms are context,
-# and of all else; the slab of a half-space, 1.3 of the object's radii to each side, lies within.
+# In radii from the middle: the framed part of hands, whose arms are context, and of all else; the
+# slab of a half-space, 1.3 of the object's radii to each side, lies within.
 _HAND_FRAMED, _FRAMED = 1.05, 2.3
 _FRAME_MARGIN = 1.08
 
 
 def up_against(force: FloatArray) -> FloatArray:
-    """(3,) unit vector against gravity or weight; z where there is none."""
+    """(3,) unit vector against gravity or weight; z where that is zero."""
     length = float(np.linalg.norm(force))
     if length <= _TOO_SHORT:
         return read_only(np.array([0.0, 0.0, 1.0]))
@@ -204,7 +204,7 @@ def up_against(force: FloatArray) -> FloatArray:
 
 
 def across_gravity(force: FloatArray) -> FloatArray:
-    """(2, 3) unit vectors across gravity or weight, with up their cross product.
+    """(2, 3) unit vectors that span the level plane; their cross product is up.
 
     The first is the projection of the world axis that is most level.
 
@@ -219,15 +219,14 @@ def across_gravity(force: FloatArray) -> FloatArray:
 
 
 def look_across(away: FloatArray, up: FloatArray, walls: Sequence[FloatArray] = ()) -> FloatArray:
-    """(3,) unit vector to where object and hand are seen side by side, from somewhat above.
+    """(3,) unit vector towards a camera that sees object and hand side by side, from above.
 
     Args:
-        away: (3,) from the object to the hand, m; anything without a horizontal part means no
-            hand.
+        away: (3,) from the object to the hand, m; without a horizontal part there is no hand.
         up: (3,) unit.
         walls: (3,) outward normals of planes, to be seen from outside rather than from behind.
     """
-    level = _level(away, up)
+    level = _horizontal_unit(away, up)
     side = np.cross(level, up)
     choices = [
         across * side + forward * level + _HEIGHT * up
@@ -238,7 +237,7 @@ def look_across(away: FloatArray, up: FloatArray, walls: Sequence[FloatArray] = 
     return read_only(best / np.linalg.norm(best))
 
 
-def _level(away: FloatArray, up: FloatArray) -> FloatArray:
+def _horizontal_unit(away: FloatArray, up: FloatArray) -> FloatArray:
     """Return the unit horizontal part of a vector, or of an axis where it has none."""
     level = away - (away @ up) * up
     if np.linalg.norm(level) <= _TOO_SHORT + 0.1 * np.linalg.norm(away):
@@ -250,10 +249,10 @@ def _level(away: FloatArray, up: FloatArray) -> FloatArray:
 def preset_views(
     away: FloatArray, up: FloatArray, walls: Sequence[FloatArray], floors: FloatArray
 ) -> Mapping[str, FloatArray]:
-    """Return unit vectors to where object and hand are seen from the front, a side and the top.
+    """Return unit vectors towards cameras in front of, beside and above object and hand.
 
-    The front is where the object is seen before the hand, or the hand before it if a wall stands
-    there. None of them is below a floor.
+    The front shows the object before the hand, or the hand before it if a wall stands there. No
+    view is from below a floor.
 
     Args:
         away: (3,) from the object to the hand, m, see `look_across`.
@@ -261,21 +260,21 @@ def preset_views(
         walls: (3,) outward normals of planes, to be seen from outside rather than from behind.
         floors: (K, 4) of `Picture.floors`.
     """
-    level = _level(away, up)
+    level = _horizontal_unit(away, up)
     side = np.cross(level, up)
-    found = {}
+    views = {}
     for name, way in (("front", -level), ("side", side)):
-        seen = max((way, -way), key=lambda one: min((0.0, *(float(one @ wall) for wall in walls))))
-        found[name] = read_only(_raised(seen, up, floors))
+        best = max((way, -way), key=lambda one: min((0.0, *(float(one @ wall) for wall in walls))))
+        views[name] = read_only(_view_above_floors(best, up, floors))
     # Not quite from above, so that up stays up.
-    found["top"] = read_only(_raised(found["side"], up, floors, np.radians(88.0)))
-    return found
+    views["top"] = read_only(_view_above_floors(views["side"], up, floors, np.radians(88.0)))
+    return views
 
 
-def _raised(
+def _view_above_floors(
     level: FloatArray, up: FloatArray, floors: FloatArray, tilt: float = _LOWEST_VIEW
 ) -> FloatArray:
-    """Return a direction at an angle above the level, or as far above as is in front of floors."""
+    """Return a view vector at an angle above the level, raised until in front of all floors."""
     level = level - (level @ up) * up
     level /= np.linalg.norm(level)
     while True:
@@ -288,7 +287,7 @@ def _raised(
 def framing(
     picture: Picture, field_of_view: float, aspect: float, toward: FloatArray | None = None
 ) -> tuple[FloatArray, float]:
-    """Where a camera looks, and from how far, to see all that matters.
+    """Return the point that a camera looks at, and its distance, to show all that is framed.
 
     Args:
         picture: The picture.
@@ -323,9 +322,9 @@ class Palette:
 
     Attributes:
         background: ``#rrggbb``.
-        text: ``#rrggbb``, to be read on the background.
+        text: ``#rrggbb`` of text on the background.
         roles: ``#rrggbb`` by role.
-        fingers: ``#rrggbb`` of fingers in turn; more of them begin again.
+        fingers: ``#rrggbb`` of fingers in turn; further ones repeat them.
     """
 
     background: str

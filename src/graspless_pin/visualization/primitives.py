@@ -1,4 +1,4 @@
-"""What tells directions and sizes in a picture: world axes, gravity and the scale of forces."""
+"""Surfaces of arrows, bars, balls and cones; world axes, gravity and the scale of forces."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def arrow_surface(start: ArrayLike, along: ArrayLike, radius: float) -> Solid:
     """Return an arrow: a shaft and a head whose tip is at the end.
 
     Args:
-        start: (3,) where it starts, m.
-        along: (3,) from its start to its tip, m; not zero.
+        start: (3,) the foot, m.
+        along: (3,) from the foot to the tip, m; not zero.
         radius: Radius of the shaft, m; the head is wider, and both are slimmer on a short arrow.
     """
     vector = np.asarray(along, dtype=float)
@@ -30,7 +30,7 @@ def arrow_surface(start: ArrayLike, along: ArrayLike, radius: float) -> Solid:
     shaft = min(radius, 0.12 * length)
     head = min(5.0 * shaft, 0.45 * length)
     profile = [(0.0, 0.0), (shaft, 0.0), (shaft, length - head), (2.2 * shaft, length - head)]
-    return _turned([*profile, (0.0, length)], start, vector / length)
+    return _surface_of_revolution([*profile, (0.0, length)], start, vector / length)
 
 
 def bar_surface(start: FloatArray, end: FloatArray, radius: float) -> Solid:
@@ -38,15 +38,15 @@ def bar_surface(start: FloatArray, end: FloatArray, radius: float) -> Solid:
     length = float(np.linalg.norm(end - start))
     profile = [(0.0, 0.0), (radius, 0.0), (radius, length), (0.0, length)]
     axis = (end - start) / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-    return _turned(profile, start, axis)
+    return _surface_of_revolution(profile, start, axis)
 
 
 def ball_surface(center: ArrayLike, radius: float, rings: int = BALL_RINGS) -> Solid:
-    """Return a ball about (3,) ``center``, m; of two rings: a diamond."""
+    """Return a ball about (3,) ``center``, m; with two rings a diamond."""
     angles = np.linspace(0.0, np.pi, rings + 1)
     profile = [(radius * np.sin(angle), -radius * np.cos(angle)) for angle in angles]
     profile[0], profile[-1] = (0.0, -radius), (0.0, radius)
-    return _turned(profile, center, np.array([0.0, 0.0, 1.0]))
+    return _surface_of_revolution(profile, center, np.array([0.0, 0.0, 1.0]))
 
 
 def pyramid_surface(apex: ArrayLike, edges: FloatArray) -> Solid:
@@ -67,8 +67,10 @@ def pyramid_surface(apex: ArrayLike, edges: FloatArray) -> Solid:
     return vertices, np.vstack([sides, base]).astype(np.int64)
 
 
-def _turned(profile: list[tuple[float, float]], start: ArrayLike, axis: FloatArray) -> Solid:
-    """Turn a profile of (radius, height) about an axis; it begins and ends on the axis."""
+def _surface_of_revolution(
+    profile: list[tuple[float, float]], start: ArrayLike, axis: FloatArray
+) -> Solid:
+    """Return the surface of revolution of a profile of (radius, height) that ends on the axis."""
     t1, t2 = default_tangents(axis[None])[0].T
     origin = np.asarray(start, dtype=float)
     angles = 2.0 * np.pi * np.arange(_SECTIONS) / _SECTIONS
@@ -106,13 +108,13 @@ def with_bearings(
 ) -> Picture:
     """Return a picture with the directions of the world axes and of gravity beside the object.
 
-    They stand away from the hand, towards who looks, in front of all planes.
+    They are drawn away from the hand, towards the camera, in front of all planes.
 
     Args:
         picture: The picture.
         size: Radius of the object, m.
         gravity: (3,) m/s^2; None or zero: it is not drawn.
-        planes: (K, 4) planes (n, d), to stay in n^T x > d of.
+        planes: (K, 4) planes (n, d): the arrows stay in n^T x > d.
     """
     up = picture.up
     right = np.cross(up, picture.view_from)
@@ -129,14 +131,14 @@ def with_bearings(
     foot += (float((corners @ up).min()) - foot @ up) * up
     for plane in planes:
         normal, along = plane[:3], up if plane[:3] @ up > _CLEAR else plane[:3]
-        behind = plane[3] + _CLEAR * size - normal @ foot
-        foot = foot + max(behind, 0.0) / (normal @ along) * along
+        shortfall = plane[3] + _CLEAR * size - normal @ foot
+        foot = foot + max(shortfall, 0.0) / (normal @ along) * along
     start = foot + _HEIGHT * size * up
     meshes, marks = [], []
     vectors = dict(zip("xyz", _ARM * np.eye(3), strict=True))
-    pull = np.zeros(3) if gravity is None else np.asarray(gravity, dtype=float)
-    if pull.any():
-        vectors["g"] = _DOWN * pull / np.linalg.norm(pull)
+    acceleration = np.zeros(3) if gravity is None else np.asarray(gravity, dtype=float)
+    if acceleration.any():
+        vectors["g"] = _DOWN * acceleration / np.linalg.norm(acceleration)
     for name, vector in vectors.items():
         role = Role.GRAVITY if name == "g" else Role.AXES
         arrow = arrow_surface(start, size * vector, _SHAFT * size)
@@ -150,7 +152,7 @@ def with_force_scale(picture: Picture, metres_per_newton: float, size: float) ->
     """Return a picture that states the scale of its forces, with an arrow of a round force.
 
     Args:
-        picture: A picture with bearings; the arrow starts below the axes.
+        picture: A picture with axes; the arrow starts below these.
         metres_per_newton: The scale; 0: there are no forces.
         size: Radius of the object, m.
     """

@@ -48,8 +48,8 @@ from graspless_pin.report.verify.reading import (
 )
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.tree import (
+    Proof,
     State,
-    TreeProof,
     TreeWalk,
     contact_velocities,
     motion_check,
@@ -229,7 +229,7 @@ class _Checker:
         if self.has_modes:
             checks += [self._sign_rule_check(selected, signs), self._motion_check(selected, signs)]
         else:
-            checks.append(self._described_check(forces, selected, signs))
+            checks.append(self._sign_check(forces, selected, signs))
         most, reach = float(forces.local[:, 0].max()), self.certificate["force_reach"]
         opposing, limit = against_mode(problem, forces, selected, signs), tolerances.force(problem)
         checks += [
@@ -257,7 +257,7 @@ class _Checker:
             u = contact_velocities(self.problem, motion["object"], motion["joints"])
         return motion_check(self.problem, u, selected, signs)
 
-    def _described_check(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
+    def _sign_check(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
         """Check that the mode describes the friction, where no rule asks for a sliding."""
         friction = forces.local[:, 1:] * self.problem.cone[:, None]
         with_friction = np.abs(friction) > tolerances.force(self.problem)
@@ -382,7 +382,7 @@ class _Checker:
         shared = self.certificate["infeasibility"]
         return holds("states no infeasibility", shared <= 0.0, f"{shared:.3g}")
 
-    def _infeasibility_check(self, name: str, proof: TreeProof) -> Check:
+    def _infeasibility_check(self, name: str, proof: Proof) -> Check:
         failure = proof.failure
         if not failure and proof.bound < np.inf:
             failure = "a leaf does not prove that there are no forces"
@@ -400,5 +400,5 @@ class _Checker:
 _IN_ITS_MODE = "optimal within its mode"
 
 
-def _leaves(proof: TreeProof) -> str:
+def _leaves(proof: Proof) -> str:
     return "one leaf" if proof.leaves == 1 else f"{proof.leaves} leaves"

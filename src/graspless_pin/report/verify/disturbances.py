@@ -46,7 +46,7 @@ def disturbance_checks(document: object, problem: Problem) -> list[Check]:
         holds("rest without disturbance is sure", sure or not claims, f"{len(claims)} directions")
     ]
     bodies = read_load(document, problem)
-    limit = bodies.limit(resolution_of(undisturbed))
+    limit = bodies.acceleration_limit(resolution_of(undisturbed))
     for claim in claims:
         unit = claim["direction"]
         if abs(float(np.linalg.norm(unit)) - 1.0) > tolerances.UNIT or length <= 0.0:

@@ -76,7 +76,7 @@ class Part:
         """Store the mapping; its fields are read later."""
         self.kind, self.stated, self.where, self.sizes = kind, stated, where, sizes
 
-    def sized(self, **sizes: int) -> Part:
+    def with_sizes(self, **sizes: int) -> Part:
         """Return this part with more sizes."""
         return Part(self.kind, self.stated, self.where, self.sizes | sizes)
 

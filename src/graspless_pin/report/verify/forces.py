@@ -40,7 +40,7 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
         if "torque" not in own.keeps:
             return [*checks, given("torques within limits", "the objective does not ask for them")]
     name, over = "torques within limits", _torque_excess(problem, forces)
-    if not tolerances.are_limits_resolved(problem):
+    if not tolerances.resolved(problem):
         lost = "the load is too large for a torque limit to be told beside it"
         return [*checks, holds(name, passed=False, detail=lost)]
     return [*checks, within(name, over, tolerances.SHARE, "of the limit's or load's")]

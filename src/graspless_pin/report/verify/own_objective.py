@@ -145,10 +145,10 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
         ValueError: If it is invalid.
     """
     groups = [
-        group.sized(k=len(items(entry(group.stated, "unit", group.where), "unit", 0, MOST)))
+        group.with_sizes(k=len(items(entry(group.stated, "unit", group.where), "unit", 0, MOST)))
         for group in stated["columns"]
     ]
-    stated = stated.sized(k=sum(group.sizes["k"] for group in groups))
+    stated = stated.with_sizes(k=sum(group.sizes["k"] for group in groups))
 
     def columns(key: str, *rows: int) -> np.ndarray:
         return np.concatenate([np.zeros((*rows, 0)), *(group[key] for group in groups)], axis=-1)
@@ -191,7 +191,7 @@ def _read_rows(stated: Part) -> OwnRows:
         size = int(np.prod(shape))
         if size * max(3 * M, k) > _MOST_COEFFICIENTS:
             raise ValueError(f"{name} has too many rows")
-        block = block.sized(q=size)
+        block = block.with_sizes(q=size)
         low, high = _infinite_ends(np.array([block["low"], block["high"]]))
         unit = np.abs(np.nan_to_num(block["unit"], nan=1.0))
         if not (unit > 0.0).all():

@@ -107,7 +107,7 @@ class _VerdictChecks:
         self.stated, self.bodies, self.status = stated, bodies, stated["status"]
         self.problem, self.dynamics = bodies.problem, bodies.dynamics
         self.is_known, self.resolution = bodies.inertia is not None, resolution_of(stated)
-        self.limit = bodies.limit(self.resolution)
+        self.limit = bodies.acceleration_limit(self.resolution)
 
     def run(self) -> list[Check]:
         checks = [given("inertias", "as they are stated" if self.is_known else "not known")]
@@ -183,7 +183,7 @@ class _VerdictChecks:
         slips, F = np.linalg.norm(u[:, 1:], axis=1), bodies.undisturbed.force
         direction = u[:, 1:] / np.where(slips > 0.0, slips, 1.0)[:, None]
         against = np.linalg.norm(f[:, 1:] + (friction * f[:, 0])[:, None] * direction, axis=1)
-        unit = bodies.acceleration(bodies.undisturbed)
+        unit = bodies.load_over_mass(bodies.undisturbed)
         gaps = np.minimum(against / F, np.where(problem.slides, 0.0, slips) / unit)
         gaps = np.maximum(gaps, np.minimum(np.abs(f[:, 0]) / F, np.maximum(u[:, 0], 0.0) / unit))
         speed = float(np.linalg.norm(problem.points @ acceleration[: len(problem.w)], axis=1).max())
@@ -345,7 +345,7 @@ class _GrowthProof:
         rows = entry(stated.stated, "velocities", stated.where)
         first = items(rows, "velocities", 0, _MOST_ROWS)[:1]
         self.joints = stated["joints"]
-        stated = stated.sized(
+        stated = stated.with_sizes(
             c=len(self.joints),
             d=sum(len(items(row, "velocities", 0, _MOST_MOTIONS)) for row in first),
         )

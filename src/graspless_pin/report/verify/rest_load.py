@@ -68,11 +68,11 @@ class RestLoad:
         problem = replace(self.problem, w=self.problem.w + wrench)
         return RestLoad(problem, self.load + more, self.inertia, self.hybrid, self.undisturbed)
 
-    def limit(self, resolution: float) -> float:
+    def acceleration_limit(self, resolution: float) -> float:
         """Return the acceleration up to which points of the object count as at rest, m/s^2."""
-        return resolution * self.acceleration(self.problem)
+        return resolution * self.load_over_mass(self.problem)
 
-    def acceleration(self, problem: Problem) -> float:
+    def load_over_mass(self, problem: Problem) -> float:
         """Return a problem's load over the object's mass, m/s^2; NaN without inertia."""
         return float(np.nan) if self.inertia is None else problem.force / problem.mass(self.inertia)
 

@@ -77,7 +77,7 @@ def read_patch(stated: Part) -> PatchSlip:
     contacts = tuple(stated["contacts"])
     if len(set(contacts)) < len(contacts):
         raise ValueError(f"{stated.where} names a contact twice")
-    stated = stated.sized(k=len(contacts))
+    stated = stated.with_sizes(k=len(contacts))
     cone, own = None, stated.maybe("cone")
     if own is not None:
         cone = MotionCone(own["axes"], own["axis"], own["sign"], own["low"], own["high"])

@@ -89,7 +89,7 @@ def read_rest_tree(proof: Part, dynamics: RestDynamics) -> RestNode:
     Raises:
         ValueError: If they form none.
     """
-    first, *others = proof.sized(n=len(dynamics.load))["nodes"]
+    first, *others = proof.with_sizes(n=len(dynamics.load))["nodes"]
     root, count = _read_node(first, is_root=True)
     waiting = [(root, count)]
     for stated in others:
@@ -398,7 +398,7 @@ def stated_loads(
             raise ValueError(f"loads of {proof.where} need inertias")
         return loads, checks
     unit, states = dynamics.force_unit, KnownStates.unknown(bodies.problem.count)
-    for contact, force, multipliers in _read_loads(proof.sized(n=len(dynamics.load))):
+    for contact, force, multipliers in _read_loads(proof.with_sizes(n=len(dynamics.load))):
         found = unit * least_force(
             dynamics, states, loads / unit, (contact, multipliers), limit / unit
         )

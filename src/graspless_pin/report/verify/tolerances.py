@@ -126,7 +126,7 @@ def torque_limits(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def are_limits_resolved(problem: Problem) -> bool:
+def resolved(problem: Problem) -> bool:
     """Return whether every joint's limit exceeds the tolerance of the balance under the load."""
     limits = np.minimum(*torque_limits(problem)) / SHARE
     return bool((problem.joint_scale <= (1.0 + SAME) * _MOST_LOADS * limits).all())

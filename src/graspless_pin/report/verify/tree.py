@@ -134,7 +134,7 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
 
 
 @dataclass
-class TreeProof:
+class Proof:
     """What a tree proves.
 
     Attributes:
@@ -165,13 +165,13 @@ class TreeWalk:
     problem: Problem
     reach: float
 
-    def walk(self, nodes: list[Part], root: State) -> TreeProof:
+    def walk(self, nodes: list[Part], root: State) -> Proof:
         """Return what the nodes prove of a set of modes.
 
         Raises:
             ValueError: If a node is invalid.
         """
-        proof, waiting, failure = TreeProof(), [root], ""
+        proof, waiting, failure = Proof(), [root], ""
         for number, node in enumerate(nodes):
             if not waiting:
                 proof.failure = f"{len(nodes) - number} nodes are left over"

@@ -359,7 +359,7 @@ class AffineForces:
             ValueError: If a key is missing, or a value of a wrong type or size.
         """
         balls = items(entry(stated.stated, "balls", stated.where), "balls", 1, MOST)
-        stated = stated.sized(K=len(members), D=len(balls))
+        stated = stated.with_sizes(K=len(members), D=len(balls))
         self.balls, self.joints = (np.array(stated[key]) for key in ("balls", "joints"))
         self.loads, self.errors, self.forces, self.slopes, self.shares, self.offsets = (
             stated[key] for key in ("loads", "errors", "forces", "slopes", "shares", "offsets")
@@ -369,7 +369,7 @@ class AffineForces:
         if rows is not None:
             first = items(rows, "directions", L, L)[:1]
             width = sum(len(items(one, "a direction", 0, MOST)) for one in first)
-            self.directions = stated.sized(w=width)["directions"]
+            self.directions = stated.with_sizes(w=width)["directions"]
         self.problem, self.members = problem, members
         maps, carried = (np.array([one[key] for one in members]) for key in ("map", "carried"))
         self.commands = np.einsum("klij,kli->kj", maps, self.forces) + carried
