@@ -226,14 +226,14 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
         Multipliers by the name of their block; those of cone faces as ``[contact, face, value]``,
         those of round cones by contact.
     """
-    found, problem = solution.named(y, z), solution.problem
+    named, problem = solution.named(y, z), solution.problem
     sizes = {"M": problem.contact_count, "L": problem.joint_count}
     # Documents of either algorithm state the multipliers of both.
     known = {} if solution.algorithm is None else SIZED
     data: dict[str, Any] = {name: np.zeros(sizes[size]) for name, size in known.items()}
-    data |= found
-    if "faces" in found:
-        data["faces"] = _nonzero_triplets(found["faces"])
+    data |= named
+    if "faces" in named:
+        data["faces"] = _nonzero_triplets(named["faces"])
     return data
 
 
@@ -267,11 +267,11 @@ def read_multipliers(
     _, program, unit = scaled_program(problem, objective)
     blocks = () if stated.own is None else stated.own.rows.blocks
     own = {f"{name}{end}": shape for name, _, shape in blocks for end in ("", "_upper", "_lower")}
-    found = {"balance": given["balance"]} | {
+    named = {"balance": given["balance"]} | {
         key: array(value, own[key], f"{key} of {given.where}") if key in own else given[key]
         for key, value in given.stated.items()
     }
-    weights = scaled_weights(program.blocks, found, unit)
+    weights = scaled_weights(program.blocks, named, unit)
     count = len(program.b)
     return weights[:count], weights[count:]
 

@@ -111,8 +111,8 @@ def _coefficient_count(document: dict[str, Any], contacts: int, joints: int) -> 
 
 def _list_under_key(holder: Any, key: str) -> list[Any]:
     """Return the list under a key of a mapping; empty where there is none."""
-    found = holder.get(key) if isinstance(holder, dict) else None
-    return found if isinstance(found, list) else []
+    value = holder.get(key) if isinstance(holder, dict) else None
+    return value if isinstance(value, list) else []
 
 
 DOCUMENT = FileKind("JSON document", 32, SceneError)

@@ -158,15 +158,15 @@ def _no_torques_reason(robust: RobustSolution) -> str:
     return f"No torques for all of it: {robust.status.message}."
 
 
-def _feedback_sentence(found: RobustSolution) -> str:
-    if found.status is Status.NOT_FOUND_IN_LIMIT:
+def _feedback_sentence(robust: RobustSolution) -> str:
+    if robust.status is Status.NOT_FOUND_IN_LIMIT:
         return "Whether position feedback at the joints serves it was not found in time."
-    if not found.found:
+    if not robust.found:
         return "Position feedback at the joints does not serve it either."
-    most = found.largest_deflection
+    most = robust.largest_deflection
     return (
-        f"Position feedback at the joints serves it: max |torque| {found.max_torque:.4g} "
-        f"{found.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
+        f"Position feedback at the joints serves it: max |torque| {robust.max_torque:.4g} "
+        f"{robust.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
         f"{STIFFNESS:g}) joints give way by up to {most:.2g} rad (m), with K times that by one Kth."
     )
 
@@ -208,7 +208,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         problem; None: modes differ from corner to corner), or with a ``policy`` its corners, with
         ``bounding``, the members of the joined problem, ``conflict``
         (numbers of members), ``served_share`` and ``unserved_share``, ``at_corners``
-        (verdicts; None: not asked), ``with_feedback``, and ``nominal``.
+        (verdicts; None: not computed), ``with_feedback``, and ``nominal``.
         Figures that do not exist are None.
     """
     robust, nominal, found = answer.robust, answer.nominal, answer.found

@@ -80,10 +80,10 @@ def scene_solution_text(
 
 def _serious_findings_line(solution: TorqueSolution) -> str:
     """Return a line that warns of serious findings; empty where there are none."""
-    found = Counter(one.code for one in solution.findings if one.severity is Severity.SERIOUS)
-    if not found:
+    counts = Counter(one.code for one in solution.findings if one.severity is Severity.SERIOUS)
+    if not counts:
         return ""
-    codes = ", ".join(code if count == 1 else f"{code} ({count})" for code, count in found.items())
+    codes = ", ".join(code if count == 1 else f"{code} ({count})" for code, count in counts.items())
     warning = f"serious: {codes}: this may not be the answer to what was meant"
     return f"{fill(warning, COLUMNS, break_on_hyphens=False)}\n"
 

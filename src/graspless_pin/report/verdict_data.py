@@ -72,7 +72,7 @@ def holding_data(verdict: StabilityVerdict) -> dict[str, Any]:
     )
 
 
-def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
+def disturbance_data(disturbances: GuaranteedDisturbance) -> dict[str, Any]:
     """Return the data of guaranteed disturbances, with their proofs.
 
     Returns:
@@ -83,7 +83,7 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
         the time limit has ``guaranteed``, ``failing`` and ``possible`` NaN.
     """
     directions, leaves = [], 0
-    for direction, bracket in zip(found.directions, found.brackets, strict=False):
+    for direction, bracket in zip(disturbances.directions, disturbances.brackets, strict=False):
         leaf_count = _leaf_count(bracket)
         fits = leaves + leaf_count <= MOST_SPAN_LEAVES
         leaves += leaf_count if fits else 0
@@ -96,7 +96,7 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
                 forces=last and last.forces, no_rest=last and last.no_rest,
             )
         )  # fmt: skip
-    return record_data("disturbances", found, directions=directions)
+    return record_data("disturbances", disturbances, directions=directions)
 
 
 def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:

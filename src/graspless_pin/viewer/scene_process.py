@@ -232,14 +232,14 @@ def with_region(answer: SettingsAnswer) -> SettingsAnswer:
     if solution is None or not solution.found:
         return answer
     try:
-        found = scene.tolerances(
+        tolerances = scene.tolerances(
             solution.torques,
             quantities=(Quantity.CENTER,),
             static_friction=StaticFriction.COULOMB,
         )
     except GrasplessPinError:  # such as of a scene with an angular acceleration
         return answer
-    picture = draw_scene(scene, solution, tolerances=found)
+    picture = draw_scene(scene, solution, tolerances=tolerances)
     origin = scene.object.center_of_mass_world
     sliding = draw_virtual_sliding(picture, solution, scene.hand, origin)
     return replace(answer, picture=picture, sliding=sliding)
@@ -250,31 +250,31 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     if answer.solution is None or not answer.solution.found:
         return answer
     try:
-        found = solution_verdict(answer.scene, answer.solution, **_VERDICT_LIMITS)
+        verdict = solution_verdict(answer.scene, answer.solution, **_VERDICT_LIMITS)
     except ArgumentError as error:
         return replace(answer, verdict=f"no verdict: {error}")
     except GrasplessPinError:
         raise
     except Exception as error:
         return replace(answer, verdict=f"no verdict: {error_text(error)}")
-    motion, small = None, found.small_motions
-    if found.motion is not None:
-        motion = draw_motion(found.problem, found.motion, scene=answer.scene)
+    motion, small = None, verdict.small_motions
+    if verdict.motion is not None:
+        motion = draw_motion(verdict.problem, verdict.motion, scene=answer.scene)
     elif small is not None and small.motion is not None:
         motion = draw_small_motion(
             answer.picture,
-            found.problem,
+            verdict.problem,
             small.motion,
             small.growth,
             answer.scene.hand,
             answer.scene.object.center_of_mass_world,
         )
-    words = found.full_message("graspless-pin solve --verdict-nodes {}")
+    words = verdict.full_message("graspless-pin solve --verdict-nodes {}")
     return replace(
         answer,
         verdict=words,
-        stability=found.status,
-        holds=found.holding is Holding.HOLDS,
+        stability=verdict.status,
+        holds=verdict.holding is Holding.HOLDS,
         motion=motion,
     )
 

@@ -81,13 +81,13 @@ def with_tolerances(
         origin: (3,) the object's centre of mass in the picture, m.
         size: Radius of the object, m.
     """
-    found = [one for one in tolerances.each if one.quantity is Quantity.CENTER]
-    if not found:
+    center_tolerances = [one for one in tolerances.each if one.quantity is Quantity.CENTER]
+    if not center_tolerances:
         return picture
     role = Role.CENTER_OF_MASS
     meshes = [Mesh(str(role), role, *ball_surface(origin, _BALL * size))]
     level = across_gravity(tolerances.weight)
-    angles, radii = level_boundary(found[0], level)
+    angles, radii = level_boundary(center_tolerances[0], level)
     if float(radii.max()) > _LEAST_REGION * size:
         role, within = Role.CENTER_REGION, radii < _FARTHEST_REGION * size
         ends = origin + np.minimum(radii, _FARTHEST_REGION * size)[:, None] * _rays(angles, level)

@@ -163,11 +163,11 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
     """
     solution = read_solution(document)
     title = str(document.get("scene", "A problem made from arrays"))
-    found = _scene_or_reason(document, solution, scene_file)
-    if scene_file is None or isinstance(found, str):
-        return _case_with_pictures(title, solution, document, None, str(found), None)
+    scene = _scene_or_reason(document, solution, scene_file)
+    if scene_file is None or isinstance(scene, str):
+        return _case_with_pictures(title, solution, document, None, str(scene), None)
     return _case_with_pictures(
-        title, solution, document, found, "", solve_command(solution, scene_file)
+        title, solution, document, scene, "", solve_command(solution, scene_file)
     )
 
 

@@ -48,9 +48,9 @@ def implied_box(
             ends = np.where(sign * C > 0.0, first, last)
             with np.errstate(invalid="ignore"):
                 parts = np.where(C == 0.0, 0.0, sign * C * ends)
-            open_, known = np.isinf(parts), np.where(np.isinf(parts), 0.0, parts)
-            size = np.abs(known).sum(axis=1, keepdims=True) + np.abs(sides)[:, None]
-            others = known.sum(axis=1, keepdims=True) - known - tolerances.SAME * size
+            open_, finite = np.isinf(parts), np.where(np.isinf(parts), 0.0, parts)
+            size = np.abs(finite).sum(axis=1, keepdims=True) + np.abs(sides)[:, None]
+            others = finite.sum(axis=1, keepdims=True) - finite - tolerances.SAME * size
             slack = np.where(
                 open_.sum(axis=1, keepdims=True) > open_, np.inf, sides[:, None] - others
             )

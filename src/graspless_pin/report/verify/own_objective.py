@@ -157,7 +157,7 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
     if not {"balance", "faces"} <= kept:
         raise ValueError("the objective does not keep the balance and the cones")
     blocks = {key: terms[key] if key in kept else np.zeros((stated.sizes["M"], stated.sizes["k"]))
-          for key in KEPT[:4]}  # fmt: skip
+              for key in KEPT[:4]}  # fmt: skip
     own = OwnObjective(
         maximizes=stated["maximizes"],
         unit=stated["unit"],

@@ -130,7 +130,7 @@ class Problem:
 
     @cached_property
     def points(self) -> np.ndarray:
-        """(M + k, 3, P) map to the velocities that tell rest: at contacts, of the object's centre.
+        """(M + k, 3, P) map to the velocities that decide rest: of contacts and object's centre.
 
         Of a stated map they are those at contacts, and each passive coordinate's own times its
         lever, one below the other.

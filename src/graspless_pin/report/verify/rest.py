@@ -92,7 +92,7 @@ def resolution_of(stated: Part) -> float:
 
 
 def verdict_checks(stated: Part, bodies: RestLoad) -> list[Check]:
-    """Return the checks of a verdict on what bodies do under a load.
+    """Return the checks of a verdict on bodies under a load.
 
     Raises:
         ValueError: If a key is missing, or a value of a wrong type or size.

@@ -230,7 +230,7 @@ class KnownStates:
         parts: (M,) largest u_n of a contact that counts as closed.
         slips: (M,) largest |u_t| of a contact that counts as sticking.
         still: (M,) contacts that do not slip with their patch, in any state.
-        patches: What is known of patches.
+        patches: Known slips of patches.
     """
 
     kinds: tuple[Kind, ...]
@@ -331,7 +331,7 @@ def largest_force_terms(
         dynamics: The scaled dynamics.
         states: Of the contacts.
         half_width: (M,) of the arcs of slip around the states' centers, rad; pi: within the cone.
-        slope: (M, 3) c, and the sizes of what makes it.
+        slope: (M, 3) c, and the sums of its terms' sizes.
         commanded: (M,) c along n where the normal force is commanded: that is in the load.
         loads: (M,) normal forces that every outcome has at least, scaled.
         force_limit: Normal forces are at most this, scaled.
@@ -419,7 +419,7 @@ def kept_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.nda
 
     Args:
         dynamics: The scaled dynamics.
-        problem: What they are of: its levers count.
+        problem: The problem of the dynamics: its levers count.
         limit: Accelerations of points up to this are none, m/s^2.
     """
     scale = problem.levers[:, None] * (problem.goal_weight / limit)
@@ -434,7 +434,7 @@ def kept_goal(
     goal: np.ndarray,
     force_limit: float,
 ) -> float:
-    """Return an upper bound on p.y over all outcomes in these states, beside a declared motion.
+    """Return an upper bound on p.y over all outcomes in these states, under declared sliding.
 
     Args:
         dynamics: The scaled dynamics.

@@ -146,8 +146,8 @@ def unproven_arcs(patch: PatchSlip, rows: np.ndarray, tolerance: float) -> str:
     slips = rows[list(patch.contacts), 1:].reshape(2 * len(patch.contacts), -1)
     images = patch.images.reshape(-1, 3)
     motion = np.linalg.lstsq(images, slips, rcond=None)[0]
-    off = (slips - images @ motion).reshape(len(patch.contacts), 2, -1)
-    missing = _LONGEST * float(np.linalg.norm(off, ord=2, axis=(1, 2)).max())
+    residual = (slips - images @ motion).reshape(len(patch.contacts), 2, -1)
+    error = _LONGEST * float(np.linalg.norm(residual, ord=2, axis=(1, 2)).max())
     longest = float(np.linalg.norm(patch.images, ord=2, axis=(1, 2)).max())
     rays, wrong = patch.cone.rays(), list[str]()
     for contact, image, (middle, half_width) in zip(
@@ -158,10 +158,10 @@ def unproven_arcs(patch: PatchSlip, rows: np.ndarray, tolerance: float) -> str:
         ahead = rays @ image.T @ [np.cos(middle), np.sin(middle)]
         aside = rays @ image.T @ [-np.sin(middle), np.cos(middle)]
         least, widest = float(ahead.min()), float(np.abs(np.arctan2(aside, ahead)).max())
-        if missing >= tolerance or least <= 0.0:
+        if error >= tolerance or least <= 0.0:
             wrong.append(str(contact))
             continue
-        turns = np.arcsin(min(missing * longest / least / (tolerance - missing), 1.0))
+        turns = np.arcsin(min(error * longest / least / (tolerance - error), 1.0))
         if not (half_width < 0.5 * np.pi and widest + turns <= half_width + tolerances.ANGLE):
             wrong.append(str(contact))
     return ", ".join(wrong)

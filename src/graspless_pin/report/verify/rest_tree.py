@@ -387,7 +387,7 @@ def stated_loads(
     """(M,) least normal forces over all outcomes, N, and the checks of their proofs.
 
     Args:
-        proof: As it stands in the document.
+        proof: The stated proof.
         bodies: With the load.
         dynamics: The equations of motion that the multipliers are of.
         limit: Normal forces that the proofs have to hold for, N.
@@ -444,7 +444,7 @@ def tree_check(
 
     Args:
         name: Of the check.
-        proof: As it stands in the document.
+        proof: The stated proof.
         dynamics: The equations of motion.
         loads: (M,) normal forces that every outcome has, N.
         limits: Of accelerations, m/s^2, and of normal forces, N.

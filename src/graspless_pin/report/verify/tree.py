@@ -158,7 +158,7 @@ class TreeWalk:
 
     Attributes:
         problem: The problem.
-        reach: The largest normal forces that bounds are asked for, N; inf where the proof says
+        reach: The largest normal forces for which bounds are required, N; inf where the proof says
             that there are no forces at all.
     """
 
@@ -264,15 +264,15 @@ class TreeWalk:
         return [child for child in children if child is not None]
 
 
-def _conflict_sets(node: Part, rest: State) -> list[State]:
+def _conflict_sets(node: Part, remaining: State) -> list[State]:
     """Return the set that obeys all items, or one for each sign of the component left open."""
     opened = node.get("open")
     if opened is None:
-        return [rest]
+        return [remaining]
     contact, component = opened
-    if not rest.selected[contact]:
+    if not remaining.selected[contact]:
         return []
-    sets = [rest.only(contact, pairs_with(component, sign)) for sign in _SIGNS]
+    sets = [remaining.only(contact, pairs_with(component, sign)) for sign in _SIGNS]
     return [part for part in sets if part is not None]
 
 

@@ -332,9 +332,9 @@ def _coverage_check(stated: Part, nested: dict[str, Any], joined: Problem, conta
     return holds("coverage: all members in one mode", common, coverage)
 
 
-def _agree(one: np.ndarray, other: np.ndarray) -> bool:
-    size = float(np.abs(other).max(initial=0.0))
-    return one.shape == other.shape and bool((np.abs(one - other) <= tolerances.SAME * size).all())
+def _agree(a: np.ndarray, b: np.ndarray) -> bool:
+    size = float(np.abs(b).max(initial=0.0))
+    return a.shape == b.shape and bool((np.abs(a - b) <= tolerances.SAME * size).all())
 
 
 class AffineForces:

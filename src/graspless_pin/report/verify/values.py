@@ -94,7 +94,7 @@ def entry(mapping: object, key: str, where: str) -> Any:
     """Return the value under a key.
 
     Raises:
-        ValueError: If the mapping is none, or lacks the key.
+        ValueError: If it is no mapping, or lacks the key.
     """
     if not isinstance(mapping, dict):
         raise _refusal(where, mapping, "a mapping")
