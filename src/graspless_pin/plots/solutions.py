@@ -185,8 +185,9 @@ def tolerance_plot(
         ax: Polar axes to draw on; None: a new figure.
 
     Returns:
-        Polar axes, radius in cm, N or N m. A dot marks the least failure; the legend states it,
-        with its direction where that is not level, and the contacts at which it fails.
+        Polar axes, radius in cm, N or N m. A dot marks where the least tolerance fails; the legend
+        states that tolerance, with its direction where that is not level, and the contacts at which
+        it fails.
 
     Raises:
         ArgumentError: If the tolerances do not include the quantity, or it has no directions.

@@ -396,9 +396,9 @@ def accepted(
         verdict: The verdict on the solution's torques; None: there is none.
 
     Returns:
-        Both unchanged where all checks pass. Where one fails or the document lacks its proof, an
-        optimum becomes `Status.LIMIT_REACHED`, a verdict undecided, and any other answer
-        `Status.UNVERIFIED` or `Status.STRONG_NOT_FOUND`.
+        Both unchanged where all checks pass. Otherwise an unproven verdict becomes undecided, an
+        answer of which only the optimality is unproven `Status.LIMIT_REACHED`, and any other
+        unproven answer `Status.UNVERIFIED` or `Status.STRONG_NOT_FOUND`.
     """
     # Documents cannot hold bounds of directions, nor an own objective with round cones.
     own_round = solution.algorithm is None and solution.problem.cone_model.second_order

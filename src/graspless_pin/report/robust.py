@@ -227,13 +227,13 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         "samples": None
         if robust.samples is None
         else {**vars(robust.samples), "where_meant": robust.samples.where_meant.name.lower()},
-        **_torque_data(robust),
+        **_figures_data(robust),
         "bound": robust.bound,
         "feedback": None
         if robust.feedback is None
         else dict(zip(robust.joint_names, robust.feedback.tolist(), strict=True)),
         "largest_deflection": _largest_deflection(robust),
-        **_proving_member_data(robust),
+        **_proof_member_data(robust),
         "conflict": list(robust.conflict),
         "served_share": answer.served_share,
         "unserved_share": answer.unserved_share,
@@ -245,13 +245,13 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
         else {
             "stiffness": STIFFNESS,
             "found": with_feedback.found,
-            **_torque_data(with_feedback),
+            **_figures_data(with_feedback),
             "largest_deflection": _largest_deflection(with_feedback),
         },
         "nominal": {
             "status": nominal.status.name.lower(),
             "found": nominal.found,
-            **_torque_data(nominal),
+            **_figures_data(nominal),
         },
     }
 
@@ -295,7 +295,7 @@ def tolerances_data(tolerances: Tolerances) -> list[dict[str, Any]]:
     return entries
 
 
-def _torque_data(found: TorqueSolution | RobustSolution) -> dict[str, Any]:
+def _figures_data(found: TorqueSolution | RobustSolution) -> dict[str, Any]:
     keys = ("margin", "max_torque", "max_torque_unit")
     if not found.found:
         return dict.fromkeys((*keys, "torques"))
@@ -308,7 +308,7 @@ def _largest_deflection(robust: RobustSolution) -> float | None:
     return robust.largest_deflection
 
 
-def _proving_member_data(robust: RobustSolution) -> dict[str, Any]:
+def _proof_member_data(robust: RobustSolution) -> dict[str, Any]:
     """Return the members of the joined problem; or affine forces and their bounding members."""
     policy = robust.policy
     if policy is None:

@@ -229,7 +229,7 @@ class _Checker:
         if self.has_modes:
             checks += [self._sign_rule_check(selected, signs), self._motion_check(selected, signs)]
         else:
-            checks.append(self._sign_check(forces, selected, signs))
+            checks.append(self._sign_match_check(forces, selected, signs))
         most, reach = float(forces.local[:, 0].max()), self.certificate["force_reach"]
         opposing, limit = against_mode(problem, forces, selected, signs), tolerances.force(problem)
         checks += [
@@ -257,7 +257,7 @@ class _Checker:
             u = contact_velocities(self.problem, motion["object"], motion["joints"])
         return motion_check(self.problem, u, selected, signs)
 
-    def _sign_check(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
+    def _sign_match_check(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
         """Check that the mode describes the friction, where no rule asks for a sliding."""
         friction = forces.local[:, 1:] * self.problem.cone[:, None]
         with_friction = np.abs(friction) > tolerances.force(self.problem)

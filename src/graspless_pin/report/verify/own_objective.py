@@ -167,12 +167,12 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
         column_unit=columns("unit"),
         cost=columns("cost"),
         curvature=columns("curvature"),
-        bounds=_infinite_ends(columns("bounds", 2)),
+        bounds=_with_infinite_ends(columns("bounds", 2)),
         boxes=np.array([columns("box", 2), columns("whole_box", 2)]),
         values=columns("values") if found else None,
         **blocks,
         margins=stated["face_margins"],
-        normal_range=_infinite_ends(stated["normal_range"].T),
+        normal_range=_with_infinite_ends(stated["normal_range"].T),
         force_curvature=stated["force_curvature"],
         rows=_read_rows(stated),
     )
@@ -192,7 +192,7 @@ def _read_rows(stated: Part) -> OwnRows:
         if size * max(3 * M, k) > _MOST_COEFFICIENTS:
             raise ValueError(f"{name} has too many rows")
         block = block.with_sizes(q=size)
-        low, high = _infinite_ends(np.array([block["low"], block["high"]]))
+        low, high = _with_infinite_ends(np.array([block["low"], block["high"]]))
         unit = np.abs(np.nan_to_num(block["unit"], nan=1.0))
         if not (unit > 0.0).all():
             raise ValueError(f"{name} has a unit that is not positive")
@@ -205,6 +205,6 @@ def _read_rows(stated: Part) -> OwnRows:
     return OwnRows(tuple(blocks), *(np.concatenate(one) for one in zip(*parts, strict=True)))
 
 
-def _infinite_ends(pair: np.ndarray) -> np.ndarray:
+def _with_infinite_ends(pair: np.ndarray) -> np.ndarray:
     """Return (2, n) lower and upper ends, infinite where there is none."""
     return np.where(np.isnan(pair), [[-np.inf], [np.inf]], pair)

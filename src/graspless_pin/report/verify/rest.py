@@ -283,11 +283,11 @@ def _growth_proof_checks(holding: Part, bodies: RestLoad) -> list[Check]:
         if bodies.joints_held:
             feedback = "joints held in their positions"
         if name != "any":
-            agrees = _NAMES.sub(" at joints", holding["controller"]) == feedback
+            matches = _NAMES.sub(" at joints", holding["controller"]) == feedback
             several = len(gains) > 1 or bodies.joints_held
-            agrees = agrees and (several or _is_stable_gain(max(gains, default=0.0), holding))
+            matches = matches and (several or _is_stable_gain(max(gains, default=0.0), holding))
             about = f"the controller is that of the proof ({name[:20]})"
-            checks.append(holds(about, agrees, feedback))
+            checks.append(holds(about, matches, feedback))
         try:
             why = proof.failure()
         except np.linalg.LinAlgError as error:

@@ -271,9 +271,9 @@ class KnownStates:
         name = {Kind.CLOSED: "parts", Kind.STICKING: "slips"}.get(kind)
         if name is None:
             return changed
-        tolerances = getattr(self, name).copy()
-        tolerances[contact] = max(float(tolerances[contact]), most)
-        return replace(changed, **{name: tolerances})
+        allowed = getattr(self, name).copy()
+        allowed[contact] = max(float(allowed[contact]), most)
+        return replace(changed, **{name: allowed})
 
     def known(self, patch: PatchSlip) -> PatchSlip | None:
         """Return the known slip of a patch; None: nothing is known."""
