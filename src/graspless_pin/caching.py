@@ -67,6 +67,10 @@ class Bounded(dict[_Key, _Value]):
             self.clear()
         super().__setitem__(key, value)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave what it holds behind."""
+        return type(self), (self._most,)
+
 
 class Latest:
     """The latest value of each name, valid while the sources that it depends on are the same."""

@@ -1,5 +1,6 @@
 """Drake's programs with an evaluator's gaps, optima and torques, and the states of its plants."""
 
+import pickle
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -109,16 +110,33 @@ def test_what_is_no_state_is_nan():
             gradient = drake.ExtractGradient(function(differentiated)[:, None])
             assert np.isfinite(function(x)).all() == np.isfinite(gradient).all() == known
             assert gradient.shape == (len(function(x)), len(x))
+    free = PinnedFunctions(evaluator_of(algorithm="margin", position_limits=False))
+    assert free.optimum(outside) == pytest.approx(free.evaluator.pinned(outside).optimum)
     # Optimisers leave a bound by their tolerance.
     outside[0] -= 0.01 - 1e-8
     assert np.isfinite(PinnedFunctions(evaluator).gaps(outside)).all()
 
 
-def plant_of(T_world_base: np.ndarray) -> Any:
+def test_functions_are_of_the_motion_that_was_given():
+    evaluator, twist = evaluator_of(algorithm="margin"), np.zeros(6)
+    functions = PinnedFunctions(evaluator, twist=twist)
+    twist[0] = 0.05
+    q = evaluator.configuration()
+    found = evaluator.pinned(q, None, np.zeros(6)).optimum
+    sent = pickle.loads(pickle.dumps(functions))  # noqa: S301 - our own bytes
+    for one in (functions, sent):
+        assert one.optimum(q) == pytest.approx(found)
+
+
+def plant_of(T_world_base: np.ndarray, axis: str = "0 -1 0", other: tuple[str, ...] = ()) -> Any:
+    """A box and the hand; its fingers bend about an axis, and another model has some bodies."""
     plant = drake.MultibodyPlant(0.0)
     inertia = drake.SpatialInertia.SolidBoxWithMass(1.0, 0.12, 0.16, 0.10)
     plant.AddRigidBody("box", inertia)
-    hand = drake.Parser(plant).AddModels(str(ROOT / "robots/trihand.urdf"))[0]
+    for name in other:
+        plant.AddRigidBody(name, plant.AddModelInstance(f"other_{name}"), inertia)
+    urdf = (ROOT / "robots/trihand.urdf").read_text(encoding="utf-8").replace("0 -1 0", axis)
+    hand = drake.Parser(plant).AddModelsFromString(urdf, "urdf")[0]
     palm = plant.GetFrameByName("palm", hand)
     plant.WeldFrames(plant.world_frame(), palm, drake.RigidTransform(T_world_base))
     plant.Finalize()
@@ -165,15 +183,37 @@ def test_a_plant_that_is_another():
     plant = plant_of(hand_of(evaluator.scene).T_world_base)
     with pytest.raises(ArgumentError, match="crate"):
         plant_states(evaluator, plant, "crate")
+    own = hand_of(evaluator.scene)
+    straight = evaluator.scene.with_changes(hand=own.with_configuration(np.zeros(9)))
+    plant_states(Evaluator(straight), plant, "box")
+    with pytest.raises(ArgumentError, match=r"'finger_1_.*all joints as in the scene"):
+        plant_states(Evaluator(straight), plant_of(own.T_world_base, axis="0 1 0"), "box")
     other = Evaluator(load_scene(ROOT / "examples/allegro_tumble_box.yaml"))
     with pytest.raises(ArgumentError, match=r"joint_0\.0"):
         plant_states(other, plant, "box")
+
+
+def test_bodies_that_several_models_have():
+    evaluator = evaluator_of()
+    plant = plant_of(hand_of(evaluator.scene).T_world_base, other=("palm", "box"))
+    with pytest.raises(ArgumentError, match=r"body: 'box'.*multiple model instances"):
+        plant_states(evaluator, plant, "box")
+    context, X = plant.CreateDefaultContext(), drake.RigidTransform([1.0, 2.0, 3.0])
+    box = plant.GetBodyByName("box", plant.GetModelInstanceByName("other_box"))
+    plant.SetFreeBodyPose(context, box, X)
+    found = plant_states(evaluator, plant, "other_box/box")(plant.GetPositions(context))
+    assert found is not None
+    np.testing.assert_allclose(found[1], X.GetAsMatrix4())
 
 
 def test_wrong_variables_and_evaluators():
     evaluator = evaluator_of()
     with pytest.raises(ArgumentError, match=r"9 joint positions.*got 4"):
         PinnedFunctions(evaluator).gaps(np.zeros(4))
+    with pytest.raises(ArgumentError, match=r"shape \(1,\)"):
+        PinnedFunctions(evaluator, lambda x: (x, None)).gaps(np.array([0.3]))
+    with pytest.raises(ArgumentError, match="quaternion"):
+        PinnedFunctions(evaluator).gaps(np.zeros(16))
     with pytest.raises(ArgumentError, match="pins"):
         PinnedFunctions(Evaluator(evaluator.scene))
     with pytest.raises(ArgumentError, match="regulari"):

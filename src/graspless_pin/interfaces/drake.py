@@ -5,7 +5,8 @@ Needs the extra ``drake``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from copy import copy
 from importlib import import_module
 from typing import Any
 
@@ -14,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.caching import Bounded
 from graspless_pin.errors import ArgumentError, optional_import
-from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
 from graspless_pin.problem.checks import FloatArray
@@ -95,7 +95,7 @@ class PinnedFunctions:
         if first.evaluation.found:
             _ = first.by_optimum  # raises an error here, not in a program
         self.evaluator = evaluator
-        self._to_state, self._twist = to_state or self._joints_and_pose, twist
+        self._to_state, self._twist = to_state or self._joints_and_pose, copy(twist)
         self._center = scene.object.center_of_mass
         self._gap_count = len(first.gaps)
         self._torque_count = 0 if scene.hand is None else len(scene.hand.actuated_joint_names)
@@ -150,13 +150,17 @@ class PinnedFunctions:
     def _pinned_state(self, q: FloatArray | None, T: FloatArray | None) -> PinnedState | None:
         """Return the pinned state of a configuration; None if a joint is outside its limits."""
         if q is not None:
+            q = self.evaluator.configuration(q)
             clipped = np.clip(q, *self.evaluator.joint_limits)
-            if np.abs(clipped - q).max(initial=0.0) > _BEYOND_BOUND:
-                return None
-            q = clipped
+            q = clipped if np.abs(clipped - q).max(initial=0.0) <= _BEYOND_BOUND else q
         key = b"".join([array.tobytes() for array in (q, T) if array is not None])
         if key not in self._states:
-            self._states[key] = self.evaluator.pinned(q, T, self._twist)
+            try:
+                self._states[key] = self.evaluator.pinned(q, T, self._twist)
+            except ArgumentError as error:
+                if error.argument != "q":
+                    raise
+                self._states[key] = None
         return self._states[key]
 
     def _chain_rule(self, by: Derivatives, q: Any, T: Any, size: int) -> FloatArray:
@@ -195,15 +199,16 @@ def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
     Args:
         evaluator: An evaluator of the scene.
         plant: Finalized; of floats.
-        body: Name of the object's body in the plant; its frame is the object's.
+        body: Name of the object's body in the plant, whose frame is the object's; where several
+            model instances have such a body, after the instance's: ``crate/box``.
 
     Returns:
         Function from (n,) positions, floats or ``AutoDiffXd``, to ((a,) positions of
         `Evaluator.joint_names`, (4, 4) pose of the object).
 
     Raises:
-        ArgumentError: If the plant has no such joint or body, or a link at another pose than in the
-            scene.
+        ArgumentError: If the plant lacks a joint or the body, or has a link elsewhere than the
+            scene has it, there or with all joints moved.
 
     Examples:
         >>> import numpy as np
@@ -228,12 +233,14 @@ def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
         >>> bool(np.allclose(state.hand.positions, scene.hand.positions))
         True
     """
-    places = [_plant_joint(plant, name).position_start() for name in evaluator.joint_names]
-    if not plant.HasBodyNamed(body):
-        raise ArgumentError("body", f"{body!r} is none of the plant's; name the object's body")
-    if evaluator.scene.hand is not None:
-        _check_links(plant, evaluator.scene.hand)
-    index = plant.GetBodyByName(body).index()
+    joints = {name: _plant_joint(plant, name) for name in evaluator.joint_names}
+    places = [joint.position_start() for joint in joints.values()]
+    prefix, _, own = body.rpartition("/")
+    try:
+        index = plant.GetBodyByName(own, *_model_instances(plant, prefix)).index()
+    except RuntimeError as error:
+        raise ArgumentError("body", f"{body!r} is none of the plant's: {error}") from None
+    _check_links(plant, evaluator, joints)
     plants = {False: (plant, plant.CreateDefaultContext())}
 
     def to_state(positions: Any) -> tuple[Any, Any]:
@@ -267,35 +274,51 @@ def _model_instances(plant: Any, prefix: str) -> list[Any]:
     return [plant.GetModelInstanceByName(prefix)] if prefix else []
 
 
-def _check_links(plant: Any, hand: Hand) -> None:
-    """Check that links in both plant and hand have equal poses in the scene's configuration."""
-    context = plant.CreateDefaultContext()
-    positions = plant.GetPositions(context)
-    for name, value in hand.q.items():
+def _check_links(plant: Any, evaluator: Evaluator, joints: Mapping[str, Any]) -> None:
+    """Check that links of both have equal poses in the scene's state and with all joints moved."""
+    hand, q = evaluator.scene.hand, evaluator.configuration()
+    if hand is None:
+        return
+    lower, upper = evaluator.joint_limits
+    instances: dict[str, set[Any]] = {}
+    for name, joint in joints.items():
+        instances.setdefault(name.rpartition("/")[0], set()).add(joint.model_instance())
+
+    def of_plant(name: str, has: Any, get: Any) -> list[Any]:
         prefix, _, own = name.rpartition("/")
-        if plant.HasJointNamed(own, *_model_instances(plant, prefix)):
-            positions[_plant_joint(plant, name).position_start()] = value
-    plant.SetPositions(context, positions)
-    for link in hand.link_names:
-        prefix, _, own = link.rpartition("/")
-        instances = _model_instances(plant, prefix)
-        if not plant.HasBodyNamed(own, *instances):
-            continue
-        own_body = plant.GetBodyByName(own, *instances)
-        T = plant.EvalBodyPoseInWorld(context, own_body).GetAsMatrix4()
-        off = np.abs(T - hand.pose_of(link))[:3]
-        if off.max() > _LINK_OFF:
-            raise ArgumentError(
-                "plant",
-                f"has link {link!r} {np.linalg.norm(off[:, 3]):.3g} m from where the scene has it, "
-                "or turned; weld the hand's base at scene.hand.T_world_base",
-            )
+        return [get(own, instance) for instance in instances.get(prefix, ()) if has(own, instance)]
+
+    context = plant.CreateDefaultContext()
+    steps = np.linspace(0.1, 0.2, len(q)) * np.where(upper - q > q - lower, 1.0, -1.0)  # rad or m
+    for values, hint in (
+        (q, "weld the hand's base at scene.hand.T_world_base"),
+        (np.clip(q + steps, lower, upper), "there it is with all joints as in the scene"),
+    ):
+        hand = hand.with_configuration(dict(zip(joints, values.tolist(), strict=True)))
+        positions = plant.GetPositions(context)
+        for name, value in hand.q.items():
+            for joint in of_plant(name, plant.HasJointNamed, plant.GetJointByName):
+                positions[joint.position_start()] = value
+        plant.SetPositions(context, positions)
+        for link in hand.link_names:
+            for body in of_plant(link, plant.HasBodyNamed, plant.GetBodyByName):
+                T = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4()
+                off = np.abs(T - hand.pose_of(link))[:3]
+                if off.max() > _LINK_OFF:
+                    raise ArgumentError(
+                        "plant",
+                        f"has link {link!r} {np.linalg.norm(off[:, 3]):.3g} m from where the scene "
+                        f"has it, or turned; {hint}",
+                    )
 
 
 def _pose(variables: Any) -> Any:
     """Return the (4, 4) pose of a quaternion w, x, y, z of any length and a position."""
     number = _autodiff.AutoDiffXd if variables.dtype == object else float
-    wxyz = variables[:4] / np.sqrt(variables[:4] @ variables[:4])
+    length = np.sqrt(variables[:4] @ variables[:4])
+    if not length > 0.0:
+        raise ArgumentError("variables", "have a quaternion of no direction; guess the pose")
+    wxyz = variables[:4] / length
     turn = _eigen.Quaternion_[number](wxyz)
     return _math.RigidTransform_[number](turn, variables[4:]).GetAsMatrix4()
 
