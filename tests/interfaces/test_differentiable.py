@@ -154,7 +154,8 @@ def test_what_cannot_be_evaluated_is_named():
 )
 def test_what_is_said_without_the_library(name, library, monkeypatch):
     module = f"graspless_pin.interfaces.{name}"
-    monkeypatch.setitem(sys.modules, library, None)
+    for one in [library, *(one for one in sys.modules if one.startswith(f"{library}."))]:
+        monkeypatch.setitem(sys.modules, one, None)
     monkeypatch.delitem(sys.modules, module, raising=False)
     with pytest.raises(ImportError, match=rf"pip install 'graspless-pin\[{name}\]'"):
         import_module(module)

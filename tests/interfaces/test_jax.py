@@ -70,6 +70,12 @@ def test_transforms_agree():
     np.testing.assert_allclose(shared, jnp.array(each), rtol=1e-6, atol=1e-9)
 
 
+def test_no_states_have_no_derivatives():
+    case = Steps.of("trihand_push_box", 0)
+    found = jax.grad(lambda q: optimum(case.evaluator, q).value.sum())(jnp.zeros((0, 9)))
+    assert found.shape == (0, 9)
+
+
 def test_a_sum_over_states_passes_by_those_without_torques():
     case = Steps.of("trihand_push_box", 0)
 

@@ -88,6 +88,9 @@ def test_functions_of_torch_transform_it():
         assert mapped[1][0].shape == (2, *gaps.shape, len(one[0]))
     with torch.no_grad():
         torch.testing.assert_close(figures(*inputs)[0][0], value_of(figures, inputs, 0))
+        twice = [torch.stack([one, one, one]) for one in inputs]
+        found = torch.func.vmap(torch.func.vmap(figures))(*twice)[0]
+        torch.testing.assert_close(found, figures(*twice)[0])
 
 
 def value_of(figures: Any, inputs: list[Any], number: int) -> Any:
@@ -113,6 +116,13 @@ def test_single_precision_goes_in_and_comes_out():
     torch.testing.assert_close(found.value.double(), expected.value, rtol=1e-4, atol=1e-5)
     found.value.sum().backward()
     assert rough[0].grad.dtype == torch.float32 and rough[0].grad.any()
+
+
+def test_integers_go_in_and_no_integers_come_out():
+    case = Steps.of("trihand_push_box", 0)
+    found, expected = [optimum(case.evaluator, mass=torch.tensor(one)) for one in (1, 1.0)]
+    torch.testing.assert_close(found.value, expected.value)
+    torch.testing.assert_close(found.gaps, expected.gaps)
 
 
 def test_there_are_no_second_derivatives():

@@ -113,8 +113,9 @@ def _host_figures(operator: Operator) -> Any:
     @figures.defjvp
     def _(inputs: Any, changes: Any) -> Any:
         found, jacobian = call_on_host(operator.with_jacobian, inputs, (size,), (size, width))
-        leading = inputs[-1].shape
-        change = jnp.concatenate([one.reshape(*leading, -1) for one in changes], axis=-1)
+        leading, owns = inputs[-1].shape, operator.inputs
+        rows = [one.reshape(*leading, own.size) for one, own in zip(changes, owns, strict=True)]
+        change = jnp.concatenate(rows, axis=-1)
         return found, jnp.einsum("...fn,...n->...f", jacobian, change)
 
     return figures

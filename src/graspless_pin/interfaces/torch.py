@@ -34,7 +34,8 @@ def optimum(
     """Return the optimum, the gaps and the torques of pinned states, for `torch.autograd`.
 
     Leading axes are states, and those of all arguments are broadcast. The results are tensors of
-    the first argument's dtype and device; computation is in double precision, on the CPU.
+    the dtype and device of the first tensor among the arguments; if that has integers, or no argument
+    is a tensor, of PyTorch's default dtype. Computation is in double precision, on the CPU.
     Derivatives are those of `Evaluator.pinned`: of the optimum in its mode, and at a kink one of
     several one-sided ones, see `PinnedState.by_optimum`. There are no second derivatives.
 
@@ -72,8 +73,9 @@ def optimum(
     given = (q, T_world_object, friction, mass)
     operator = Operator(evaluator, given, twist, with_torques=with_torques)
     like = next((one for one in given if isinstance(one, torch.Tensor)), torch.zeros(0))
+    dtype = like.dtype if like.is_floating_point() else torch.get_default_dtype()
     inputs = [
-        torch.as_tensor(own.copy() if one is None else one, dtype=like.dtype, device=like.device)
+        torch.as_tensor(own.copy() if one is None else one, dtype=dtype, device=like.device)
         for one, own in zip(given, operator.inputs, strict=True)
     ]
     leading = operator.batch_shape(*[tuple(one.shape) for one in inputs])
@@ -120,4 +122,4 @@ class _Figures(torch.autograd.Function):
             one.expand((info.batch_size, *one.shape)) if axis is None else one.movedim(axis, 0)
             for one, axis in zip(inputs, in_dims[2:], strict=True)
         ]
-        return _Figures.apply(operator, needed, *mapped), (0, 0)
+        return _Figures.apply(operator, needed, *mapped), (0, 0 if needed else None)
