@@ -34,7 +34,7 @@ def optimum(
     """Return the optimum, the gaps and the torques of pinned states, for `torch.autograd`.
 
     Leading axes are states, and those of all arguments are broadcast. The results are tensors of
-    the dtype and device of the first tensor among the arguments; if that has integers, or no argument
+    the dtype and device of the first tensor among the arguments; if it has integers, or no argument
     is a tensor, of PyTorch's default dtype. Computation is in double precision, on the CPU.
     Derivatives are those of `Evaluator.pinned`: of the optimum in its mode, and at a kink one of
     several one-sided ones, see `PinnedState.by_optimum`. There are no second derivatives.
