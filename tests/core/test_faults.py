@@ -369,7 +369,7 @@ def test_no_wrong_program_tells_rows_positive_together(how, monkeypatch):
     """Of (1, 0), (0, 1) and (0, -1), only the first can be positive without a negative one."""
     monkeypatch.setattr(optimize, "linprog", WRONG_PROGRAMS[how])
     rows = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    told = dual_degeneracy._positive_together(rows)
+    told = dual_degeneracy._jointly_positive(rows)
     assert not told[1:].any()
     assert told[0] or how != "right"
 

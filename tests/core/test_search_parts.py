@@ -123,7 +123,7 @@ def test_the_least_friction_that_counts(size, is_friction):
     x = np.zeros(len(state.formulation.program.c))
     column = state.formulation.cone_columns[0][1, 0]
     x[column] = -size
-    friction = reader._friction(x)
+    friction = reader._friction_signs(x)
     assert friction is not None
     contact = state.formulation.coordinates.layout.cones.tolist()[1]
     assert tuple(friction[contact]) == ((-1, 0) if is_friction else (0, 0))

@@ -31,7 +31,7 @@ CANCELS = 1e-9
 """Scaled: what balance may leave of a unit of what is unknown."""
 
 
-class Group(NamedTuple):
+class CornerGroup(NamedTuple):
     """Corners of the same contacts, and the same loads of what is unknown: what they share.
 
     The n columns are force coordinates, without those that the mode forbids.
@@ -67,13 +67,13 @@ class Group(NamedTuple):
         return self.coordinates.forces(whole)
 
 
-def grouped(
+def corner_groups(
     corners: Sequence[Member],
     unknowns: Unknowns,
     scale: ForceCoordinates,
     shared: FloatArray,
     mode: SlidingMode | None,
-) -> list[Group]:
+) -> list[CornerGroup]:
     """Return the corners that may share what their forces add for each unknown.
 
     Args:
@@ -83,31 +83,31 @@ def grouped(
         shared: (s, L) sums of scaled commands that are the same for all members.
         mode: The one mode of all forces; None: plain Coulomb friction.
     """
-    groups: dict[bytes, Group] = {}
-    weight = _weight(corners[0], scale)
+    groups: dict[bytes, CornerGroup] = {}
+    weight = _balance_weights(corners[0], scale)
     for number, member in enumerate(corners):
         loads = -weight[:, None] * unknowns.loads[number] / scale.force_scale
         parts = loads.round(12) + 0.0, member.problem.friction, member.factors
         key = b"".join(one.tobytes() for one in parts)
         if key not in groups:
-            groups[key] = _group(member, loads, scale, shared, mode)
+            groups[key] = _group_of_member(member, loads, scale, shared, mode)
         groups[key].corners.append(number)
     return list(groups.values())
 
 
-def _weight(corner: Member, scale: ForceCoordinates) -> FloatArray:
+def _balance_weights(corner: Member, scale: ForceCoordinates) -> FloatArray:
     """Return (P,) what a load over the load counts in each row of the balance."""
     return 1.0 / passive_levers(corner.problem.passive_units, scale.length_scale)
 
 
-def _group(
+def _group_of_member(
     member: Member,
     loads: FloatArray,
     scale: ForceCoordinates,
     shared: FloatArray,
     mode: SlidingMode | None,
-) -> Group:
-    """Return a group without its corners, of which a member is one: see `grouped`."""
+) -> CornerGroup:
+    """Return a group without its corners, of which a member is one: see `corner_groups`."""
     problem = member.problem
     if problem.cone_model.second_order:
         problem = problem.with_changes(cone="edges")  # inside the round cones
@@ -128,7 +128,7 @@ def _group(
     torque = forces.torque_rows[:, kept] / member.factors[:, None]
     effects = np.vstack([forces.balance_rows[:, kept], shared @ torque])
     inverse: FloatArray = np.asarray(np.linalg.pinv(effects, rcond=CANCELS), dtype=float)
-    return Group(
+    return CornerGroup(
         [], coordinates, kept, np.vstack(rows)[:, kept], np.concatenate(level),
         np.concatenate(sides), effects, inverse, torque, loads,
     )  # fmt: skip
@@ -170,7 +170,7 @@ def best_policy(
         if limits.passed:
             break
         program = _AffineProgram(corners, unknowns, objective, directions, mode)
-        found, free = program.best(limits), program.free
+        found, free = program.optimal_policy(limits), program.free
         policies += [] if found is None else [found]
     best = max if objective.maximizes else min
     return best(policies, key=lambda one: one.value(objective), default=None), free
@@ -209,42 +209,42 @@ class _AffineProgram:
         shared = shared_commands(corners, directions)[0] * scale.joint_scale
         sizes = np.abs(shared).max(axis=1, initial=0.0)
         self.shared = shared / np.where(sizes > 0.0, sizes, 1.0)[:, None]
-        self.groups = grouped(corners, unknowns, scale, self.shared, mode)
+        self.groups = corner_groups(corners, unknowns, scale, self.shared, mode)
         still = np.zeros(first.joint_count)
         self.carried = np.array([one.commanded(still) for one in corners]) / scale.joint_scale
         wrenches = np.array([one.problem.external_wrench for one in corners])
-        self.wrenches = -_weight(corners[0], scale) * wrenches / scale.force_scale
-        self.of_joint = unknowns.of_errors
-        self.joints = unknowns.joints[self.of_joint]
-        self.free = sorted({one for group in self.groups for one in self._free(group)})
+        self.wrenches = -_balance_weights(corners[0], scale) * wrenches / scale.force_scale
+        self.error_numbers = unknowns.of_errors
+        self.joints = unknowns.joints[self.error_numbers]
+        self.free = sorted({one for group in self.groups for one in self._unbalanced(group)})
 
-    def best(self, limits: Limits) -> ForcePolicy | None:
+    def optimal_policy(self, limits: Limits) -> ForcePolicy | None:
         """Return affine forces for the best torques that have such, checked; None: none do."""
         if self.free:
             return None
-        self.built = SparseConic()
-        self._build()
-        found = self.built.solve(limits.seconds_left)
-        return None if found is None else self._policy(*found)
+        self.conic = SparseConic()
+        self._assemble()
+        found = self.conic.solve(limits.seconds_left)
+        return None if found is None else self._checked_policy(*found)
 
-    def _sides(self, group: Group, errors: FloatArray) -> FloatArray:
+    def _sides(self, group: CornerGroup, errors: FloatArray) -> FloatArray:
         """Return (P + s, D) what the forces of each unknown have to make; errors (L,) scaled."""
         commands = np.zeros((len(errors), len(self.unknowns.balls)))
-        commands[self.joints, self.of_joint] = errors[self.joints]
+        commands[self.joints, self.error_numbers] = errors[self.joints]
         return np.vstack([group.loads, self.shared @ commands])
 
-    def _free(self, group: Group) -> list[int]:
+    def _unbalanced(self, group: CornerGroup) -> list[int]:
         """Return unknowns that no forces balance."""
         sides = self._sides(group, (self.unknowns.offsets > 0.0).astype(float))
         residual = np.abs(sides - group.effects @ (group.inverse @ sides)).max(axis=0, initial=0.0)
         tolerance = CANCELS * max(1.0, np.abs(sides).max(initial=0.0))
         return np.flatnonzero(residual > tolerance).tolist()
 
-    def _build(self) -> None:
-        built, unknowns, objective = self.built, self.unknowns, self.objective
+    def _assemble(self) -> None:
+        built, unknowns, objective = self.conic, self.unknowns, self.objective
         count = len(self.groups[0].kept)
-        self.at = [built.columns(count) for _ in self.corners]
-        self.slopes = [[built.columns(count) for _ in unknowns.balls] for _ in self.groups]
+        self.f0 = [built.columns(count) for _ in self.corners]
+        self.slope_columns = [[built.columns(count) for _ in unknowns.balls] for _ in self.groups]
         self.errors = built.columns(len(self.joints))
         margin: float | NDArray[np.int_]
         if isinstance(objective, Margin):
@@ -252,33 +252,33 @@ class _AffineProgram:
         else:
             margin = objective.required_margin / self.scale.force_scale
             self.largest = built.columns(1, cost=1.0)[0]
-        self._balance()
+        self._add_balance()
         self.active: dict[int, NDArray[np.int_]] = {}
-        for slopes, group in zip(self.slopes, self.groups, strict=True):
-            self._cone_rows(group, slopes, margin)
-            self._command_rows(group, slopes)
+        for slopes, group in zip(self.slope_columns, self.groups, strict=True):
+            self._add_cone_rows(group, slopes, margin)
+            self._add_command_rows(group, slopes)
 
-    def _balance(self) -> None:
+    def _add_balance(self) -> None:
         """Balance at d = 0 and of each d; the same commands, and errors that forces make up for."""
         passive = self.wrenches.shape[1]
-        start = Entries.of(-self.groups[0].effects[passive:]).at(int(self.at[0][0]))
-        for slopes, group in zip(self.slopes, self.groups, strict=True):
+        start = Entries.of(-self.groups[0].effects[passive:]).at(int(self.f0[0][0]))
+        for slopes, group in zip(self.slope_columns, self.groups, strict=True):
             balance, torque = map(Entries.of, (group.effects[:passive], group.effects[passive:]))
             for number in group.corners:
-                own = int(self.at[number][0])
-                self.built.equal([balance.at(own)], self.wrenches[number])
+                own = int(self.f0[number][0])
+                self.conic.equal([balance.at(own)], self.wrenches[number])
                 if number:
                     apart = self.carried[0] - self.carried[number]
-                    self.built.equal([torque.at(own), start], self.shared @ apart)
+                    self.conic.equal([torque.at(own), start], self.shared @ apart)
             effects = Entries.of(group.effects)
             sides = self._sides(group, np.zeros(len(self.scale.joint_scale)))
             for number, columns in enumerate(slopes):
                 parts = [effects.at(int(columns[0]))]
-                for made in np.flatnonzero(self.of_joint == number):
+                for made in np.flatnonzero(self.error_numbers == number):
                     error = np.zeros((len(sides), 1))
                     error[passive:, 0] = -self.shared[:, self.joints[made]]
                     parts.append(Entries.of(error).at(int(self.errors[made])))
-                self.built.equal(parts, sides[:, number])
+                self.conic.equal(parts, sides[:, number])
 
     def _lengths(
         self,
@@ -299,23 +299,23 @@ class _AffineProgram:
         added = []
         for ball in range(len(self.unknowns.words)):
             own = np.flatnonzero(self.unknowns.balls == ball)
-            sizes = self.built.columns(count)
+            sizes = self.conic.columns(count)
             added.append(diagonal(sizes))
             inside = [rows.at(int(slopes[one][0])) for one in own]
             if len(own) > 1:
-                self.built.cones([diagonal(sizes, -1.0)], np.zeros(count), inside)
+                self.conic.cones([diagonal(sizes, -1.0)], np.zeros(count), inside)
                 continue
             parts = [inside[0]]
-            made = self.of_joint == own[0]
+            made = self.error_numbers == own[0]
             if of_commands and made.any():
                 parts.append(Entries(self.joints[made], self.errors[made], -np.ones(1)))
             for sign in (1.0, -1.0):
                 signed = [one.at(0, times=sign) for one in parts]
-                self.built.below([*signed, diagonal(sizes, -1.0)], np.zeros(count))
+                self.conic.below([*signed, diagonal(sizes, -1.0)], np.zeros(count))
         return added
 
-    def _cone_rows(
-        self, group: Group, slopes: list[NDArray[np.int_]], margin: float | NDArray[np.int_]
+    def _add_cone_rows(
+        self, group: CornerGroup, slopes: list[NDArray[np.int_]], margin: float | NDArray[np.int_]
     ) -> None:
         """Keep the rows of all corners of a group below their sides, by the margin, for all d."""
         entries, sides, wide = Entries.of(group.rows), group.sides, list[Entries]()
@@ -325,10 +325,10 @@ class _AffineProgram:
             sides = sides - margin * group.level
         lengths = self._lengths(entries, len(sides), slopes, of_commands=False)
         for number in group.corners:
-            parts = [entries.at(int(self.at[number][0])), *wide, *lengths]
-            self.active[number] = self.built.below(parts, sides)
+            parts = [entries.at(int(self.f0[number][0])), *wide, *lengths]
+            self.active[number] = self.conic.below(parts, sides)
 
-    def _command_rows(self, group: Group, slopes: list[NDArray[np.int_]]) -> None:
+    def _add_command_rows(self, group: CornerGroup, slopes: list[NDArray[np.int_]]) -> None:
         """Keep commands within limits, errors no less than they may be, and t the largest."""
         fed = self.directions is not None
         driven = group.corners if fed else [one for one in group.corners if one == 0]
@@ -342,34 +342,34 @@ class _AffineProgram:
         shares = self.unknowns.shares[self.joints]
         offsets = -(self.unknowns.offsets / scale)[self.joints]
 
-        def below(number: int, sign: float, joints: NDArray[np.int_], times: FloatArray,
+        def add_row(number: int, sign: float, joints: NDArray[np.int_], times: FloatArray,
                   side: FloatArray, more: list[Entries]) -> None:  # fmt: skip
             if not len(joints):
                 return
             picked = Entries.of(times[:, None] * np.eye(len(scale))[joints])
-            parts = [Entries.of(sign * times[:, None] * torque[joints]).at(int(self.at[number][0]))]
+            parts = [Entries.of(sign * times[:, None] * torque[joints]).at(int(self.f0[number][0]))]
             parts += [picked.at(int(one.columns[0])) for one in lengths]
             carried = sign * times * self.carried[number][joints]
-            self.built.below([*parts, *more], side - carried)
+            self.conic.below([*parts, *more], side - carried)
 
         for number in driven:
             own = self.corners[number].problem
             for sign, limit in ((1.0, own.upper_torque), (-1.0, -own.lower_torque)):
                 # Limits far above the load spoil figures; whether they hold is checked in the end.
                 joints = np.flatnonzero(loaded & (limit < _FAR * scale))
-                below(number, sign, joints, np.ones(len(joints)), (limit / scale)[joints], [])
-                below(number, sign, self.joints, shares, offsets, [diagonal(self.errors, -1.0)])
+                add_row(number, sign, joints, np.ones(len(joints)), (limit / scale)[joints], [])
+                add_row(number, sign, self.joints, shares, offsets, [diagonal(self.errors, -1.0)])
             if not isinstance(self.objective, Torque):
                 continue
             for one in self.objective.sides(self.corners[0].problem, self.scale):
                 more = [Entries.of(-one.level[:, None]).at(int(self.largest))]
                 times = scale[one.joints] / one.unit
-                below(number, one.sign, one.joints, times, np.zeros(len(times)), more)
+                add_row(number, one.sign, one.joints, times, np.zeros(len(times)), more)
 
-    def _policy(self, x: FloatArray, z: FloatArray) -> ForcePolicy | None:
+    def _checked_policy(self, x: FloatArray, z: FloatArray) -> ForcePolicy | None:
         """Return what a solver's answer is once equalities hold exactly; None: nothing it says."""
         joints, D = self.scale.joint_scale, self.unknowns.count
-        at = np.array([x[one] for one in self.at])
+        at = np.array([x[one] for one in self.f0])
         first, passive = self.groups[0], self.wrenches.shape[1]
         balance = first.effects[:passive]
         at[0] += np.linalg.lstsq(balance, self.wrenches[0] - balance @ at[0])[0]
@@ -381,7 +381,7 @@ class _AffineProgram:
         spread = np.zeros((*forces.shape, D))
         active: list[tuple[float, int, FloatArray]] = []
         for number, group in enumerate(self.groups):
-            F = np.array([x[one] for one in self.slopes[number]]).T
+            F = np.array([x[one] for one in self.slope_columns[number]]).T
             slopes[number] = F + group.inverse @ (self._sides(group, errors) - group.effects @ F)
             for corner in group.corners:
                 if corner:
@@ -390,16 +390,16 @@ class _AffineProgram:
                     at[corner] += group.inverse @ (sides - group.effects @ at[corner])
                 forces[corner] = group.forces(at[corner])
                 spread[corner] = np.stack([group.forces(one) for one in slopes[number].T], axis=-1)
-                active += self._needed(corner, group.rows @ slopes[number], z)
+                active += self._binding_members(corner, group.rows @ slopes[number], z)
         made = np.zeros((len(joints), D))
-        made[self.joints, self.of_joint] = (joints * errors)[self.joints]
+        made[self.joints, self.error_numbers] = (joints * errors)[self.joints]
         found = ForcePolicy(
             tuple(self.corners), self.unknowns, read_only(forces), read_only(spread),
             read_only(made), self.directions, _distinct(active),
         )  # fmt: skip
-        return found if self._passes(found, at, slopes) else None
+        return found if self._is_valid_policy(found, at, slopes) else None
 
-    def _needed(
+    def _binding_members(
         self, corner: int, rows: FloatArray, z: FloatArray
     ) -> list[tuple[float, int, FloatArray]]:
         """Return multiplier, corner and worst d of the rows (R, D) that bound the optimum."""
@@ -408,7 +408,7 @@ class _AffineProgram:
         worst = self.unknowns.worst(rows[counts])
         return [(float(weights[one]), corner, d) for one, d in zip(counts, worst, strict=True)]
 
-    def _passes(self, found: ForcePolicy, at: FloatArray, slopes: FloatArray) -> bool:
+    def _is_valid_policy(self, found: ForcePolicy, at: FloatArray, slopes: FloatArray) -> bool:
         """Return whether the policy keeps what it has to, worked out anew and for the worst d."""
         least = self.objective.required_margin - PRIMAL_TOLERANCE * self.scale.force_scale
         if not found.residual() <= PRIMAL_TOLERANCE or found.least_margin < least:

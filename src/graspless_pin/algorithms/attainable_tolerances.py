@@ -93,21 +93,21 @@ def largest_served(
     best: RobustSolution | None = None
     halves = False
 
-    def apart() -> float:
+    def allowed_gap() -> float:
         return max(near, relative * high)
 
-    while high - low > apart() and not limits.passed:
+    while high - low > allowed_gap() and not limits.passed:
         trial = 0.5 * (low + high)
         if failed.conflict:
             trial = low
-            while high - trial > 0.5 * apart():
+            while high - trial > 0.5 * allowed_gap():
                 middle = 0.5 * (trial + high)
-                refuted = _is_refuted(failed, middle / of)
+                refuted = _is_conflict_refuted(failed, middle / of)
                 trial, high = (trial, middle) if refuted else (middle, high)
-            if high - low <= apart():
+            if high - low <= allowed_gap():
                 break
             # Others may be in conflict there, one after the other: every second time by halves.
-            trial = 0.5 * (low + trial) if halves and trial > low + apart() else trial
+            trial = 0.5 * (low + trial) if halves and trial > low + allowed_gap() else trial
             halves = not halves
         found = solve_size(trial)
         if found.found:
@@ -136,7 +136,7 @@ def smaller_conflict(failed: RobustSolution, share: float) -> list[Member]:
     ]
 
 
-def _is_refuted(failed: RobustSolution, share: float) -> bool:
+def _is_conflict_refuted(failed: RobustSolution, share: float) -> bool:
     """Whether the members in conflict are so, too, with all that is off times a share."""
     directions = feedback_torques(failed.members[0].problem, failed.feedback)
     together = joined(smaller_conflict(failed, share), directions)
@@ -261,7 +261,7 @@ class AttainableTolerance(Brief):
 
 
 @dataclass(frozen=True)
-class _Sets:
+class _NestedSets:
     """Nested sets of a quantity.
 
     Attributes:
@@ -309,7 +309,7 @@ class AttainableSearch:
         still = np.zeros(3)
         self.still = Corner(0.0, still, weight.down, still, still, np.zeros(problem.contact_count))
 
-    def of(self, quantity: Quantity, known: float, torques: FloatArray) -> AttainableTolerance:
+    def find(self, quantity: Quantity, known: float, torques: FloatArray) -> AttainableTolerance:
         """Return how far a quantity may be off.
 
         Args:
@@ -317,27 +317,27 @@ class AttainableSearch:
             known: A size that torques bear, and
             torques: (L,) these, N m (N).
         """
-        problem, sets = self.problem, self._sets(quantity)
+        problem, sets = self.problem, self._nested_sets(quantity)
         low, high = problem.lower_torque, problem.upper_torque
         if not ((torques >= low) & (torques <= high)).all():
             known = 0.0
         if known >= sets.largest:
             return AttainableTolerance(quantity, known, inf, torques)
-        found = self._largest(sets, known)
+        found = self._served_size(sets, known)
         served = read_only(np.array(torques if found.best is None else found.best.torques))
         if self.limits.passed:
             return AttainableTolerance(quantity, found.served, inf, served, in_time=False)
         failing, conflict = sets.wide * found.failing, found.conflict
         if sets.figure == "tilt" and np.isfinite(failing):
             # The frustum around the tilts is wider: of what fails, gravity is turned by so much.
-            turned = self._largest(replace(sets, members=self._tilted), found.served)
+            turned = self._served_size(replace(sets, members=self._tilted_members), found.served)
             failing, conflict = turned.failing, turned.conflict
         return AttainableTolerance(
             quantity, found.served, failing, served, conflict,
             free_motion=self._free_motion(conflict),
         )  # fmt: skip
 
-    def _largest(self, sets: _Sets, served: float) -> ServedSize:
+    def _served_size(self, sets: _NestedSets, served: float) -> ServedSize:
         """Return how large a set may be, from a size that is served on."""
         begin: list[int] = []
 
@@ -362,39 +362,39 @@ class AttainableSearch:
             near=_NEAR * sets.unit, relative=_CLOSE, limits=self.limits,
         )  # fmt: skip
 
-    def _sets(self, quantity: Quantity) -> _Sets:
+    def _nested_sets(self, quantity: Quantity) -> _NestedSets:
         problem, weight, scales = self.problem, self.weight, self.problem.scales
         none = np.zeros(problem.joint_count)
         levers = problem.jacobian.any(axis=0)
         if quantity is Quantity.FRICTION:
-            return _Sets(self._uncertain("friction"), most=_LAST, figure="friction")
+            return _NestedSets(self._corners_of_figure("friction"), most=_LAST, figure="friction")
         if quantity is Quantity.TILT:
-            return _Sets(self._uncertain("tilt"), most=MOST_TILT, figure="tilt")
+            return _NestedSets(self._corners_of_figure("tilt"), most=MOST_TILT, figure="tilt")
         if quantity in (Quantity.MASS_MORE, Quantity.MASS_LESS):
             sign, most = (1.0, _FARTHEST) if quantity is Quantity.MASS_MORE else (-1.0, 1.0)
-            return _Sets(lambda size: self._off([{"mass": sign * size}]), most=most)
+            return _NestedSets(lambda size: self._load_members([{"mass": sign * size}]), most=most)
         if quantity is Quantity.CENTER:
             level = np.linalg.svd(weight.wrench(0.0, np.zeros(3), weight.down)[None, :3])[2][1:]
             around = polygon(_SIDES) @ level @ weight.axes
-            return _Sets(
-                lambda size: self._off(
+            return _NestedSets(
+                lambda size: self._load_members(
                     [{"center_of_mass": size / cos(pi / _SIDES) * one} for one in around]
                 ),
                 scales.length,
                 wide=1.0 / cos(pi / _SIDES),
             )
         if quantity in (Quantity.PUSH, Quantity.MOMENT):
-            points, wide = _polytope()
+            points, wide = _ball_polytope()
             name = "force" if quantity is Quantity.PUSH else "moment"
             unit = scales.force if quantity is Quantity.PUSH else scales.force * scales.length
-            return _Sets(
-                lambda size: self._off([{name: size * wide * one} for one in points]),
+            return _NestedSets(
+                lambda size: self._load_members([{name: size * wide * one} for one in points]),
                 unit,
                 wide=wide,
             )
         if quantity is Quantity.JOINT:
             each = np.concatenate([np.eye(len(none))[levers], -np.eye(len(none))[levers]])
-            return _Sets(
+            return _NestedSets(
                 lambda size: [self.nominal, *(self._with_errors(none, size * one) for one in each)],
                 float(scales.joints[levers].max()),
             )
@@ -404,22 +404,22 @@ class AttainableSearch:
             off = self._with_errors(np.where(levers, sign * size, 0.0), none)
             return [self.nominal, replace(off, words=f"all torques {100.0 * sign * size:+.3g} %")]
 
-        return _Sets(all_torques, most=most)
+        return _NestedSets(all_torques, most=most)
 
-    def _uncertain(self, name: str) -> Callable[[float], list[Member]]:
+    def _corners_of_figure(self, name: str) -> Callable[[float], list[Member]]:
         """Return what makes the corners of an `Uncertainty` of one figure."""
         return lambda size: [
             self.nominal,
             *members_of(self.problem, Uncertainty(**{name: size}), self.weight),
         ]
 
-    def _tilted(self, size: float) -> list[Member]:
+    def _tilted_members(self, size: float) -> list[Member]:
         """Return members with gravity turned to all sides by an angle, rad."""
         across = np.linalg.svd(self.weight.down[None])[2][1:]
         ring = cos(size) * self.weight.down + sin(size) * polygon(_SIDES) @ across
-        return self._off([{"down": one} for one in ring])
+        return self._load_members([{"down": one} for one in ring])
 
-    def _off(self, changes: list[dict[str, float | FloatArray]]) -> list[Member]:
+    def _load_members(self, changes: list[dict[str, float | FloatArray]]) -> list[Member]:
         """Return the nominal member, and those with changes of their load."""
         none = np.zeros(self.problem.joint_count)
         corners = (replace(self.still, **one) for one in changes)
@@ -456,7 +456,7 @@ class AttainableSearch:
 
 
 @cache
-def _polytope() -> tuple[FloatArray, float]:
+def _ball_polytope() -> tuple[FloatArray, float]:
     """Return unit vectors (K, 3), and how much larger their hull has to be to contain the ball."""
     from scipy.spatial import ConvexHull
 

@@ -31,7 +31,7 @@ from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
 from graspless_pin.modes.rules import Rules, SlidingMode
-from graspless_pin.modes.virtual_motions import CLEARLY, judged_by
+from graspless_pin.modes.virtual_motions import CLEARLY, witness_criteria
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.active_set import ActiveSet
@@ -118,7 +118,7 @@ def warm_optimum(
         The optimum, proven like any other, and the place of the start that led to it; None
         where none serves, more than the best case is asked for, or nothing was compiled.
     """
-    loops = _loops(problem, objective, options) if starts else None
+    loops = _cold_loops(problem, objective, options) if starts else None
     if loops is None:
         return None
     with LOOPS_LOCK:
@@ -126,10 +126,10 @@ def warm_optimum(
     if found is None:
         return None
     place, optimum = found
-    return _as_optimum(problem, objective, optimum), place
+    return _optimum_record(problem, objective, optimum), place
 
 
-def _as_optimum(
+def _optimum_record(
     problem: QuasistaticProblem, objective: Objective, optimum: tuple[Any, ...]
 ) -> WarmOptimum:
     forces, unit, *found, contacts, signs, solver = optimum
@@ -161,17 +161,17 @@ def state_optimum(
     *state: Any,
 ) -> WarmOptimum | None:
     """Return the optimum of one state, where `optima_of_states` with these arguments finds it."""
-    loops = _loops(problem, objective, options)
+    loops = _cold_loops(problem, objective, options)
     if loops is None:
         return None
     order = np.zeros(1, dtype=np.intp)
     with LOOPS_LOCK:
-        if not _found(loops, problem, options, learned, pool, order, state):
+        if not _optima_found(loops, problem, options, learned, pool, order, state):
             return None
         # Asked of the same object: the cache may have dropped it meanwhile, or another thread
         # have put its own there.
         optimum = loops.result()
-    return _as_optimum(problem, objective, optimum)
+    return _optimum_record(problem, objective, optimum)
 
 
 def optima_of_states(
@@ -197,14 +197,14 @@ def optima_of_states(
     Returns:
         How many in that order were found before the first one that was not.
     """
-    loops = _loops(problem, objective, options)
+    loops = _cold_loops(problem, objective, options)
     if loops is None:
         return 0
     with LOOPS_LOCK:
-        return _found(loops, problem, options, learned, pool, order, states)
+        return _optima_found(loops, problem, options, learned, pool, order, states)
 
 
-def _found(
+def _optima_found(
     loops: Any,
     problem: QuasistaticProblem,
     options: SolveOptions,
@@ -221,7 +221,7 @@ def _found(
     return loops.optima_of_states(problem, pool, may_begin(problem, options), order, *states)
 
 
-def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
+def _cold_loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
     """Return the loops for problems like one; None where more than the best case is asked for."""
     # They count on one free object.
     if problem.wrench_matrix is not None or not are_for(problem.cone_model, objective, options):
@@ -235,11 +235,11 @@ def prepared_starts(
     """Return starts as the loops take them; None in the place of one that does not fit."""
     structure, prepared = structure_of(problem), []
     for start in starts:
-        known = _known_of(start)
+        known = _last_prepared(start)
         own, active = known[0]
         if own is not loops:
             fits = start.structure is not None and start.structure.has_rows_of(structure)
-            active = _start(loops, start) if fits else None
+            active = _compiled_start(loops, start) if fits else None
             known[0] = loops, active
         prepared.append(active)
     return prepared
@@ -247,11 +247,11 @@ def prepared_starts(
 
 LOOPS_LOCK = RLock()
 """One workspace serves all threads."""
-_known_of: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
+_last_prepared: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
 """The loops that a start was prepared for last, and what they take it as."""
 
 
-def _start(loops: Any, start: WarmStart) -> Any:
+def _compiled_start(loops: Any, start: WarmStart) -> Any:
     active, mode, motion = start.relaxation, start.mode, start.motion
     if active is None or mode is None or motion is None:
         return None
@@ -260,7 +260,8 @@ def _start(loops: Any, start: WarmStart) -> Any:
     return core.Start(
         loops, active.rows, active.at_bounds, active.upper, active.x, active.weights,
         sum(active.sizes),
-        mode.signs, mode.contacts, mode.own_signs.ravel(), motion, judged_by(CLEARLY * THRESHOLD),
+        mode.signs, mode.contacts, mode.own_signs.ravel(), motion,
+        witness_criteria(CLEARLY * THRESHOLD),
         active.solver,
     )  # fmt: skip
 
@@ -359,7 +360,7 @@ class LoadSweep:
             if self._only_load_changes:
                 # The mode's own program is at hand here, and the parts that bound all others.
                 signs = start.mode is not None and start.mode.own_signs.all()
-                own = [_start(self._loops, start)] if signs else []
+                own = [_compiled_start(self._loops, start)] if signs else []
                 if start.cover:
                     cover = core.ModeCover([signs_left(part) for part in start.cover])
                     self._covers = [cover, *self._covers][:MOST_STARTS]

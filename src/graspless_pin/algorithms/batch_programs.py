@@ -16,7 +16,7 @@ from graspless_pin.algorithms.options import Search, SolveOptions
 from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
 from graspless_pin.modes.rules import StaticFriction, required_contacts
-from graspless_pin.modes.virtual_motions import CLEARLY, GUESSES, judged_by
+from graspless_pin.modes.virtual_motions import CLEARLY, GUESSES, witness_criteria
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
 from graspless_pin.problem.cone_model import ConeModel, Section
@@ -146,7 +146,7 @@ def loops_of(
         least_limit=LEAST_LIMIT,
         most_strict=MOST_STRICT,
         guesses=GUESSES,
-        judged_by=judged_by(CLEARLY * THRESHOLD),
+        judged_by=witness_criteria(CLEARLY * THRESHOLD),
         damping=DAMPING,
         corrections=CORRECTIONS,
         exact=EXACT,

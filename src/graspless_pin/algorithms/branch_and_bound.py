@@ -67,10 +67,10 @@ def branch_and_bound(state: SearchState) -> Status:
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
             return Fathomed(max(before, answer.bound))
-        return _split(state, tree, part, answer, before)
+        return _keep_or_split(state, tree, part, answer, before)
 
     every = ModePart.every_mode(state.formulation.problem, state.rules)
-    root = _split(state, tree, every, answer, -np.inf)
+    root = _keep_or_split(state, tree, every, answer, -np.inf)
     status, state.cover = best_first(state, root, expand, state.closed)
     return status
 
@@ -95,14 +95,14 @@ def _guess(state: SearchState, answer: Answer) -> None:
         x = guess.x
 
 
-def _split(
+def _keep_or_split(
     state: SearchState, tree: ModeTree, part: ModePart, answer: Answer, before: float
 ) -> Fathomed | Split[ModePart]:
     """Keep the optimum of a part if a mode admits it; otherwise split the part."""
     fathomed = Fathomed(answer.bound)
     if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
         return fathomed
-    x = tree.within(part, answer.x)
+    x = tree.without_forbidden_friction(part, answer.x)
     found = state.oracle.mode_for(x, state.near)
     state.modes_examined += 1
     if isinstance(found, FoundMode):
@@ -251,28 +251,28 @@ class _DirectionSearch:
     def run(self, answer: Answer) -> Status:
         """Search from the answer to the relaxation on."""
         every = _Node(dict.fromkeys(self.always), frozenset())
-        root = self._split(every, answer, answer.bound)
-        return best_first(self.state, root, self._expand, self._closed)[0]
+        root = self._keep_or_split(every, answer, answer.bound)
+        return best_first(self.state, root, self._expand, self._is_closed)[0]
 
     def _expand(self, node: _Node, before: float) -> Fathomed | Split[_Node]:
         """Fathom or split a node, as `best_first` asks for."""
         if isinstance(self.motions.find(node.sectors), Exclusion):
             return Split(before, [])  # no motion slides so
         self.state.nodes += 1
-        answer = self._solve(self._friction(node))
-        return self._split(node, answer, max(before, answer.bound))
+        answer = self._solve(self._friction_sectors(node))
+        return self._keep_or_split(node, answer, max(before, answer.bound))
 
-    def _closed(self, bound: float) -> bool:
+    def _is_closed(self, bound: float) -> bool:
         """Whether nothing at or above a bound beats the best answer by more than the gap."""
-        return self._enough <= bound
+        return self._cutoff <= bound
 
     @property
-    def _enough(self) -> float:
+    def _cutoff(self) -> float:
         """A value that is worth no further search."""
         best = self.state.best_value
         return best - self._gap * max(abs(best), _LEAST_OPTIMUM) if np.isfinite(best) else np.inf
 
-    def _friction(self, node: _Node) -> Sectors:
+    def _friction_sectors(self, node: _Node) -> Sectors:
         """Return what a node says of contacts with friction."""
         sectors = {contact: node.sectors.get(contact) for contact in self._cones}
         return {
@@ -285,17 +285,17 @@ class _DirectionSearch:
         """Solve the program with friction opposite to sectors; None: without friction."""
         state = self.state
         state.force_programs += 1
-        answer = self._formulation.solve_along(friction, state.options.solver, cutoff=self._enough)
+        answer = self._formulation.solve_along(friction, state.options.solver, cutoff=self._cutoff)
         if answer.outcome is Outcome.FAILED:
             state.unproven_bound = min(state.unproven_bound, answer.bound)
         return answer
 
-    def _split(self, node: _Node, answer: Answer, bound: float) -> Fathomed | Split[_Node]:
+    def _keep_or_split(self, node: _Node, answer: Answer, bound: float) -> Fathomed | Split[_Node]:
         """Keep what the node's optimum leads to; split the node where it is not an answer.
 
         It is fathomed where nothing in it is better than what was kept by more than the gap.
         """
-        if answer.outcome is not Outcome.SOLVED or self._closed(bound):
+        if answer.outcome is not Outcome.SOLVED or self._is_closed(bound):
             return Fathomed(bound)
         state = self.state
         state.modes_examined += 1
@@ -306,23 +306,25 @@ class _DirectionSearch:
         }
         found = self.motions.find({**fixed, **exact})
         if isinstance(found, Exclusion):
-            motion, sectors, exclusion, width = self._widest(node, sliding_angles, exact, found)
+            motion, sectors, exclusion, width = self._widest_excluded(
+                node, sliding_angles, exact, found
+            )
             if motion is None or not self.motions.opposes(motion, sliding_angles):
                 if motion is not None:
-                    self._try(motion, sliding_angles)
+                    self._keep_best_along(motion, sliding_angles)
                 if motion is None or state.modes_examined % _GUESS_EVERY == 1:
-                    self._guess(answer.x, sliding_angles)
-                if self._closed(answer.bound):
+                    self._try_nearest_motion(answer.x, sliding_angles)
+                if self._is_closed(answer.bound):
                     return Fathomed(bound)
                 if width < _NARROWEST_SECTOR:
                     state.unproven_bound = min(state.unproven_bound, answer.bound)
                     return Fathomed(bound)
-                return Split(bound, self._resolving(node, sectors, exclusion, answer.x))
+                return Split(bound, self._exclusion_children(node, sectors, exclusion, answer.x))
         else:
             motion = found
         still = [one for one in self.always if one not in self.motions.directions(motion)]
         if still:
-            return Split(bound, self._moved(node, still[0]))
+            return Split(bound, self._sliding_children(node, still[0]))
         self._keep(answer, motion, sliding_angles)
         return Fathomed(bound)
 
@@ -333,7 +335,7 @@ class _DirectionSearch:
         angles = np.arctan2(-friction[:, 1], -friction[:, 0]).tolist()
         return {contact: angles[i] for i, contact in enumerate(self._cones) if with_friction[i]}
 
-    def _widest(
+    def _widest_excluded(
         self, node: _Node, sliding_angles: dict[int, float], exact: Sectors, exclusion: Exclusion
     ) -> tuple[FloatArray | None, Sectors, Exclusion, float]:
         """Widen sectors about the friction as long as no motion slides in all of them.
@@ -348,7 +350,7 @@ class _DirectionSearch:
             wider = dict(node.sectors)
             for contact, angle in sliding_angles.items():
                 own = node.sectors.get(contact)
-                wider[contact] = Sector(angle, half) if own is None else own.around(angle, half)
+                wider[contact] = Sector(angle, half) if own is None else own.clipped(angle, half)
             found = self.motions.find(wider)
             if isinstance(found, Exclusion):
                 low, sectors, exclusion = half, wider, found
@@ -357,7 +359,7 @@ class _DirectionSearch:
             half = (low * high**2) ** (1.0 / 3.0)
         return motion, sectors, exclusion, high
 
-    def _resolving(
+    def _exclusion_children(
         self, node: _Node, sectors: Sectors, exclusion: Exclusion, x: FloatArray
     ) -> list[_Node]:
         """Children that each take one contact out of an exclusion.
@@ -378,13 +380,13 @@ class _DirectionSearch:
             if contact not in node.sectors:
                 children.append(replace(rest, released=rest.released | {contact}))
             if contact in exclusion.directed and part is not None:
-                others = other_directions(part) if own is None else own.beside(part)
+                others = other_directions(part) if own is None else own.remainders(part)
                 children += [rest.with_sector(contact, other) for other in others]
                 own = part
             rest = rest.with_sector(contact, own)
         return children
 
-    def _moved(self, node: _Node, contact: int) -> list[_Node]:
+    def _sliding_children(self, node: _Node, contact: int) -> list[_Node]:
         """Children in which a contact slides somewhere, about its actual sliding."""
         own, problem = node.sectors[contact], self._formulation.problem
         if own is not None:
@@ -395,7 +397,7 @@ class _DirectionSearch:
             parts = (ahead, *other_directions(ahead))
         return [node.with_sector(contact, part) for part in parts]
 
-    def _try(self, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
+    def _keep_best_along(self, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Keep the best answer whose friction opposes a motion, if it is better.
 
         Where the motion is as good as along the friction looked at, it is taken to be: rounding
@@ -412,7 +414,7 @@ class _DirectionSearch:
         if answer.outcome is Outcome.SOLVED:
             self._keep(answer, motion, self._sliding_angles(answer.x))
 
-    def _guess(self, x: FloatArray, sliding_angles: dict[int, float]) -> None:
+    def _try_nearest_motion(self, x: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Try the motion whose sliding opposes the friction in x best by least squares."""
         contacts = [*sliding_angles, *self.always]
         wanted = np.zeros((len(contacts), 2))
@@ -421,7 +423,7 @@ class _DirectionSearch:
         ]
         sliding, motion = self.motions.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is not None:
-            self._try(motion, sliding_angles)
+            self._keep_best_along(motion, sliding_angles)
 
     def _keep(self, answer: Answer, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Keep an answer and the motion behind it, if it is the best so far."""

@@ -235,7 +235,7 @@ def smallest_factor(
     """
     proven, limits = True, Limits.of(options)
 
-    def feasible(factor: float) -> bool:
+    def is_feasible(factor: float) -> bool:
         nonlocal proven
         if limits.passed:
             proven = False
@@ -246,7 +246,7 @@ def smallest_factor(
         proven = proven and solution.status not in UNDECIDED
         return solution.found
 
-    if objective.required_margin == 0.0 and feasible(0.0):
+    if objective.required_margin == 0.0 and is_feasible(0.0):
         return MinimumFriction(0.0, proven)
     tried = [1.0, _LARGEST_FACTOR]
     if problem.is_sliding.any():
@@ -256,12 +256,12 @@ def smallest_factor(
         )
     low = 0.0
     for top in tried:
-        if feasible(top):
+        if is_feasible(top):
             break
         low = top
     else:
         return MinimumFriction(np.nan, proven)
     while top - low > _FACTOR_TOLERANCE * top:
         middle = 0.5 * (low + top)
-        low, top = (low, middle) if feasible(middle) else (middle, top)
+        low, top = (low, middle) if is_feasible(middle) else (middle, top)
     return MinimumFriction(top, proven)

@@ -155,7 +155,7 @@ def disturbance_margin(
             # Whether some mode balances the object as it is; the direction does not matter.
             status = search_modes(SearchState(formulation.capped("multiple", 0.0), how, limits))
         if status is Status.OPTIMAL:
-            status, magnitudes[index] = _largest(formulation, how, limits)
+            status, magnitudes[index] = _connected_end(formulation, how, limits)
         if status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
             break
         if status is not Status.OPTIMAL:
@@ -164,7 +164,9 @@ def disturbance_margin(
     return DisturbanceMargin(status, units, read_only(magnitudes), length, problem)
 
 
-def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tuple[Status, float]:
+def _connected_end(
+    formulation: Formulation, how: SolveOptions, limits: Limits
+) -> tuple[Status, float]:
     """Return the end (N) of the balanced multiples of one disturbance that are connected with zero.
 
     Each mode balances one interval of multiples. This walks down from the farthest balanced
@@ -183,14 +185,14 @@ def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tup
         end = -best.value
         if end < begin - 2.0 * _SAME_MULTIPLE:
             largest = end
-        first = _first(formulation, mode, how)
+        first = _least_multiple(formulation, mode, how)
         if first is None:
             return Status.UNVERIFIED, np.nan
         begin = min(first, end)
     return Status.OPTIMAL, formulation.coordinates.force_scale * largest
 
 
-def _first(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> float | None:
+def _least_multiple(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> float | None:
     """Return the smallest multiple that a mode balances, None where no solver tells.
 
     The mode balances all from there to its largest one.
@@ -269,7 +271,7 @@ class GuaranteedDisturbance(Brief):
 
         NaN where it is not even without disturbance, and where `reached` is False.
         """
-        return self._each("guaranteed")
+        return self._figures("guaranteed")
 
     @property
     def failing(self) -> FloatArray:
@@ -278,7 +280,7 @@ class GuaranteedDisturbance(Brief):
         inf where none was found up to `largest`, NaN where `reached` is False. Between `guaranteed`
         and this it is open what happens.
         """
-        return self._each("failing")
+        return self._figures("failing")
 
     @property
     def possible(self) -> FloatArray:
@@ -286,7 +288,7 @@ class GuaranteedDisturbance(Brief):
 
         As far as was looked: the best case. Beyond it rest is no outcome.
         """
-        return self._each("possible")
+        return self._figures("possible")
 
     @property
     def complete(self) -> NDArray[np.bool_]:
@@ -294,19 +296,19 @@ class GuaranteedDisturbance(Brief):
 
         Then the other figures are what was proven and found by then.
         """
-        return self._each("complete", without=self.verdict.status is not Stability.UNDECIDED)
+        return self._figures("complete", without=self.verdict.status is not Stability.UNDECIDED)
 
     @property
     def reached(self) -> NDArray[np.bool_]:
         """(K,) whether a direction was looked at; where not, its other figures are NaN."""
-        return self._each("reached", without=False)
+        return self._figures("reached", without=False)
 
     @property
     def failures(self) -> tuple[StabilityVerdict | None, ...]:
         """K verdicts at `failing`; None where that is inf."""
         return tuple(one.failure for one in self.brackets) or (None,) * len(self.directions)
 
-    def _each(self, name: str, *, without: float | bool = np.nan) -> NDArray[Any]:
+    def _figures(self, name: str, *, without: float | bool = np.nan) -> NDArray[Any]:
         """Return (K,) an attribute of all brackets, or what it is where there are none."""
         found = [getattr(one, name) for one in self.brackets]
         return read_only(np.array(found or [without] * len(self.directions)))

@@ -75,7 +75,7 @@ class _Point(NamedTuple):
     reduced: FloatArray
 
 
-class _Active(NamedTuple):
+class _ActiveConstraints(NamedTuple):
     """What is active at an optimum.
 
     Attributes:
@@ -106,11 +106,11 @@ class OptimalSet:
         reduced = program.c + y @ program.A + z @ program.G
         own = self._formulation.coordinates.scaled(solution.contact_forces)
         x = np.concatenate([own, solution.added_columns])
-        self._own = _Point(x, y, z, reduced)
+        self._own_point = _Point(x, y, z, reduced)
 
     def point(self) -> OptimalPoint:
         """Return the solution's own forces and multipliers."""
-        return self._in_units(self._own)
+        return self._si_point(self._own_point)
 
     def alternatives(self) -> tuple[OptimalPoint, ...]:
         """Return other points of the affine hulls of all optimal forces and all multipliers.
@@ -119,22 +119,22 @@ class OptimalSet:
         random. They are as far from the solution's own as that is from zero: where multipliers
         have no bound it may be far out, and nearer points seem to agree with it.
         """
-        x, y, z, reduced = self._own
-        forces = self._open_forces
-        balance, rows, bounds = self._open_multipliers()
+        x, y, z, reduced = self._own_point
+        forces = self._force_directions
+        balance, rows, bounds = self._multiplier_directions()
         random = np.random.default_rng(0)
         others = []
         for _ in range(_OTHER_POINTS):
-            a = _farthest(x) * random.uniform(0.5, 1.0, len(forces))
-            b = _farthest(y, z, reduced) * random.uniform(0.5, 1.0, len(balance))
+            a = _largest_entry(x) * random.uniform(0.5, 1.0, len(forces))
+            b = _largest_entry(y, z, reduced) * random.uniform(0.5, 1.0, len(balance))
             point = _Point(x + a @ forces, y + b @ balance, z + b @ rows, reduced + b @ bounds)
-            others.append(self._in_units(point))
+            others.append(self._si_point(point))
         return tuple(others)
 
     @cached_property
-    def _strictly_active(self) -> _Active:
+    def _strictly_active(self) -> _ActiveConstraints:
         """What has a multiplier here, or leaves no choice."""
-        program, (x, _, z, reduced) = self._formulation.program, self._own
+        program, (x, _, z, reduced) = self._formulation.program, self._own_point
         values, flat, k = program.G @ x, program.flat_count, len(program.G)
         slack = np.where(z > 0.0, program.u - values, values - program.l)[:flat]
         strict = (np.abs(z[:flat]) > slack) & (np.abs(z[:flat]) > _HELD_COST)
@@ -147,17 +147,17 @@ class OptimalSet:
                 spread = np.zeros((len(own), k))
                 spread[:, at] = own
                 parts.append(spread)
-        return _Active(
+        return _ActiveConstraints(
             np.vstack(active), np.vstack(given), np.flatnonzero(np.abs(reduced) > _HELD_COST)
         )
 
     @cached_property
-    def _inward(self) -> tuple[FloatArray, FloatArray]:
+    def _inward_directions(self) -> tuple[FloatArray, FloatArray]:
         """(k,) and (n,) 1 or -1: where rows of G and columns may go that are held weakly; else 0.
 
         These are at one of their bounds, those of the mode included, without a multiplier.
         """
-        program, (x, _, z, reduced) = self._formulation.program, self._own
+        program, (x, _, z, reduced) = self._formulation.program, self._own_point
         coulomb = self.solution.rules.static_friction is StaticFriction.COULOMB
         lb, ub = self._formulation.bounds_of(None if coulomb else self.solution.mode)
         rows = _inward_signs(program.G @ x, program.l, program.u, z)
@@ -167,10 +167,10 @@ class OptimalSet:
     @cached_property
     def _weakly_active(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Rows of G and columns that are held weakly here, and have no slack in any optimum."""
-        inward_rows, inward_columns = self._inward
+        inward_rows, inward_columns = self._inward_directions
         rows, columns = np.flatnonzero(inward_rows), np.flatnonzero(inward_columns)
-        changes = self._changes(self._strictly_active).T
-        slack = _positive_together(
+        changes = self._preserving_directions(self._strictly_active).T
+        slack = _jointly_positive(
             np.vstack([
                 inward_rows[rows, None] * (self._formulation.program.G[rows] @ changes),
                 inward_columns[columns, None] * changes[columns],
@@ -179,29 +179,29 @@ class OptimalSet:
         return rows[~slack[: len(rows)]], columns[~slack[len(rows) :]]
 
     @cached_property
-    def _active(self) -> _Active:
+    def _active_in_all(self) -> _ActiveConstraints:
         """What is active in all optima."""
         active, given, bounds = self._strictly_active
         rows, columns = self._weakly_active
         more = np.eye(len(self._formulation.program.G))[rows]
-        return _Active(
+        return _ActiveConstraints(
             np.vstack([active, more]), np.vstack([given, more]), np.concatenate([bounds, columns])
         )
 
-    def _changes(self, active: _Active) -> FloatArray:
+    def _preserving_directions(self, active: _ActiveConstraints) -> FloatArray:
         """(d, n) directions of x along which what is active stays so."""
         program, (rows, _, bounds) = self._formulation.program, active
         fixed = np.vstack([program.A, rows @ program.G, np.eye(len(program.c))[bounds]])
         return null_space(fixed, rcond=_RANK_TOLERANCE).T
 
     @cached_property
-    def _open_forces(self) -> FloatArray:
+    def _force_directions(self) -> FloatArray:
         """(d, n) directions in which x stays optimal."""
-        return self._changes(self._active)
+        return self._preserving_directions(self._active_in_all)
 
-    def _open_multipliers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _multiplier_directions(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Directions in which y, z and the reduced costs together stay optimal."""
-        program, (_, given, bounds) = self._formulation.program, self._active
+        program, (_, given, bounds) = self._formulation.program, self._active_in_all
         first, size = len(program.A), len(program.c)
         dual = null_space(
             np.vstack([program.A, given @ program.G, np.eye(size)[bounds]]).T, rcond=_RANK_TOLERANCE
@@ -224,7 +224,7 @@ class OptimalSet:
         """
         formulation, program = self._formulation, self._formulation.program
         coordinates, problem = formulation.coordinates, self.solution.problem
-        active, _, bounds = self._active
+        active, _, bounds = self._active_in_all
         rows = np.vstack([program.A, active @ program.G, np.eye(len(program.c))[bounds]])
         effects = np.zeros((problem.joint_count, len(program.c)))
         first = coordinates.force_scale * problem.J.T @ coordinates.basis
@@ -232,11 +232,11 @@ class OptimalSet:
         weights = -np.linalg.lstsq(rows.T, effects.T, rcond=_RANK_TOLERANCE)[0].T
         sizes = np.linalg.norm(effects, axis=1)
         open_ = np.linalg.norm(weights @ rows + effects, axis=1) > _HELD_COST * sizes
-        spare, forces = null_space(rows.T, rcond=_RANK_TOLERANCE).T, self._open_forces
+        spare, forces = null_space(rows.T, rcond=_RANK_TOLERANCE).T, self._force_directions
         random = np.random.default_rng(0)
         sets = []
         for sample in range(1 + _OTHER_POINTS):
-            x, duals = self._own.x, weights
+            x, duals = self._own_point.x, weights
             if sample:
                 x = x + random.uniform(0.5, 1.0, len(forces)) @ forces
                 duals = duals + random.uniform(0.5, 1.0, (len(duals), len(spare))) @ spare
@@ -244,21 +244,21 @@ class OptimalSet:
             sets.append(
                 tuple(
                     [
-                        self._of_torque(j, x, *pair)
+                        self._torque_point(j, x, *pair)
                         for j, pair in enumerate(zip(duals, effects, strict=True))
                     ]
                 )
             )
         return tuple(sets)
 
-    def _of_torque(
+    def _torque_point(
         self, joint: int, x: FloatArray, multipliers: FloatArray, effect: FloatArray
     ) -> OptimalPoint:
         """Return the point of one torque: see `torque_points`."""
-        program, (active, _, _) = self._formulation.program, self._active
+        program, (active, _, _) = self._formulation.program, self._active_in_all
         y = multipliers[: len(program.A)]
         z = multipliers[len(program.A) : len(program.A) + len(active)] @ active
-        point = self._in_units(_Point(x, y, z, effect + y @ program.A + z @ program.G), unit=1.0)
+        point = self._si_point(_Point(x, y, z, effect + y @ program.A + z @ program.G), unit=1.0)
         own = np.zeros(self.solution.problem.joint_count)
         own[joint] = 1.0
         found = dict(point.multipliers)
@@ -266,7 +266,7 @@ class OptimalSet:
         sign = self._formulation.objective.sign
         return replace(point, multipliers={name: sign * one for name, one in found.items()})
 
-    def _in_units(self, point: _Point, unit: float | None = None) -> OptimalPoint:
+    def _si_point(self, point: _Point, unit: float | None = None) -> OptimalPoint:
         """Return a point in SI units; the solution's own signs tell the rows' sides.
 
         Args:
@@ -275,10 +275,10 @@ class OptimalSet:
                 objective.
         """
         formulation, (x, y, z, reduced) = self._formulation, point
-        rows, columns = self._inward
-        sides = self._own.z - rows
+        rows, columns = self._inward_directions
+        sides = self._own_point.z - rows
         sides[sides == 0.0] = 1.0  # of equal limits
-        own = np.concatenate([self._own.y, sides]), self._own.reduced + columns
+        own = np.concatenate([self._own_point.y, sides]), self._own_point.reduced + columns
         program = formulation.program
         found = marginals(
             (program.blocks, program.bounded_blocks),
@@ -309,7 +309,7 @@ def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
         same = agreed
 
 
-def _farthest(*parts: FloatArray) -> float:
+def _largest_entry(*parts: FloatArray) -> float:
     """Return the largest entry of some arrays, 1 at least."""
     return max(1.0, *(float(np.abs(one).max(initial=0.0)) for one in parts))
 
@@ -345,7 +345,7 @@ def _inward_signs(
     return (at_low.astype(float) - at_high) * (np.abs(multipliers) <= _HELD_COST)
 
 
-def _positive_together(rows: FloatArray) -> NDArray[np.bool_]:
+def _jointly_positive(rows: FloatArray) -> NDArray[np.bool_]:
     """(k,) which rows some combination of the columns can make positive, none being negative."""
     count, size = rows.shape
     if count == 0 or size == 0:

@@ -44,7 +44,7 @@ SUGGESTION_ROOM = 1.0 + 1e-6
 SUGGESTION_DIGITS = 5
 
 
-def helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, QuasistaticProblem]:
+def extra_wrench(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, QuasistaticProblem]:
     """Return a wrench from outside that closes the balance of given forces."""
     help_ = -(problem.W @ forces.ravel() + problem.external_wrench)
     changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
@@ -53,7 +53,7 @@ def helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, Quasis
     return f"an extra external wrench: {words} on the {where}", changed
 
 
-def wider_joint(
+def wider_joint_limit(
     problem: QuasistaticProblem, joint: int, torque: float
 ) -> tuple[str, QuasistaticProblem]:
     """Return limits of one joint that let it make a torque: both where symmetric, else one."""
@@ -74,13 +74,13 @@ def wider_joint(
     return text, problem.with_changes(torque_limits=(lower, upper))
 
 
-def in_units(problem: QuasistaticProblem, amount: float) -> str:
+def torque_text(problem: QuasistaticProblem, amount: float) -> str:
     """Return an amount of the torques of all joints with its unit."""
     units = units_text(problem.joint_units)
     return f"{amount:.{SUGGESTION_DIGITS}g} {units if units in list(JointUnit) else f'({units})'}"
 
 
-def wider(problem: QuasistaticProblem, more: float) -> QuasistaticProblem:
+def wider_torque_limits(problem: QuasistaticProblem, more: float) -> QuasistaticProblem:
     """Return the problem with every torque limit wider, but a limit of zero on one side only."""
     lower, upper = problem.lower_torque, problem.upper_torque
     lower = lower - np.where((lower == 0.0) & (upper != 0.0), 0.0, more)
@@ -116,11 +116,11 @@ class ChangeSearches:
             return None
         return self.limits.within(SolveOptions(rules, node_limit=self.limits.node_limit))
 
-    def ended(self, status: Status) -> None:
+    def note_status(self, status: Status) -> None:
         """Note how a search ended."""
         self.cut_short |= status in (Status.LIMIT_REACHED, *UNDECIDED)
 
-    def feasible(
+    def is_feasible(
         self, problem: QuasistaticProblem, solution: TorqueSolution, rules: Rules, margin: float
     ) -> bool:
         """Return whether another problem is found feasible under other rules and margins."""
@@ -129,7 +129,7 @@ class ChangeSearches:
             return False
         objective = solution.objective.with_figure("required_margin", margin)
         found = solve_problem(problem, objective, options)
-        self.ended(found.status)
+        self.note_status(found.status)
         return found.found
 
 
@@ -235,10 +235,10 @@ def explain(
             "No contact forces inside the cones, normal-force and torque limits balance the "
             f"external wrench{f' with a margin of {required:g} N' if required > 0.0 else ''}."
         )
-    suggestions += [*_smaller_margin(solution, searches), *_reliefs(solution, searches)]
+    suggestions += [*_smaller_margins(solution, searches), *_reliefs(solution, searches)]
     if not suggestions and not solution.rules.by_direction:
         cause += "" if searches.cut_short else " No single change is enough."
-        suggestions += _combined(solution, searches)
+        suggestions += _combined_changes(solution, searches)
     return Explanation(cause, conflicts, tuple(suggestions), not searches.cut_short)
 
 
@@ -279,28 +279,28 @@ def _weaker_rules(solution: TorqueSolution, searches: ChangeSearches) -> list[Su
     return [
         Suggestion(f"solving with {text}", problem, margin, other)
         for text, other in tried
-        if searches.feasible(problem, solution, other, margin)
+        if searches.is_feasible(problem, solution, other, margin)
     ]
 
 
-def _smaller_margin(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
+def _smaller_margins(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
     """Return the largest margin that is feasible, where one is."""
     options = searches.options(solution.rules)
     if solution.required_margin == 0.0 or options is None:
         return []
     best = solve_problem(solution.problem, Margin(), options)
-    searches.ended(best.status)
+    searches.note_status(best.status)
     if not best.found:
         return []
     rounding = PRIMAL_TOLERANCE * solution.problem.scales.force
     margin = -rounded_up(-best.margin / SUGGESTION_ROOM) if best.margin > rounding else 0.0
-    if not searches.feasible(solution.problem, solution, solution.rules, margin):
+    if not searches.is_feasible(solution.problem, solution, solution.rules, margin):
         return []
     text = f"the required margin would have to be at most {margin:.{SUGGESTION_DIGITS}g} N"
     return [Suggestion(text, solution.problem, margin, solution.rules)]
 
 
-def _combined(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
+def _combined_changes(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
     """Single changes beside another one, and all changes at once as the last resort."""
     coulomb = replace(solution.rules, static_friction=_COULOMB)
     beside = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
@@ -313,7 +313,7 @@ def _combined(solution: TorqueSolution, searches: ChangeSearches) -> list[Sugges
         found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker, searches)]
         if found:
             return found
-    return [*_everything(solution, searches)]
+    return [*_all_limits_widened(solution, searches)]
 
 
 def _reliefs(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
@@ -324,43 +324,45 @@ def _reliefs(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Sug
     alone = [(one, relief) for one in joints if (relief := _relief(solution, searches, (one,)))]
     for joint, relief in sorted(alone, key=lambda item: item[1].amount)[:3]:
         torque = float(problem.jacobian[:, joint] @ relief.forces.ravel())
-        text, changed = wider_joint(problem, joint, torque + problem.gravity_torques[joint])
-        yield from _if_feasible(text, changed, solution, searches)
+        text, changed = wider_joint_limit(problem, joint, torque + problem.gravity_torques[joint])
+        yield from _feasible_suggestion(text, changed, solution, searches)
     if not alone and joints and (relief := _relief(solution, searches, joints)):
         more = rounded_up(relief.amount * relief.coordinates.torque_scale * SUGGESTION_ROOM)
-        text = f"every torque limit would have to be larger by {in_units(problem, more)}"
-        yield from _if_feasible(text, wider(problem, more), solution, searches)
+        text = f"every torque limit would have to be larger by {torque_text(problem, more)}"
+        yield from _feasible_suggestion(
+            text, wider_torque_limits(problem, more), solution, searches
+        )
     if relief := _relief(solution, searches, normal=True):
         more = rounded_up(relief.amount * relief.coordinates.force_scale * SUGGESTION_ROOM)
         changed = problem.with_changes(max_normal_force=problem.max_normal_force + more)
         text = f"every normal-force limit would have to be larger by {more:.{SUGGESTION_DIGITS}g} N"
-        yield from _if_feasible(text, changed, solution, searches)
+        yield from _feasible_suggestion(text, changed, solution, searches)
     if relief := _relief(solution, searches, wrench=True):
-        text, changed = helped(problem, relief.forces)
-        yield from _if_feasible(text, changed, solution, searches)
-    yield from _other_friction(solution, searches)
+        text, changed = extra_wrench(problem, relief.forces)
+        yield from _feasible_suggestion(text, changed, solution, searches)
+    yield from _friction_changes(solution, searches)
 
 
-def _everything(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
+def _all_limits_widened(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
     """All limits widened and an extra external wrench, at once."""
     problem = solution.problem
     joints = tuple(range(problem.joint_count))
     relief = _relief(solution, searches, joints, normal=True, wrench=True)
     if relief is None:
         return
-    text, changed = helped(problem, relief.forces)
+    text, changed = extra_wrench(problem, relief.forces)
     normal = rounded_up(relief.amount * relief.coordinates.force_scale * SUGGESTION_ROOM)
     torque = rounded_up(relief.amount * relief.coordinates.torque_scale * SUGGESTION_ROOM)
     limits = problem.max_normal_force + normal
-    changed = wider(changed, torque).with_changes(max_normal_force=limits)
+    changed = wider_torque_limits(changed, torque).with_changes(max_normal_force=limits)
     text = (
-        f"every torque limit larger by {in_units(problem, torque)}, every normal-force limit by "
+        f"every torque limit larger by {torque_text(problem, torque)}, every normal-force limit by "
         f"{normal:.{SUGGESTION_DIGITS}g} N, and {text}"
     )
-    yield from _if_feasible(text, changed, solution, searches)
+    yield from _feasible_suggestion(text, changed, solution, searches)
 
 
-def _other_friction(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
+def _friction_changes(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
     """Yield a common factor on friction; below 1 where there is too much to push."""
     problem = solution.problem
     options = searches.options(solution.rules)
@@ -379,7 +381,7 @@ def _other_friction(solution: TorqueSolution, searches: ChangeSearches) -> Itera
         low, high = found.factor, 1.0
         while high - low > _FACTOR_STEP:
             middle = 0.5 * (low + high)
-            holds = searches.feasible(
+            holds = searches.is_feasible(
                 scaled(middle), solution, solution.rules, solution.required_margin
             )
             low, high = (middle, high) if holds else (low, middle)
@@ -389,7 +391,7 @@ def _other_friction(solution: TorqueSolution, searches: ChangeSearches) -> Itera
     )
     if factor == 0.0:
         text = "the contacts would have to be without friction"
-    yield from _if_feasible(text, scaled(factor), solution, searches)
+    yield from _feasible_suggestion(text, scaled(factor), solution, searches)
 
 
 class _Relief(NamedTuple):
@@ -417,7 +419,7 @@ def _relief(
     state = SearchState(formulation, options, searches.limits)
     # What was found before a motion could not be decided on helps all the same.
     try:
-        searches.ended(branch_and_bound(state))
+        searches.note_status(branch_and_bound(state))
     except UndecidedMotionError:
         searches.cut_short = True
     best, coordinates = state.best, formulation.coordinates
@@ -426,9 +428,9 @@ def _relief(
     return _Relief(best.value, coordinates.forces(best.x), coordinates)
 
 
-def _if_feasible(
+def _feasible_suggestion(
     text: str, changed: QuasistaticProblem, solution: TorqueSolution, searches: ChangeSearches
 ) -> Iterator[Suggestion]:
     """Yield the suggestion if the changed problem is really feasible."""
-    if searches.feasible(changed, solution, solution.rules, solution.required_margin):
+    if searches.is_feasible(changed, solution, solution.rules, solution.required_margin):
         yield Suggestion(text, changed, solution.required_margin, solution.rules)

@@ -95,23 +95,23 @@ class ForceExtremes:
         """Look for a mode that holds the torques (L,), N m; the time of all searches begins."""
         self.limits, self.options = Limits.of(options), options
         self.problem, self.torques = problem, torques
-        self.set = formulate(problem, ForceSet(torques))
+        self.force_set = formulate(problem, ForceSet(torques))
         self.rays = formulate(problem, FreeRays())
-        self.coordinates = self.set.coordinates
+        self.coordinates = self.force_set.coordinates
         self.rows = force_rows(problem, self.coordinates)
         self.has_rays = self._has_rays()
         self.growing: list[SlidingMode] = []
         self.reached: list[FloatArray] = []
         self.proven = True
-        self.status, _ = self._search(self.set)
-        if self.status not in FOUND and self._reach < FARTHEST:
-            self.set = formulate(problem, ForceSet(torques, farthest=True))
-            self.status, _ = self._search(self.set)
+        self.status, _ = self._search_modes(self.force_set)
+        if self.status not in FOUND and self._normal_reach < FARTHEST:
+            self.force_set = formulate(problem, ForceSet(torques, farthest=True))
+            self.status, _ = self._search_modes(self.force_set)
 
     @property
-    def _reach(self) -> float:
+    def _normal_reach(self) -> float:
         """The largest normal force that is looked at, over F."""
-        return float(self.set.program.ub[self.coordinates.normal_columns].max())
+        return float(self.force_set.program.ub[self.coordinates.normal_columns].max())
 
     def component(self, contact: int, component: int) -> FloatArray:
         """(n,) functional of the coordinates that gives f_n, f_t1 or f_t2 of a contact, in N."""
@@ -132,13 +132,13 @@ class ForceExtremes:
         value = -np.inf
         if self.proven:
             c = -functional / scale
-            if self.has_rays and self._grows(c):
+            if self.has_rays and self._has_growing_ray(c):
                 return Extreme(np.inf, proven=True)
-            _, state = self._search(self.set.with_costs(c), cutoff=-above / scale)
+            _, state = self._search_modes(self.force_set.with_costs(c), cutoff=-above / scale)
             if state.best is not None:
                 value = -scale * state.best.value
                 normal = state.best.x[self.coordinates.normal_columns]
-                self.proven = self.proven and bool((normal < _AT_REACH * self._reach).all())
+                self.proven = self.proven and bool((normal < _AT_REACH * self._normal_reach).all())
             elif above == -np.inf:
                 # The torques are held: a search that finds no force has nothing to say.
                 self.proven = False
@@ -164,14 +164,14 @@ class ForceExtremes:
         force = self.coordinates.force_scale
         gap = _SECTOR_GAP * force
 
-        def bound(surface: _Surface) -> float:
+        def box_bound(surface: _Surface) -> float:
             distance = surface.distance
             at = np.where(distance > 0.0, low, np.where(distance < 0.0, high, 0.0))
             return float(distance @ at) / force
 
         search = TreeSearch[_Surface]()
         for surface in self._surfaces():
-            search.add([surface], bound(surface))
+            search.add([surface], box_bound(surface))
         for least, surface in search:
             if least >= margin - (0.0 if surface.sector is None else gap):
                 break
@@ -187,15 +187,15 @@ class ForceExtremes:
                 complete = complete and least >= margin - gap
                 continue
             for half in surface.sector.halves:
-                narrower = self._sector(surface.contact, half)
-                search.add([narrower], max(bound(narrower), least))
+                narrower = self._tangent_plane(surface.contact, half)
+                search.add([narrower], max(box_bound(narrower), least))
         return Extreme(margin, complete and bool(proven[:, 0].all()))
 
     def largest_margin(self) -> Extreme:
         """Largest margin over all modes, with the normal-force limit counted."""
         self.proven = not self.limits.passed
         if self.proven:
-            best = self._search(formulate(self.problem, HeldMargin(self.torques)))[1].best
+            best = self._search_modes(formulate(self.problem, HeldMargin(self.torques)))[1].best
             if best is not None:
                 self.reached.append(best.x[:-1])
                 if self.proven:
@@ -210,13 +210,13 @@ class ForceExtremes:
             return [_Surface(one) for one in [*(-force * rows.cones.rows), *flat]]
         width = 2.0 * np.pi / _CONE_SECTORS
         sectors = [
-            self._sector(contact, Sector(width * (index + 0.5), width / 2.0))
+            self._tangent_plane(contact, Sector(width * (index + 0.5), width / 2.0))
             for contact in self.coordinates.layout.cones.tolist()
             for index in range(_CONE_SECTORS)
         ]
         return [*(_Surface(one) for one in flat), *sectors]
 
-    def _sector(self, contact: int, sector: Sector) -> _Surface:
+    def _tangent_plane(self, contact: int, sector: Sector) -> _Surface:
         """Return the plane that no force of a sector is nearer to than to its round cone.
 
         There |f_t| <= c^T f_t / cos(half the width) with c along the sector's middle.
@@ -236,7 +236,7 @@ class ForceExtremes:
         """Return the margin of one set of forces, N."""
         return self.problem.margin_of(self.coordinates.forces(x))
 
-    def _grows(self, c: FloatArray) -> bool:
+    def _has_growing_ray(self, c: FloatArray) -> bool:
         """Whether some mode holds a force and a ray along which -c grows."""
         alone = self.rays.with_costs(c)
         answer = solve(alone.program, self.options.solver)
@@ -245,45 +245,47 @@ class ForceExtremes:
         if self.options.rules.static_friction is StaticFriction.COULOMB:
             self.proven = self.proven and answer.outcome is Outcome.SOLVED
             return self.proven
-        if any(self._in_mode(alone, mode) < -_LEAST_RAY_GROWTH for mode in self.growing):
+        if any(self._optimum_in_mode(alone, mode) < -_LEAST_RAY_GROWTH for mode in self.growing):
             return True
         # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest
         # that there is none; the modes of rays and of far forces mostly have the other too; forces
         # beside rays have the last word.
-        priced = self.set.with_costs(c)
-        beside = ForceBesideRay(self.set.objective)
+        priced = self.force_set.with_costs(c)
+        beside = ForceBesideRay(self.force_set.objective)
         pair = formulate(self.problem, beside, layers=(0, self.rows.size))
         pair = pair.with_costs(np.concatenate([np.zeros(len(c)), c]))
         for limit in _RAY_NODE_LIMITS:
             if self.limits.passed:
                 self.proven = False
                 break
-            ray, over = self._try(alone, limit)
-            if ray is not None and self._in_mode(self.set, ray) < np.inf:
-                return self._keep(ray)
+            ray, over = self._improving_mode(alone, limit)
+            if ray is not None and self._optimum_in_mode(self.force_set, ray) < np.inf:
+                return self._add_growing_mode(ray)
             if ray is None and over:
                 return False
-            force, _ = self._try(priced, limit)
-            if force is not None and self._in_mode(alone, force) < -_LEAST_RAY_GROWTH:
-                return self._keep(force)
-            both, over = self._try(pair, limit)
+            force, _ = self._improving_mode(priced, limit)
+            if force is not None and self._optimum_in_mode(alone, force) < -_LEAST_RAY_GROWTH:
+                return self._add_growing_mode(force)
+            both, over = self._improving_mode(pair, limit)
             if both is not None:
-                return self._keep(both)
+                return self._add_growing_mode(both)
             if over:
                 break
         return False
 
-    def _keep(self, mode: SlidingMode) -> bool:
+    def _add_growing_mode(self, mode: SlidingMode) -> bool:
         self.growing.append(mode)
         return True
 
-    def _try(self, formulation: Formulation, limit: int | None) -> tuple[SlidingMode | None, bool]:
+    def _improving_mode(
+        self, formulation: Formulation, limit: int | None
+    ) -> tuple[SlidingMode | None, bool]:
         """Return the best mode within some nodes if its value is negative; whether that is all."""
-        _, state = self._search(formulation, node_limit=limit)
+        _, state = self._search_modes(formulation, node_limit=limit)
         over = limit is None or state.nodes < limit
         return (None if state.best_value > -_LEAST_RAY_GROWTH else state.mode), over
 
-    def _in_mode(self, formulation: Formulation, mode: SlidingMode) -> float:
+    def _optimum_in_mode(self, formulation: Formulation, mode: SlidingMode) -> float:
         """Optimum of a program of one set of forces in one mode, inf where it has none."""
         answer = formulation.solve(*formulation.bounds_of(mode), self.options.solver, cutoff=np.inf)
         return answer.value if answer.outcome is Outcome.SOLVED else np.inf
@@ -295,7 +297,7 @@ class ForceExtremes:
         )
         return answer.outcome is not Outcome.SOLVED or answer.value < -_LEAST_RAY_GROWTH
 
-    def _search(
+    def _search_modes(
         self,
         formulation: Formulation,
         *,
@@ -308,7 +310,7 @@ class ForceExtremes:
         ended = status in _ENDED_EARLY and (self.limits.passed or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
         # The other programs have other rows, or a force among their variables and more.
-        if state.best is not None and formulation.objective is self.set.objective:
+        if state.best is not None and formulation.objective is self.force_set.objective:
             self.reached.append(state.best.x)
         return status, state
 
@@ -399,32 +401,32 @@ class ContactForceBounds(Brief):
         """Return a readable table."""
         if not self.found:
             return f"not found: {self.message}"
-        return f"{Table(self._rows(), _HEADERS)}\n\n{self._margins()}"
+        return f"{Table(self._table_rows(), _HEADERS)}\n\n{self._margins_text()}"
 
     def _repr_html_(self) -> str:
         """Return the table as HTML, for notebooks."""
         if not self.found:
             return paragraph(str(self))
-        return Table(self._rows(), _HEADERS, self._margins()).html()
+        return Table(self._table_rows(), _HEADERS, self._margins_text()).html()
 
-    def _rows(self) -> list[list[object]]:
+    def _table_rows(self) -> list[list[object]]:
         return [
-            [contact, *(self._range(contact, component, rounding) for component in range(3))]
+            [contact, *(self._range_text(contact, component, rounding) for component in range(3))]
             for contact, rounding in enumerate(force_rounding(self.problem))
         ]
 
-    def _range(self, contact: int, component: int, rounding: float) -> str:
+    def _range_text(self, contact: int, component: int, rounding: float) -> str:
         at, load = (contact, component), self.problem.scales.force
         mark = "" if self.proven[at] else _REACHED
         ends = (shown(float(one[at]), load, "+", rounding) for one in (self.lower, self.upper))
         return f"{' .. '.join(ends)}{mark}"
 
-    def _margins(self) -> str:
-        words = f"{self._margin_range()}, {self.covers}"
+    def _margins_text(self) -> str:
+        words = f"{self._margin_range_text()}, {self.covers}"
         squeezed = self.squeeze_words()
         return f"{words}\n{squeezed}" if squeezed else words
 
-    def _margin_range(self) -> str:
+    def _margin_range_text(self) -> str:
         ends, load = (self.smallest_margin, self.largest_margin), self.problem.scales.force
         least, most = (brief_figure(end, load) for end in ends)
         if self.status is Status.OPTIMAL:

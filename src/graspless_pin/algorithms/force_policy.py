@@ -97,11 +97,11 @@ class Unknowns(Brief):
             moment=read_only(at.moment + moment),
         )
         parts = [] if corner.words == "nominal" else [corner.words]
-        words = ", ".join([*parts, *self._words_of(d)]) or "nominal"
+        words = ", ".join([*parts, *self._words_at(d)]) or "nominal"
         loaded = under_load(problem, wrench, problem.gravity_torques)
         return Member(loaded, factors, offsets, words, moved)
 
-    def _words_of(self, d: FloatArray) -> list[str]:
+    def _words_at(self, d: FloatArray) -> list[str]:
         """Return d in words."""
         parts, values = [], np.where(self.joints < 0, self.moved.sum(axis=0), 1.0) * d
         for ball, (name, unit) in enumerate(self.words):
@@ -279,7 +279,7 @@ class ForcePolicy(Brief):
         """Return the worst value of one of the paper's objectives in any member, in its unit."""
         if objective.maximizes:
             return self.least_margin
-        return self._largest_share if objective.by_limits else self.max_torque
+        return self._largest_limit_share if objective.by_limits else self.max_torque
 
     @cached_property
     def margins(self) -> FloatArray:
@@ -299,7 +299,7 @@ class ForcePolicy(Brief):
         return np.array(least)
 
     @property
-    def _largest_share(self) -> float:
+    def _largest_limit_share(self) -> float:
         """The largest share of a joint's limit that is commanded in any member."""
         most = 0.0
         for number in self.driven:

@@ -84,7 +84,9 @@ class Formulation:
             An answer of forces along t1 and t2, as any other.
         """
         tangent = self.coordinates.tangent_columns
-        turned = _turned(self.program, [(tangent[k], sector) for k, sector in friction.items()])
+        turned = _with_sector_friction(
+            self.program, [(tangent[k], sector) for k, sector in friction.items()]
+        )
         answer = solve(turned, solver, cutoff=min(cutoff, self.cutoff))
         if answer.outcome is not Outcome.SOLVED:
             return answer
@@ -138,7 +140,9 @@ class Formulation:
         return replace(self, program=replace(self.program, c=c))
 
 
-def _turned(program: Program, friction: list[tuple[NDArray[np.int_], Sector | None]]) -> Program:
+def _with_sector_friction(
+    program: Program, friction: list[tuple[NDArray[np.int_], Sector | None]]
+) -> Program:
     """Return a program whose friction is made of shares opposite to the edges of sectors.
 
     Args:

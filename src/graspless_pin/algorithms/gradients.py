@@ -237,12 +237,12 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
         by_position = np.cross(f, found["balance"][3:])
     if solution.algorithm is Algorithm.TORQUE:
         without_cone = at.of_contacts("normal_lower")[~problem.has_cone]
-        margin = float(_by_margin(problem, found).sum() + normal_upper.sum() + without_cone.sum())
+        margin = float(_cone_costs(problem, found).sum() + normal_upper.sum() + without_cone.sum())
     values = {
         "positions": by_position,
         "normals": np.cross(np.cross(f, cost), problem.normals),
         "spins": np.einsum("mi,mi->m", cost, np.cross(problem.normals, f)),
-        "friction": _by_friction(problem, at, cost),
+        "friction": _friction_slopes(problem, at, cost),
         "external_wrench": found["balance"],
         "jacobian": np.outer(f.ravel(), at.torque),
         "gravity_torques": at.torque,
@@ -254,17 +254,17 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
     return Gradients(**{name: read_only(sign * value) for name, value in values.items()})
 
 
-def _by_margin(problem: QuasistaticProblem, found: Marginals) -> FloatArray:
+def _cone_costs(problem: QuasistaticProblem, found: Marginals) -> FloatArray:
     """Return what a unit of margin costs at the friction cones."""
     if not problem.cone_model.second_order:
         return found["faces"]
     return found["round_cones"][:, 0] * np.sqrt(1.0 + problem.friction**2)
 
 
-def _by_friction(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatArray) -> FloatArray:
+def _friction_slopes(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatArray) -> FloatArray:
     """(M,) a wider cone moves its surface; kinetic friction grows against the sliding."""
     local = np.einsum("mij,mi->mj", problem.frames, at.forces)
-    wider = _wider_round_cones if problem.cone_model.second_order else _wider_faces
+    wider = _round_cone_slopes if problem.cone_model.second_order else _face_slopes
     by_cone = wider(problem, at.multipliers, local)
     slide, normals, ones = problem.is_sliding, problem.normals, np.ones(problem.contact_count)
     kinetic = problem.cone_model.kinetic_directions(
@@ -274,7 +274,7 @@ def _by_friction(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatArray
     return np.where(slide, by_sliding, np.where(problem.has_cone, by_cone, 0.0))
 
 
-def _wider_round_cones(
+def _round_cone_slopes(
     problem: QuasistaticProblem, found: Marginals, local: FloatArray
 ) -> FloatArray:
     """(M,) of |f_t| <= mu f_n - sqrt(1 + mu^2) e; where it is active e is the distance to it."""
@@ -284,7 +284,7 @@ def _wider_round_cones(
     return -found["round_cones"][:, 0] * turned
 
 
-def _wider_faces(problem: QuasistaticProblem, found: Marginals, local: FloatArray) -> FloatArray:
+def _face_slopes(problem: QuasistaticProblem, found: Marginals, local: FloatArray) -> FloatArray:
     """(M,) of h^T f + e <= 0 with h = (-s, d) / sqrt(1 + s^2), s = mu times the side's distance."""
     section = problem.cone_section
     around = local[:, 1:] @ section.directions
@@ -432,11 +432,11 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     points = [found.values, *(gradients_at(robust.solution, one) for one in found.alternatives)]
     at = [forces, *(one.forces for one in found.alternatives)]
 
-    def slopes(name: str, place: int | None, figure: float) -> list[float]:
+    def figure_slopes(name: str, place: int | None, figure: float) -> list[float]:
         if figure == 0.0 or name == "contact_position":
             return [np.nan] * len(points)
 
-        def at_end(times: float) -> QuasistaticProblem:
+        def joined_with(times: float) -> QuasistaticProblem:
             def scaled(of: str, value: ArrayLike) -> FloatArray:
                 figures = np.array(value, dtype=float)
                 if of == name:
@@ -447,9 +447,9 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
                 [scaled_member(one, weight, uncertainty, scaled) for one in members], directions
             )
 
-        ends = at_end(1.0 - _STEP), at_end(1.0 + _STEP)
+        ends = joined_with(1.0 - _STEP), joined_with(1.0 + _STEP)
         return [
-            _slope(one, own, *ends) / (2.0 * _STEP * figure)
+            _optimum_change(one, own, *ends) / (2.0 * _STEP * figure)
             for one, own in zip(points, at, strict=True)
         ]
 
@@ -459,7 +459,9 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
         given = np.asarray(figure, dtype=float)
         flat = given.reshape(-1)
         places: Sequence[int | None] = range(len(flat)) if given.ndim else [None]
-        each = np.array([slopes(name, k, size) for k, size in zip(places, flat, strict=True)])
+        each = np.array(
+            [figure_slopes(name, k, size) for k, size in zip(places, flat, strict=True)]
+        )
         known = ~np.isnan(each[:, 0])
         same = np.zeros(len(flat), dtype=bool)
         same[known] = agreeing(each[known, 0], *each[known, 1:].T)
@@ -468,7 +470,7 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     return UncertaintyGradients(MappingProxyType(values), MappingProxyType(unique))
 
 
-def _slope(
+def _optimum_change(
     gradients: Gradients,
     forces: FloatArray,
     before: QuasistaticProblem,

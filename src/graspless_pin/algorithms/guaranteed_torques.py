@@ -89,25 +89,31 @@ def guaranteed(
     rest = RestModel() if rest is None else rest
     unknown = rest.unknown or best.problem.cone_model.no_verdict
     if unknown:
-        return _none_found(best, [(best, undecided_verdict(best.problem, best.torques, unknown))])
+        return _not_found(best, [(best, undecided_verdict(best.problem, best.torques, unknown))])
     search = _Search(best, optimum, options, limits, rest)
     verdict = search.ask_verdict(best, options.verdict_nodes)
     if rest.is_kept(verdict):
-        return _certified(best, best, verdict, 1)
+        return _guaranteed_solution(best, best, verdict, 1)
     if verdict.joints_held:
-        return _none_found(best, search.tried)
-    found = [one for one in map(search.first, (search.led(verdict), search.guesses())) if one]
+        return _not_found(best, search.tried)
+    found = [
+        one
+        for one in map(
+            search.first_guaranteed, (search.half_space_torques(verdict), search.guesses())
+        )
+        if one
+    ]
     if not found and options.verdict_nodes > FIRST_NODES:
         open_still = [one for one, known in search.tried[1:] if known.status is Stability.UNDECIDED]
-        again = search.first(open_still, options.verdict_nodes)
+        again = search.first_guaranteed(open_still, options.verdict_nodes)
         found = [] if again is None else [again]
     if not found:
-        return _none_found(best, search.tried)
+        return _not_found(best, search.tried)
     sign = best.objective.sign
     candidate, verdict = min(found, key=lambda one: sign * one[0].value)
     if not search.motions:  # else they are the best ones with some reserve
-        candidate, verdict = search.improved(candidate, verdict)
-    return _certified(best, candidate, verdict, len(search.tried))
+        candidate, verdict = search.improved_torques(candidate, verdict)
+    return _guaranteed_solution(best, candidate, verdict, len(search.tried))
 
 
 @dataclass
@@ -141,7 +147,9 @@ class _Search:
         self.tried.append((candidate, verdict))
         return verdict
 
-    def first(self, candidates: Iterable[TorqueSolution], nodes: int = FIRST_NODES) -> Tried | None:
+    def first_guaranteed(
+        self, candidates: Iterable[TorqueSolution], nodes: int = FIRST_NODES
+    ) -> Tried | None:
         """Return the first candidate whose torques are guaranteed."""
         for candidate in candidates:
             verdict = self.ask_verdict(candidate, nodes)
@@ -151,7 +159,7 @@ class _Search:
                 break
         return None
 
-    def led(self, verdict: StabilityVerdict) -> Iterator[TorqueSolution]:
+    def half_space_torques(self, verdict: StabilityVerdict) -> Iterator[TorqueSolution]:
         """Yield torques inside the half-spaces that the motions met leave.
 
         Under a declared motion the power of friction has no sign, and motions teach nothing.
@@ -171,7 +179,7 @@ class _Search:
                     break
                 normals, sides = (np.array(part) for part in zip(*cuts, strict=True))
                 inside = InsideHalfSpaces(normals, sides, _DEPTH, objective.required_margin)
-                candidate = self._optimal(problem, inside)
+                candidate = self._solution_for(problem, inside)
                 if candidate is None:
                     break
                 change, last = np.abs(candidate.torques - last), candidate.torques
@@ -184,16 +192,16 @@ class _Search:
         """Yield optima with less friction at the supports."""
         shares = (1.0, *_SHARES) if self.motions else _SHARES
         for weaker, aim in weaker_supports(self.best.problem, self.best.objective, shares):
-            solution = self._optimal(weaker, aim)
+            solution = self._solution_for(weaker, aim)
             if solution is not None:
                 yield solution
 
-    def improved(self, found: TorqueSolution, verdict: StabilityVerdict) -> Tried:
+    def improved_torques(self, found: TorqueSolution, verdict: StabilityVerdict) -> Tried:
         """Return guaranteed torques on the way to the best case's, by halving what is left."""
         known, unproven = found.torques, self.best.torques
         for _ in range(_HALVINGS):
             middle = 0.5 * (known + unproven)
-            candidate = self._at(middle)
+            candidate = self._solution_at(middle)
             asked = None if candidate is None else self.ask_verdict(candidate)
             if candidate is None or asked is None or not self.rest.is_kept(asked):
                 unproven = middle
@@ -206,7 +214,7 @@ class _Search:
         """Small motions that must not grow, by model of the surfaces; empty: none is known."""
         return [motion for motion in self.rest.motions() if len(motion.inertia)]
 
-    def _optimal(self, problem: QuasistaticProblem, aim: Objective) -> TorqueSolution | None:
+    def _solution_for(self, problem: QuasistaticProblem, aim: Objective) -> TorqueSolution | None:
         """Return the optimum of the problem itself with the torques that are best for another.
 
         Of those under which small motions are not expected to grow, where there are any.
@@ -214,11 +222,11 @@ class _Search:
         if self.motions:
             torques = stable_torques(problem, aim, self.motions, self.best.problem)
             if torques is not None:
-                return self._at(torques)
+                return self._solution_at(torques)
         found = self.optimum(problem, aim)
-        return self._at(found.torques) if found.found else None
+        return self._solution_at(found.torques) if found.found else None
 
-    def _at(self, torques: FloatArray) -> TorqueSolution | None:
+    def _solution_at(self, torques: FloatArray) -> TorqueSolution | None:
         objective = self.best.objective
         solution = self.optimum(self.best.problem, AtTorques(objective, torques))
         return replace(solution, objective=objective) if solution.found else None
@@ -321,7 +329,7 @@ def half_space(
     return motion.joint_accelerations, share * float(friction) - float(load @ a)
 
 
-def _certified(
+def _guaranteed_solution(
     best: TorqueSolution, found: TorqueSolution, verdict: StabilityVerdict, tried: int
 ) -> TorqueSolution:
     gap = max(-best.objective.sign * (best.value - found.value), 0.0)
@@ -352,7 +360,7 @@ def bounded_by(best: TorqueSolution, found: TorqueSolution) -> TorqueSolution:
     return replace(found, certificate=certificate, evidence=evidence)
 
 
-def _none_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
+def _not_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
     """Return that no torques were found, and that there are none where there is no choice."""
     verdict = next(judged for solution, judged in reversed(tried) if solution is best)
     moves = verdict.status in (Stability.WEAK, Stability.NONE)

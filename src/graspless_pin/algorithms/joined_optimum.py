@@ -81,7 +81,7 @@ def common_motions(problem: QuasistaticProblem, count: int) -> VirtualKinematics
     return VirtualKinematics(problem, _CLEAR * THRESHOLD * math.sqrt(count))
 
 
-def tiled(mode: SlidingMode, count: int) -> SlidingMode:
+def mode_of_all(mode: SlidingMode, count: int) -> SlidingMode:
     """Return the mode of the joined problem of so many members that all have one mode."""
     selection = mode.selection.tolist() * count
     return SlidingMode(selection, mode.signs.tolist() * count)
@@ -107,7 +107,7 @@ _FEW = 2
 """Members that are taken first; then twice as many, and so on."""
 
 
-def best_of(
+def best_torques(
     members: Sequence[Member],
     objective: Objective,
     options: SolveOptions,
@@ -127,19 +127,21 @@ def best_of(
     convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
     if mode is None and not convex:
         if not options.rules.by_direction:
-            mode = common_mode(together, members, objective, limited(options, COMMON_NODES))
+            mode = common_mode(together, members, objective, node_limited(options, COMMON_NODES))
         if mode is None:
-            return solve_problem(together, objective, limited(options, NODES)), Coverage.CORNERS
-    every = None if mode is None else tiled(mode, len(members))
+            return solve_problem(
+                together, objective, node_limited(options, NODES)
+            ), Coverage.CORNERS
+    every = None if mode is None else mode_of_all(mode, len(members))
     return solve_problem(together, objective, options, mode=every), Coverage.WHOLE_SET
 
 
-def limited(options: SolveOptions, nodes: int) -> SolveOptions:
+def node_limited(options: SolveOptions, nodes: int) -> SolveOptions:
     """Return options with so many nodes, unless they have a limit of their own."""
     return options if options.node_limit else replace(options, node_limit=nodes)
 
 
-def bound_of(
+def torques_bound(
     solution: TorqueSolution,
     members: Sequence[Member],
     objective: Objective,
@@ -176,7 +178,7 @@ def bound_of(
     return bound
 
 
-def spread(
+def far_members(
     members: Sequence[Member], most: int, *, held: int = 1
 ) -> tuple[list[Member], list[Member]]:
     """Return members to begin with, each as far from those before it as can be, and the others.
@@ -206,7 +208,7 @@ def without_forces(solution: TorqueSolution, status: Status) -> TorqueSolution:
     return changed(solution, status=status, _forces=None, _mode=None)
 
 
-def conflict_of(
+def minimal_conflict(
     refuted: TorqueSolution,
     members: Sequence[Member],
     objective: Objective,
@@ -242,7 +244,7 @@ def conflict_of(
         found = solve_problem(together, objective, limits.within(coulomb))
         return found.status is Status.INFEASIBLE_FORCES
 
-    order, kept = _opposed(refuted, members), _FEW
+    order, kept = _conflict_order(refuted, members), _FEW
     order = [*fixed, *(one for one in order if one not in fixed)]
     while kept < len(order) and not are_refuted(sorted(order[:kept])) and not limits.passed:
         kept *= 2
@@ -254,7 +256,7 @@ def conflict_of(
     return () if limits.passed else tuple(conflict)
 
 
-def _opposed(refuted: TorqueSolution, members: Sequence[Member]) -> list[int]:
+def _conflict_order(refuted: TorqueSolution, members: Sequence[Member]) -> list[int]:
     """Return members' numbers: the one with the largest multipliers, then those most unlike it.
 
     Loads along a motion that no contact resists have multipliers of opposite signs.
@@ -303,13 +305,13 @@ def member_margins(
     margins = np.full(len(members), np.nan)
     open_members = np.ones(len(members), dtype=bool)
     if mode is not None or options.rules.static_friction is StaticFriction.COULOMB:
-        for group in _alike(members):
+        for group in _load_groups(members):
             if limits.passed:
                 break
             alike = [members[number] for number in group]
             loads = loads_under_commands(alike, commanded, directions)
             carried = np.array([one.commanded(np.zeros_like(commanded)) for one in alike])
-            margins[group] = _by_pivots(
+            margins[group] = _margins_by_pivots(
                 under_limits(alike[0], commanded, directions, torque_limits),
                 loads,
                 carried,
@@ -340,7 +342,7 @@ def under_limits(
     return problem.with_changes(torque_limits=torque_limits)
 
 
-def _alike(members: Sequence[Member]) -> list[list[int]]:
+def _load_groups(members: Sequence[Member]) -> list[list[int]]:
     """Return the numbers of members that differ in their loads alone, group by group."""
     groups: dict[bytes, list[int]] = {}
     for number, one in enumerate(members):
@@ -353,7 +355,7 @@ def _alike(members: Sequence[Member]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _by_pivots(
+def _margins_by_pivots(
     problem: QuasistaticProblem,
     loads: FloatArray,
     carried: FloatArray,

@@ -67,16 +67,16 @@ class Piece(NamedTuple):
         """Torque per margin."""
         return (self.t_b - self.t_a) / (self.b - self.a) if self.b > self.a else 0.0
 
-    def at(self, e: float) -> float:
+    def torque_at_margin(self, e: float) -> float:
         """Return the torque at a margin, on the line through the piece."""
         return self.t_a + self.slope * (e - self.a)
 
-    def part(self, a: float, b: float) -> Piece:
+    def restricted(self, a: float, b: float) -> Piece:
         """Return the same line between two margins."""
-        return self._replace(a=a, b=b, t_a=self.at(a), t_b=self.at(b))
+        return self._replace(a=a, b=b, t_a=self.torque_at_margin(a), t_b=self.torque_at_margin(b))
 
 
-def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
+def lower_envelope(piece: Piece, curve: list[Piece]) -> list[Piece]:
     """Return the lower envelope of a piece and another curve over the piece's margins."""
     if piece.closed:
         return [piece]
@@ -84,10 +84,10 @@ def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
     for other in curve:
         low, high = max(piece.a, other.a), min(piece.b, other.b)
         if high - low > SAME_MARGIN:
-            parts += _lower_of_two(piece.part(low, high), other.part(low, high))
+            parts += _envelope_of_two(piece.restricted(low, high), other.restricted(low, high))
     covered = parts[-1].b if parts else piece.a
     if piece.b - covered > SAME_MARGIN:
-        parts.append(piece.part(covered, piece.b))
+        parts.append(piece.restricted(covered, piece.b))
     merged: list[Piece] = []
     for part in parts:
         if merged and part.mode is piece.mode is merged[-1].mode:
@@ -98,10 +98,10 @@ def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
     # What is too narrow to count was left out: parts begin where the one before them ends.
     begins = [piece.a, *(part.b for part in merged[:-1])]
     ends = [*begins[1:], piece.b]
-    return [part.part(a, b) for part, a, b in zip(merged, begins, ends, strict=True)]
+    return [part.restricted(a, b) for part, a, b in zip(merged, begins, ends, strict=True)]
 
 
-def _lower_of_two(one: Piece, other: Piece) -> list[Piece]:
+def _envelope_of_two(one: Piece, other: Piece) -> list[Piece]:
     """Return the lower envelope of two pieces over the same margins; of equal ones the first."""
     slack = SAME_TORQUE * max(1.0, abs(one.slope), abs(other.slope))
     before, after = other.t_a - one.t_a, other.t_b - one.t_b
@@ -112,10 +112,10 @@ def _lower_of_two(one: Piece, other: Piece) -> list[Piece]:
     # Farther than SAME_MARGIN from both ends: slack is at least two widths of either slope.
     crossing = one.a + (one.b - one.a) * before / (before - after)
     first, second = (one, other) if before > 0.0 else (other, one)
-    return [first.part(one.a, crossing), second.part(crossing, one.b)]
+    return [first.restricted(one.a, crossing), second.restricted(crossing, one.b)]
 
 
-def joined(pieces: list[Piece]) -> list[Piece]:
+def joined_pieces(pieces: list[Piece]) -> list[Piece]:
     """Return the same curve with pieces of one mode joined where they go straight on."""
     whole: list[Piece] = []
     for piece in pieces:
@@ -124,7 +124,7 @@ def joined(pieces: list[Piece]) -> list[Piece]:
             longer = last._replace(b=piece.b, t_b=piece.t_b)
             steep = max(1.0, abs(longer.slope))
             between = (last.b, last.t_b), (piece.a, piece.t_a)
-            if max(abs(longer.at(e) - t) for e, t in between) <= SAME_TORQUE * steep:
+            if max(abs(longer.torque_at_margin(e) - t) for e, t in between) <= SAME_TORQUE * steep:
                 whole[-1] = longer
                 continue
         whole.append(piece)
@@ -156,12 +156,12 @@ class CurveSearch:
 
     def run(self) -> tuple[Status, list[Piece]]:
         """Return the status and the pieces from margin zero to the largest."""
-        status, state = self._below(aimed(self.formulation.program, 0.0, -1.0), np.inf)
+        status, state = self._search(aimed(self.formulation.program, 0.0, -1.0), np.inf)
         if state.best is None:
             return status, []
         is_coulomb = self.options.rules.static_friction is StaticFriction.COULOMB
-        first = None if is_coulomb else self._extended(state.mode)
-        pieces = self._curve(first, max(self._margin(state.best), 0.0))
+        first = None if is_coulomb else self._maximal(state.mode)
+        pieces = self._curve(first, max(self._margin_of(state.best), 0.0))
         if not pieces:
             return Status.UNVERIFIED, []
         limited = status not in _PROVEN
@@ -171,35 +171,35 @@ class CurveSearch:
             piece = open_pieces[0]
             parts = [piece]
             for begin in (piece.a, piece.a + _STEP_BEHIND_JUMP):
-                curve, proven = self._found_below(piece, begin)
+                curve, proven = self._curve_below(piece, begin)
                 limited = limited or not proven
-                parts = lower(piece, curve)
+                parts = lower_envelope(piece, curve)
                 # A mode that ends where the piece begins hides what lies below farther on.
                 if not curve or len(parts) > 1 or parts[0] != piece:
                     break
             if parts == [piece]:
                 pieces = [old._replace(closed=True) if old is piece else old for old in pieces]
             else:
-                pieces = [part for old in pieces for part in lower(old, curve)]
+                pieces = [part for old in pieces for part in lower_envelope(old, curve)]
         limited = limited or bool(self.unanswered)
-        return Status.LIMIT_REACHED if limited else Status.OPTIMAL, joined(pieces)
+        return Status.LIMIT_REACHED if limited else Status.OPTIMAL, joined_pieces(pieces)
 
-    def _found_below(self, piece: Piece, begin: float) -> tuple[list[Piece], bool]:
+    def _curve_below(self, piece: Piece, begin: float) -> tuple[list[Piece], bool]:
         """Return the curve of a mode below a piece, and whether the search was completed."""
         if piece.b - begin <= SAME_MARGIN:
             return [], True
-        target = self._toward(piece, begin)
-        status, state = self._below(target, self._line(target, piece) - CURVE_TOLERANCE)
+        target = self._program_below(piece, begin)
+        status, state = self._search(target, self._line_value(target, piece) - CURVE_TOLERANCE)
         found = state.best is not None
-        return self._curve(self._extended(state.mode), None) if found else [], status in _PROVEN
+        return self._curve(self._maximal(state.mode), None) if found else [], status in _PROVEN
 
-    def _toward(self, piece: Piece, begin: float) -> Program:
+    def _program_below(self, piece: Piece, begin: float) -> Program:
         """Return the program that looks for what lies farthest below a piece."""
         aim = np.array([1.0, -piece.slope])
         torque, margin = aim / np.abs(aim).max()
         return aimed(self.formulation.program, torque, margin, begin, piece.b)
 
-    def _below(self, program: Program, cutoff: float) -> tuple[Status, SearchState]:
+    def _search(self, program: Program, cutoff: float) -> tuple[Status, SearchState]:
         """Search all modes for a value below the cutoff."""
         aim = replace(self.formulation, program=program, cutoff=cutoff)
         state = SearchState(aim, self.options, self.limits)
@@ -213,63 +213,63 @@ class CurveSearch:
             end: Its largest margin, if known.
         """
         if end is None:
-            last = self._in_mode(mode, aimed(self.formulation.program, 0.0, -1.0))
+            last = self._solve_in_mode(mode, aimed(self.formulation.program, 0.0, -1.0))
             if last.outcome is not Outcome.SOLVED:
                 return []
-            end = self._margin(last)
-        begin, finish = self._point(mode, 0.0), self._point(mode, max(end, 0.0))
+            end = self._margin_of(last)
+        begin, finish = self._mode_point(mode, 0.0), self._mode_point(mode, max(end, 0.0))
         if begin is None or finish is None:
             return []
         done: list[Piece] = []
         remaining = [Piece(begin[0], finish[0], begin[1], finish[1], mode)]
         while remaining:
             piece = remaining.pop()
-            e, t = self._lowest(piece)
+            e, t = self._lowest_point(piece)
             if piece.a + SAME_MARGIN < e < piece.b - SAME_MARGIN:
                 remaining.append(piece._replace(a=e, t_a=t))
                 remaining.append(piece._replace(b=e, t_b=t))
             else:
                 done.append(piece)
-        return joined(done)
+        return joined_pieces(done)
 
-    def _lowest(self, piece: Piece) -> tuple[float, float]:
+    def _lowest_point(self, piece: Piece) -> tuple[float, float]:
         """Return the point of its mode farthest below a piece; its begin if there is none."""
         if piece.b - piece.a > 2.0 * SAME_MARGIN:
-            target = self._toward(piece, piece.a)
-            answer = self._in_mode(piece.mode, target)
-            line = self._line(target, piece)
+            target = self._program_below(piece, piece.a)
+            answer = self._solve_in_mode(piece.mode, target)
+            line = self._line_value(target, piece)
             if answer.outcome is Outcome.SOLVED and answer.value < line - SAME_TORQUE:
-                return self._margin(answer), self._torque(answer)
+                return self._margin_of(answer), self._torque_of(answer)
         return piece.a, piece.t_a
 
-    def _point(self, mode: SlidingMode | None, margin: float) -> tuple[float, float] | None:
+    def _mode_point(self, mode: SlidingMode | None, margin: float) -> tuple[float, float] | None:
         """(margin, smallest torque) of a mode; a hair less margin where rounding asks for it."""
         for e in (margin, margin - 0.1 * SAME_MARGIN, margin - SAME_MARGIN):
             at = max(e, 0.0)
-            answer = self._in_mode(mode, aimed(self.formulation.program, 1.0, 0.0, at, at))
+            answer = self._solve_in_mode(mode, aimed(self.formulation.program, 1.0, 0.0, at, at))
             if answer.outcome is Outcome.SOLVED:
-                return at, self._torque(answer)
+                return at, self._torque_of(answer)
         return None
 
-    def _torque(self, answer: Answer) -> float:
+    def _torque_of(self, answer: Answer) -> float:
         return float(answer.x[self.formulation.program.column("largest")])
 
-    def _margin(self, answer: Answer) -> float:
+    def _margin_of(self, answer: Answer) -> float:
         return float(answer.x[self.formulation.program.column("margin")])
 
-    def _line(self, target: Program, piece: Piece) -> float:
+    def _line_value(self, target: Program, piece: Piece) -> float:
         """Return the value of the target's objective along a piece."""
         t, e = target.column("largest"), target.column("margin")
         return float(target.c[t] * piece.t_a + target.c[e] * piece.a)
 
-    def _in_mode(self, mode: SlidingMode | None, program: Program) -> Answer:
+    def _solve_in_mode(self, mode: SlidingMode | None, program: Program) -> Answer:
         bounds = replace(self.formulation, program=program).bounds_of(mode)
         answer = solve(program.bounded(*bounds), self.options.solver)
         if answer.outcome is Outcome.FAILED:
             self.unanswered.append(program)
         return answer
 
-    def _extended(self, mode: SlidingMode | None) -> SlidingMode | None:
+    def _maximal(self, mode: SlidingMode | None) -> SlidingMode | None:
         """Return a feasible mode that allows what this one allows, and as much more as it may."""
         if mode is None:
             return None

@@ -78,11 +78,11 @@ class ModeOracle:
         if found is not None:
             return found
         every = ModePart.every_mode(self.formulation.problem, self.rules)
-        known = self._required(x, every)
+        known = self._requirements_in_part(x, every)
         if known is None:
             return None
         verdict = self._solve_requirements(x, known)
-        return verdict if isinstance(verdict, Conflict) else self._complete(known, verdict, every)
+        return verdict if isinstance(verdict, Conflict) else self._full_mode(known, verdict, every)
 
     def conflict_for(self, x: FloatArray, part: ModePart) -> Conflict | Blocked | None:
         """Return what excludes every mode of a part that admits the friction in x.
@@ -95,19 +95,19 @@ class ModeOracle:
             None: that is not known, as where only the signs of vanishing components stand in the
             way, or two sets of forces whose friction has opposite signs.
         """
-        known = self._required(x, part)
+        known = self._requirements_in_part(x, part)
         if known is None:
             return None
         verdict = self._solve_requirements(x, known)
-        return verdict if isinstance(verdict, Conflict) else self._blocked(known, part)
+        return verdict if isinstance(verdict, Conflict) else self._blocked_component(known, part)
 
-    def _required(self, x: FloatArray, part: ModePart) -> list[Requirement] | None:
+    def _requirements_in_part(self, x: FloatArray, part: ModePart) -> list[Requirement] | None:
         """Return what the friction in x and all modes of a part ask of the virtual motion.
 
         Signs of components in which neither has one are 0. None: two sets of forces have friction
         of opposite signs.
         """
-        friction = self._friction(x)
+        friction = self._friction_signs(x)
         if friction is None:
             return None
         required = []
@@ -154,7 +154,7 @@ class ModeOracle:
 
     def describe(self, x: FloatArray) -> SlidingMode:
         """Return the mode that only describes the friction in x, feasible or not."""
-        friction = self._friction(x)
+        friction = self._friction_signs(x)
         signs = np.zeros((self.formulation.problem.contact_count, 2), dtype=np.int8)
         if friction is not None:
             signs -= friction
@@ -201,7 +201,7 @@ class ModeOracle:
         self.kinematic_programs += 1
         return FoundMode(mode, motion, is_clear=True), admitted
 
-    def if_feasible(self, mode: SlidingMode, near: FloatArray | None = None) -> FoundMode | None:
+    def feasible_mode(self, mode: SlidingMode, near: FloatArray | None = None) -> FoundMode | None:
         """Return a mode if there is a virtual motion behind it; `near` as in `mode_for`."""
         signs = mode.own_signs.ravel().astype(float)
         seen = self._witness_without_search(mode.contacts, signs, near) if signs.all() else None
@@ -219,7 +219,7 @@ class ModeOracle:
         self.kinematic_programs += found is not None
         return found
 
-    def _friction(self, x: FloatArray) -> NDArray[np.int8] | None:
+    def _friction_signs(self, x: FloatArray) -> NDArray[np.int8] | None:
         """(M, 2) signs of the friction in x, 0 where a component vanishes or there is no cone.
 
         None: two sets of forces have opposite signs.
@@ -237,7 +237,7 @@ class ModeOracle:
         """Contacts in actual sliding, where (22) is asked of them."""
         return np.flatnonzero(required_contacts(self.formulation.problem, self.rules)).tolist()
 
-    def _complete(
+    def _full_mode(
         self, known: list[Requirement], witness: Witness, part: ModePart
     ) -> FoundMode | Blocked | None:
         """Fill in the signs that the friction leaves open, first as the witness moves.
@@ -247,7 +247,7 @@ class ModeOracle:
         velocities, kinematics = witness.velocities, self.formulation.kinematics
         if not any(0 in requirement.signs for requirement in known):
             is_clear = witness.slowest >= CLEARLY * kinematics.threshold
-            return self._witnessed(tuple(known), witness, is_clear=is_clear)
+            return self._mode_with_motion(tuple(known), witness, is_clear=is_clear)
         moves = np.abs(velocities) >= kinematics.threshold * np.linalg.norm(velocities)
         seen = np.where(moves, np.sign(velocities), 0.0)[:, 1:].astype(int).tolist()
         shown = tuple(
@@ -257,8 +257,8 @@ class ModeOracle:
         if all(0 not in requirement.signs for requirement in shown) and kinematics.counts(
             velocities, shown, self.rules.sign
         ):
-            return self._witnessed(shown, witness)
-        blocked = self._blocked(known, part)
+            return self._mode_with_motion(shown, witness)
+        blocked = self._blocked_component(known, part)
         if blocked is not None:
             return blocked
         options = []
@@ -267,16 +267,16 @@ class ModeOracle:
             admitted.sort(key=lambda pair, first=suggested.signs: pair != first)
             options.append([Requirement(requirement.contact, pair) for pair in admitted])
         chosen = self._first_feasible(options, ())
-        return None if chosen is None else self._witnessed(chosen, witness)
+        return None if chosen is None else self._mode_with_motion(chosen, witness)
 
-    def _witnessed(
+    def _mode_with_motion(
         self, known: tuple[Requirement, ...], witness: Witness, *, is_clear: bool = False
     ) -> FoundMode:
         """Return the mode of requirements with a motion that may be behind it."""
         motion = self.formulation.kinematics.scaled_motion(witness.coordinates)
         return FoundMode(mode_of(self.formulation.problem, known), motion, is_clear)
 
-    def _blocked(self, known: list[Requirement], part: ModePart) -> Blocked | None:
+    def _blocked_component(self, known: list[Requirement], part: ModePart) -> Blocked | None:
         """Look for a component that must move and that what is known lets move neither way."""
         if self.rules.sign is not SignRule.STRICT:
             return None

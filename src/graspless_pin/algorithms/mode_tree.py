@@ -161,7 +161,7 @@ class ModeTree:
         allowed = part.allowed_signs[cones]
         return self.formulation.opposing(allowed[:, :, 0], allowed[:, :, 2])
 
-    def within(self, part: ModePart, x: FloatArray) -> FloatArray:
+    def without_forbidden_friction(self, part: ModePart, x: FloatArray) -> FloatArray:
         """Return x without the friction that a part forbids: a solver may leave traces of it."""
         return np.clip(x, *self.bounds(part))
 
@@ -196,7 +196,7 @@ class ModeTree:
         """
         size = self.formulation.friction_size(x)
         if found is None:
-            return self._by_contact(part, x, size)
+            return self._split_by_contact(part, x, size)
         rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
         if isinstance(found, Blocked):
             conflicts, opened = found.conflicts, (found.contact, found.component)
@@ -207,7 +207,7 @@ class ModeTree:
             self._sharpened(one, [Requirement(c, (0, 0)) for c in one.involved | chosen], rule)
             for one in conflicts
         )
-        items = _items(part, combinations, opened, size)
+        items = _split_items(part, combinations, opened, size)
         children: list[ModePart | None] = []
         rest: ModePart | None = part
         for contact, component, sign in items:
@@ -219,7 +219,7 @@ class ModeTree:
         kept = [child for child in children if child is not None]
         return ConflictSplit(tuple(items), combinations, opened), kept
 
-    def _by_contact(
+    def _split_by_contact(
         self, part: ModePart, x: FloatArray, size: FloatArray
     ) -> tuple[ContactSplit, list[ModePart]] | None:
         """Return the split of the contact with the most friction of which not all is known.
@@ -264,7 +264,7 @@ class ModeTree:
         return v
 
 
-def _items(
+def _split_items(
     part: ModePart,
     combinations: Sequence[FloatArray],
     opened: tuple[int, int] | None,

@@ -82,7 +82,7 @@ def maximize_margin(
         >>> print(f"{solution.margin:.4f} N, {solution.torques.round(4)} N m")
         1.6504 N, [-4.835  4.835] N m
     """
-    return _solved(problem, Margin(regularization), mode, uncertainty, feedback, options)
+    return _nominal_or_robust(problem, Margin(regularization), mode, uncertainty, feedback, options)
 
 
 @overload
@@ -157,7 +157,7 @@ def minimize_torque(
         0.9618 N m
     """
     objective = torque_objective(margin, scale, regularization)
-    return _solved(problem, objective, mode, uncertainty, feedback, options)
+    return _nominal_or_robust(problem, objective, mode, uncertainty, feedback, options)
 
 
 @overload
@@ -215,10 +215,10 @@ def optimize(
         >>> print(f"{optimize(problem, Torque(required_margin=0.1)).max_torque:.4f} N m")
         0.9618 N m
     """
-    return _solved(problem, objective, mode, uncertainty, feedback, options)
+    return _nominal_or_robust(problem, objective, mode, uncertainty, feedback, options)
 
 
-def _solved(
+def _nominal_or_robust(
     problem: QuasistaticProblem,
     objective: Objective,
     mode: SlidingMode | None,

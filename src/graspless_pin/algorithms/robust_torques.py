@@ -26,15 +26,15 @@ from graspless_pin.algorithms.joined_optimum import (
     AS_GOOD,
     COMMON_NODES,
     NODES,
-    best_of,
-    bound_of,
+    best_torques,
     common_mode,
-    conflict_of,
-    limited,
+    far_members,
     member_margins,
+    minimal_conflict,
+    mode_of_all,
+    node_limited,
     of_member,
-    spread,
-    tiled,
+    torques_bound,
     under_limits,
     without_forces,
 )
@@ -111,8 +111,8 @@ def torques_by_policy(
         chosen = policy.critical(_CRITICAL)
         if directions is not None or not chosen:  # feedback counts from the nominal one
             chosen.insert(0, corners[0])
-        together, how = joined(chosen, directions), limited(limits.within(options), NODES)
-        every = None if mode is None else tiled(mode, len(chosen))
+        together, how = joined(chosen, directions), node_limited(limits.within(options), NODES)
+        every = None if mode is None else mode_of_all(mode, len(chosen))
         bounding = solve_problem(together, objective, how, mode=every)
         return RobustSolution(
             bounding, Coverage.WHOLE_SET, bounding.certificate.bound, (*corners, *chosen), names,
@@ -120,11 +120,11 @@ def torques_by_policy(
         )  # fmt: skip
     extremes = extreme_members(corners[:1], unknowns, free[:1])
     if not free:
-        extremes = _spread_members(corners, unknowns, _EXTREMES)
+        extremes = _far_extremes(corners, unknowns, _EXTREMES)
     how = limits.within(options)
-    solution, coverage = best_of(extremes, objective, how, directions, mode)
-    bound = bound_of(solution, extremes, objective, how, mode)
-    conflict = conflict_of(solution, extremes, objective, options, limits, directions)
+    solution, coverage = best_torques(extremes, objective, how, directions, mode)
+    bound = torques_bound(solution, extremes, objective, how, mode)
+    conflict = minimal_conflict(solution, extremes, objective, options, limits, directions)
     if limits.passed and solution.status is not Status.INFEASIBLE_FORCES:
         solution = without_forces(solution, Status.NOT_FOUND_IN_LIMIT)
     elif solution.found:  # for these members alone
@@ -142,18 +142,18 @@ def _common_modes(
 ) -> list[SlidingMode | None]:
     """Return modes in which affine forces are looked for: of members far off, and of corners."""
     found: dict[bytes, SlidingMode | None] = {}
-    for some in (_spread_members(corners, unknowns, _SHARING), spread(corners, _SHARING)[0]):
-        how = limited(limits.within(options), COMMON_NODES)
+    for some in (_far_extremes(corners, unknowns, _SHARING), far_members(corners, _SHARING)[0]):
+        how = node_limited(limits.within(options), COMMON_NODES)
         mode = common_mode(joined(some, directions), some, objective, how)
         if mode is not None:
             found[mode.selection.tobytes() + mode.signs.tobytes()] = mode
     return list(found.values())
 
 
-def _spread_members(corners: Sequence[Member], unknowns: Unknowns, count: int) -> list[Member]:
+def _far_extremes(corners: Sequence[Member], unknowns: Unknowns, count: int) -> list[Member]:
     """Return members far from each other: corners, and ends of what is unknown."""
-    some = spread(corners, count)[0]
-    return spread([*corners, *extreme_members(some, unknowns)], count)[0]
+    some = far_members(corners, count)[0]
+    return far_members([*corners, *extreme_members(some, unknowns)], count)[0]
 
 
 _AT_ONCE, _MORE = 4, 4
@@ -241,7 +241,9 @@ def solve_robust(
         return found
     tried, covered = drawn(_SAMPLES), found.coverage
     found = replace(found, coverage=Coverage.SAMPLED)
-    lacks = _lacks(found.solution, objective, options, found.members, tried, directions, limits)
+    lacks = _margin_deficits(
+        found.solution, objective, options, found.members, tried, directions, limits
+    )
     if limits.passed:
         return replace(found, solution=without_forces(found.solution, Status.NOT_FOUND_IN_LIMIT))
     return replace(found, samples=Samples(len(tried), int((lacks == 0.0).sum()), _SOLVED, covered))
@@ -273,16 +275,20 @@ def torques_for_members(
     at_once = _AT_ONCE
     if not isinstance(objective, Margin | Torque | TorqueShare):
         at_once = len(members)  # of others it is not known when further members fit
-    chosen, others = spread(members, at_once)
+    chosen, others = far_members(members, at_once)
     if begin and others:
         chosen = [members[number] for number in begin]
         others = [member for number, member in enumerate(members) if number not in set(begin)]
     others += further
     while True:
-        solution, coverage = best_of(chosen, objective, limits.within(options), directions, mode)
+        solution, coverage = best_torques(
+            chosen, objective, limits.within(options), directions, mode
+        )
         lacks = np.zeros(len(others))
         if solution.found:
-            lacks = _lacks(solution, objective, options, chosen, others, directions, limits)
+            lacks = _margin_deficits(
+                solution, objective, options, chosen, others, directions, limits
+            )
         lacking = np.flatnonzero(lacks)
         if limits.passed and others and solution.found:
             solution = without_forces(solution, Status.NOT_FOUND_IN_LIMIT)
@@ -294,10 +300,10 @@ def torques_for_members(
         served = [member for number, member in enumerate(others) if number not in joining]
         candidates = [*chosen, *(others[number] for number in sorted(joining))]
         kept_count = len(chosen)
-        chosen, others = spread(candidates, kept_count + _MORE, held=kept_count)
+        chosen, others = far_members(candidates, kept_count + _MORE, held=kept_count)
         others += served
-    bound = bound_of(solution, chosen, objective, limits.within(options), mode)
-    conflict = conflict_of(solution, chosen, objective, options, limits, directions)
+    bound = torques_bound(solution, chosen, objective, limits.within(options), mode)
+    conflict = minimal_conflict(solution, chosen, objective, options, limits, directions)
     names = members[0].problem.joint_names
     return RobustSolution(solution, coverage, bound, (*chosen, *others), names, conflict)
 
@@ -347,7 +353,7 @@ def joint_stiffness(
     return given
 
 
-def _lacks(
+def _margin_deficits(
     solution: TorqueSolution,
     objective: Objective,
     options: SolveOptions,
@@ -362,14 +368,14 @@ def _lacks(
     forces = solution.contact_forces[: problem.contact_count]
     lacks = needed - member_margins(
         others, chosen[0].commanded(problem.J.T @ forces.ravel()), options, limits,
-        directions=directions, torque_limits=_found_limits(problem, solution, objective),
+        directions=directions, torque_limits=_limits_for_feedback(problem, solution, objective),
         mode=of_member(solution.given_mode, chosen[0]),  # what is proven in one has to hold in it
         enough=needed,
     )  # fmt: skip
     return np.where(lacks > 0.5 * AS_GOOD * problem.scales.force, lacks, 0.0)
 
 
-def _found_limits(
+def _limits_for_feedback(
     problem: QuasistaticProblem, solution: TorqueSolution, objective: Objective
 ) -> tuple[FloatArray, FloatArray]:
     """Return limits of torques, no larger than was found to be enough, for what feedback adds."""
@@ -401,7 +407,7 @@ def further_forces(robust: RobustSolution) -> FloatArray | None:
     if others and mode is None and solution.rules.static_friction is not StaticFriction.COULOMB:
         return None
     directions = feedback_torques(first.problem, robust.feedback)
-    most = _found_limits(first.problem, solution, solution.objective)
+    most = _limits_for_feedback(first.problem, solution, solution.objective)
     under = (under_limits(one, robust.torques, directions, most) for one in others)
     options = SolveOptions(rules=solution.rules)
     found = [solve_problem(one, Margin(), options, mode=mode).contact_forces for one in under]

@@ -168,11 +168,11 @@ def load_bracket(
             break
         if not ends and high - guaranteed > precision * high:
             ends = [max(0.5 * (guaranteed + high), (1.0 - below) * high)]
-    failing, failure = _failure(line, undisturbed, high, (possible, most), limits)
+    failing, failure = _failing_multiple(line, undisturbed, high, (possible, most), limits)
     return LoadBracket(failing, failure, tuple(spans), last_rest, not limits.passed)
 
 
-def _failure(
+def _failing_multiple(
     line: LoadLine,
     undisturbed: StabilityVerdict,
     high: float,
@@ -251,7 +251,7 @@ class Robustness(Brief):
             if less.failing <= most and more.failing <= most:
                 free.setdefault(f"{most:.2g} {unit}", []).append(name)
             else:
-                lines.append(f"{name}: {_error(less, more, 1.0, unit)}")
+                lines.append(f"{name}: {_error_range_text(less, more, 1.0, unit)}")
         share = f"{100.0 * _NO_ERROR:g} %"
         for most, names in free.items():
             lines.append(
@@ -259,7 +259,7 @@ class Robustness(Brief):
                 f"{most}, {share} of the largest torque, already fails"
             )
         if self.all_less is not None and self.all_more is not None and self.less:
-            range_text = _error(self.all_less, self.all_more, 100.0, "%")
+            range_text = _error_range_text(self.all_less, self.all_more, 100.0, "%")
             if self.all_less.failing <= _NO_ERROR and self.all_more.failing <= _NO_ERROR:
                 range_text = f"rely on joint feedback: an error of {share} already fails"
             lines.append(f"all torques together: {range_text}")
@@ -271,7 +271,7 @@ class Robustness(Brief):
         return "\n".join(lines)
 
 
-def _error(less: LoadBracket, more: LoadBracket, scale: float, unit: str) -> str:
+def _error_range_text(less: LoadBracket, more: LoadBracket, scale: float, unit: str) -> str:
     """Return what two brackets bear, and where they fail."""
     if not (less.reached or more.reached):
         return NOT_REACHED
@@ -347,14 +347,15 @@ def robustness(
     if verdict.torques.any():
         together = [bracket(sign * verdict.torques, 1.0) for sign in (-1.0, 1.0)]
     without = tuple(
-        _without(verdict, contact, node_limit, limits) for contact in range(len(problem.normals))
+        _verdict_without(verdict, contact, node_limit, limits)
+        for contact in range(len(problem.normals))
     )
     return Robustness(
         verdict, less, more, together[0], together[1], without, complete=not limits.passed
     )
 
 
-def _without(
+def _verdict_without(
     verdict: StabilityVerdict, contact: int, node_limit: int, limits: Limits
 ) -> StabilityVerdict | None:
     """Return the verdict without a contact, None where no other is left."""

@@ -106,7 +106,7 @@ class ModeProver:
             return "that a part has no forces is not proven of the farthest", []
         if part is None:
             return "the relaxation does not prove the bound", []
-        x = self.tree.within(part, answer.x)
+        x = self.tree.without_forbidden_friction(part, answer.x)
         split = self.tree.split(part, x, self.oracle.conflict_for(x, part))
         return split or ("a mode with a virtual motion seems better than the bound", [])
 
@@ -137,7 +137,7 @@ class ModeProver:
         """
         program = self.formulation.program.bounded(*self.tree.bounds(part))
         enough = self.target - _BOUND_TOLERANCE * max(1.0, abs(self.target))
-        for kept in (_thinned(z), z):
+        for kept in (_without_tiny_multipliers(z), z):
             refined = sharpened(program, y, kept)
             if certain_bound(program, *refined) >= enough:
                 return BoundLeaf(*refined, objective=True)
@@ -149,12 +149,12 @@ class ModeProver:
         if proven <= 0.0:
             return None
         # Far limits make much of multipliers that are hardly there.
-        thin = _thinned(z)
+        thin = _without_tiny_multipliers(z)
         enough = program.infeasibility_bound(y, thin) >= (1.0 - _LOST_VIOLATION) * proven
         return BoundLeaf(y, thin if enough else z, objective=False)
 
 
-def _thinned(z: FloatArray) -> FloatArray:
+def _without_tiny_multipliers(z: FloatArray) -> FloatArray:
     """Return multipliers without those that are hardly there."""
     size = np.abs(z)
     return np.where(size > _LEAST_MULTIPLIER * size.max(initial=0.0), z, 0.0)
@@ -180,7 +180,7 @@ def proof_of(solution: TorqueSolution) -> SolutionProof:
     if solution.status in _OPEN:
         return SolutionProof(ModeProof((), solution.status.message))
     try:
-        return (_of_found if solution.found else _of_infeasible)(solution)
+        return (_proof_of_found if solution.found else _proof_of_infeasible)(solution)
     except UndecidedMotionError as error:
         return SolutionProof(ModeProof((), str(error)))
 
@@ -197,7 +197,7 @@ def written_multipliers(solution: TorqueSolution) -> DualVariables:
     return sharpened(formulation.program.bounded(*bounds), *solution.scaled_multipliers)
 
 
-def _of_found(solution: TorqueSolution) -> SolutionProof:
+def _proof_of_found(solution: TorqueSolution) -> SolutionProof:
     formulation = formulate(solution.problem, solution.objective)
     target = solution.certificate.bound / formulation.signed_unit
     if not np.isfinite(target):
@@ -221,7 +221,7 @@ def _of_found(solution: TorqueSolution) -> SolutionProof:
     return SolutionProof(tree, solution.motion, in_mode=in_mode)
 
 
-def _of_infeasible(solution: TorqueSolution) -> SolutionProof:
+def _proof_of_infeasible(solution: TorqueSolution) -> SolutionProof:
     formulation = formulate(solution.problem, solution.objective)
     prover = ModeProver(formulation, solution.rules, ANY_SOLVER, np.inf)
     if solution.given_mode is not None:

@@ -122,7 +122,7 @@ def _best_case(
         problem, gap = _with_round_cones(problem), options.direction_gap
     search: ModeSearch = search_modes
     if mode is not None:
-        requirements = _checked_mode(problem, options.rules, mode)
+        requirements = _checked_requirements(problem, options.rules, mode)
         search = partial(_search_in_mode, mode=mode, requirements=requirements)
     state = SearchState(formulate(problem, objective), options, limits)
     status = search(state)
@@ -135,7 +135,7 @@ def _with_round_cones(problem: QuasistaticProblem) -> QuasistaticProblem:
     return problem.with_changes(cone="round")
 
 
-def _checked_mode(
+def _checked_requirements(
     problem: QuasistaticProblem, rules: Rules, mode: SlidingMode
 ) -> list[Requirement]:
     if not isinstance(mode, SlidingMode):

@@ -148,14 +148,14 @@ class Tolerances(Brief):
             names = [self.problem.joint_names[joint] for joint in one.joints]
             where = ", ".join([*map(str, one.contacts), *names])
             deflected = f"{one.deflection:.2g} {unit}" if one.deflection > _LEAST_DEFLECTION else ""
-            figures = self._figures(one)
+            figures = self._figure_texts(one)
             rows.append((one.quantity, *figures, self._direction_text(one), where, deflected))
         headers = ("off", "borne", "fails at", "direction", _WHERE, "joints give way")
         given = len(headers) - (not any(row[-1] for row in rows))
         headers, rows = headers[:given], [row[:given] for row in rows]
         if not self.attainable:
             return headers, rows
-        chosen = [(*self._figures(one), one.why) for one in self.attainable]
+        chosen = [(*self._figure_texts(one), one.why) for one in self.attainable]
         rows = [(*row, *more) for row, more in zip(rows, chosen, strict=True)]
         return (*headers, "attainable", "none from", "why"), rows
 
@@ -168,7 +168,7 @@ class Tolerances(Brief):
             return f"{self.problem.joint_names[joint]} {more}"
         return f"[{', '.join(f'{x:+.2f}' for x in one.direction.tolist())}]"
 
-    def _figures(self, one: Tolerance | AttainableTolerance) -> tuple[str, str]:
+    def _figure_texts(self, one: Tolerance | AttainableTolerance) -> tuple[str, str]:
         """Return how much is borne, and what is not, in the unit that people think in."""
         scale, unit = one.quantity.scale, one.quantity.unit
         if one.quantity is Quantity.JOINT:
@@ -177,12 +177,12 @@ class Tolerances(Brief):
                 units = [units[int(np.abs(one.direction).argmax())]]
             unit = units_text(units)
         borne, fails = (
-            f"{_digits(scale * figure)} {unit}" if np.isfinite(figure) else word
+            f"{_three_digits(scale * figure)} {unit}" if np.isfinite(figure) else word
             for figure, word in ((one.borne, "any"), (one.failing, "none found"))
         )
         return borne, fails
 
 
-def _digits(value: float) -> str:
+def _three_digits(value: float) -> str:
     """Return three digits, up to a million without a power of ten."""
     return f"{float(f'{value:.3g}'):.6g}"

@@ -109,19 +109,19 @@ def tolerances(
     weight = weight_of_arrays(problem) if weight is None else weight
     stiffness = joint_stiffness(problem, feedback, fingers)
     options.pop("time_limit", None)  # of the attainable ones
-    search = _Search(problem, given, stiffness, SolveOptions.parse(**options), options)
-    if search.fails(0.0 * search.rest.external_wrench):
+    search = _ToleranceSearch(problem, given, stiffness, SolveOptions.parse(**options), options)
+    if search.is_unbalanced(0.0 * search.rest.external_wrench):
         raise NoSolutionError("No contact forces balance the load under these torques.")
     nominal = read_only(weight.wrench(0.0, np.zeros(3), weight.down)[:3].copy())
-    each = tuple(search.all(weight, wanted))
+    each = tuple(search.tolerances_of(weight, wanted))
     found: list[AttainableTolerance] = []
     if attainable:
         chosen = AttainableSearch(problem, weight, stiffness, how)
-        found = [chosen.of(one.quantity, one.borne, given) for one in each]
+        found = [chosen.find(one.quantity, one.borne, given) for one in each]
     return Tolerances(problem, given, each, nominal, stiffness, search.convex, tuple(found))
 
 
-class _Search:
+class _ToleranceSearch:
     """Rays into the set of loads that torques bear, and bisections beside them."""
 
     def __init__(
@@ -138,7 +138,7 @@ class _Search:
         self.rest = under_commands(self.member, torques, self.directions)
         self.convex = how.rules.static_friction is StaticFriction.COULOMB
 
-    def all(self, weight: Weight, wanted: Collection[Quantity]) -> list[Tolerance]:
+    def tolerances_of(self, weight: Weight, wanted: Collection[Quantity]) -> list[Tolerance]:
         """Return the tolerances of those wanted that the problem tells of, as `Quantity` has them.
 
         Args:
@@ -147,53 +147,59 @@ class _Search:
         """
         still, down, problem = np.zeros(3), weight.down, self.problem
         nominal = weight.wrench(0.0, still, down)
-        heavier = self._load(weight.wrench(1.0, still, down) - nominal)
-        pushes = np.array([self._load(one) for one in np.eye(6)])
+        heavier = self._passive_load(weight.wrench(1.0, still, down) - nominal)
+        pushes = np.array([self._passive_load(one) for one in np.eye(6)])
         joints = np.flatnonzero(problem.jacobian.any(axis=0))
         tasks: dict[Quantity, Callable[[], Tolerance]] = {}
         if nominal[:3].any():
             level = np.linalg.svd(nominal[None, :3])[2][1:]
             off = [weight.wrench(0.0, weight.axes.T @ one, down) - nominal for one in level]
             tasks |= {
-                Quantity.MASS_MORE: lambda: self._ray(Quantity.MASS_MORE, heavier),
-                Quantity.MASS_LESS: lambda: self._ray(Quantity.MASS_LESS, -heavier, most=1.0),
-                Quantity.CENTER: lambda: self._ball(
-                    Quantity.CENTER, level, np.array([self._load(one) for one in off])
+                Quantity.MASS_MORE: lambda: self._ray_tolerance(Quantity.MASS_MORE, heavier),
+                Quantity.MASS_LESS: lambda: self._ray_tolerance(
+                    Quantity.MASS_LESS, -heavier, most=1.0
+                ),
+                Quantity.CENTER: lambda: self._ball_tolerance(
+                    Quantity.CENTER, level, np.array([self._passive_load(one) for one in off])
                 ),
             }
         tasks |= {
-            Quantity.PUSH: lambda: self._ball(Quantity.PUSH, np.eye(3), pushes[:3]),
-            Quantity.MOMENT: lambda: self._ball(Quantity.MOMENT, np.eye(3), pushes[3:]),
+            Quantity.PUSH: lambda: self._ball_tolerance(Quantity.PUSH, np.eye(3), pushes[:3]),
+            Quantity.MOMENT: lambda: self._ball_tolerance(Quantity.MOMENT, np.eye(3), pushes[3:]),
         }
         if (problem.friction > 0.0).any():
-            tasks[Quantity.FRICTION] = lambda: self._bisected(
+            tasks[Quantity.FRICTION] = lambda: self._bisected_tolerance(
                 Quantity.FRICTION, "friction", weight, 1.0
             )
         if nominal[:3].any() and weight.links is not None:
-            tasks[Quantity.TILT] = lambda: self._bisected(Quantity.TILT, "tilt", weight, MOST_TILT)
+            tasks[Quantity.TILT] = lambda: self._bisected_tolerance(
+                Quantity.TILT, "tilt", weight, MOST_TILT
+            )
         if self.torques.any():
             more = self.torques[None]
             tasks |= {
-                Quantity.TORQUE_MORE: lambda: self._errors(Quantity.TORQUE_MORE, more),
-                Quantity.TORQUE_LESS: lambda: self._errors(Quantity.TORQUE_LESS, -more, most=1.0),
+                Quantity.TORQUE_MORE: lambda: self._error_tolerance(Quantity.TORQUE_MORE, more),
+                Quantity.TORQUE_LESS: lambda: self._error_tolerance(
+                    Quantity.TORQUE_LESS, -more, most=1.0
+                ),
             }
         if len(joints):
             each = np.concatenate([np.eye(problem.joint_count)[joints]] * 2)
             each[len(joints) :] *= -1.0
-            tasks[Quantity.JOINT] = lambda: self._errors(Quantity.JOINT, each)
+            tasks[Quantity.JOINT] = lambda: self._error_tolerance(Quantity.JOINT, each)
         return [task() for quantity, task in tasks.items() if quantity in wanted]
 
-    def fails(self, load: FloatArray) -> bool:
+    def is_unbalanced(self, load: FloatArray) -> bool:
         """Whether no contact forces balance a load beside that which there is."""
-        return not solve_problem(self._under(load), Margin(), self.how).found
+        return not solve_problem(self._problem_under(load), Margin(), self.how).found
 
-    def _under(self, load: FloatArray) -> QuasistaticProblem:
+    def _problem_under(self, load: FloatArray) -> QuasistaticProblem:
         return self.rest.with_changes(external_wrench=self.rest.external_wrench + load)
 
-    def _load(self, wrench: FloatArray) -> FloatArray:
+    def _passive_load(self, wrench: FloatArray) -> FloatArray:
         return np.concatenate([wrench, np.zeros(self.rest.passive_count - len(wrench))])
 
-    def _rays(self, loads: FloatArray) -> FloatArray:
+    def _multiples(self, loads: FloatArray) -> FloatArray:
         """Return how many times each load is borne."""
         length = self.rest.scales.length
         directions = loads / passive_levers(self.rest.passive_units, length)
@@ -207,11 +213,11 @@ class _Search:
             times[some] = np.where(is_some, found / sizes[some], 0.0)
         return times
 
-    def _at_the_end(self, load: FloatArray) -> dict[str, Any]:
+    def _fields_at_end(self, load: FloatArray) -> dict[str, Any]:
         """Return `contacts`, `joints` and `deflection` of a load that is just borne."""
-        return self._fields_of(self._under((1.0 - _CERTAIN) * load))
+        return self._limit_fields(self._problem_under((1.0 - _CERTAIN) * load))
 
-    def _fields_of(self, problem: QuasistaticProblem) -> dict[str, Any]:
+    def _limit_fields(self, problem: QuasistaticProblem) -> dict[str, Any]:
         """Return `contacts`, `joints` and `deflection` of a problem that is just feasible."""
         found = solve_problem(problem, Margin(), self.how)
         if not found.found:
@@ -230,20 +236,24 @@ class _Search:
             "deflection": float((added[soft] / self.stiffness[soft]).max(initial=0.0)),
         }
 
-    def _ray(self, quantity: Quantity, load: FloatArray, most: float = np.inf) -> Tolerance:
-        times = float(self._rays(load[None])[0])
+    def _ray_tolerance(
+        self, quantity: Quantity, load: FloatArray, most: float = np.inf
+    ) -> Tolerance:
+        times = float(self._multiples(load[None])[0])
         if times >= most:
-            return self._full_range(quantity, most)
-        return Tolerance(quantity, times, times, **self._at_the_end(times * load))
+            return self._unlimited_tolerance(quantity, most)
+        return Tolerance(quantity, times, times, **self._fields_at_end(times * load))
 
-    def _errors(self, quantity: Quantity, errors: FloatArray, most: float = np.inf) -> Tolerance:
+    def _error_tolerance(
+        self, quantity: Quantity, errors: FloatArray, most: float = np.inf
+    ) -> Tolerance:
         """Return how many times the torques may be off by any of (k, L) errors.
 
         Rays tell it without feedback. With it a motor's limit counts, and bounds what the motor is
         commanded, not what it makes of that: such an error is no load, and found by bisection.
         """
         if self.stiffness is None:
-            return self._worst_ray(quantity, errors, most)
+            return self._error_ray_tolerance(quantity, errors, most)
 
         def members(times: float) -> list[Member]:
             return [replace(self.member, offsets=times * one) for one in errors]
@@ -252,38 +262,40 @@ class _Search:
         if np.isinf(most):
             end = float(self.problem.scales.joints.max()) if quantity is Quantity.JOINT else 1.0
             for _ in range(_DOUBLINGS):
-                if self._worst(members(end))[0]:
+                if self._worst_member(members(end))[0]:
                     break
                 end *= 2.0
         low, high, worst = self._bracket(members, 0.0, end, _FINE)
         if np.isinf(high):
-            return self._full_range(quantity, most)
+            return self._unlimited_tolerance(quantity, most)
         found: dict[str, Any] = {}
         # What is just borne may be infeasible by as little as counts as none.
         for inside in (_CERTAIN, 0.1 * _CLOSE, _CLOSE):
             one = members((1.0 - inside) * low)[worst]
-            found = self._fields_of(under_commands(one, self.torques, self.directions))
+            found = self._limit_fields(under_commands(one, self.torques, self.directions))
             if "contacts" in found:
                 break
         if quantity is Quantity.JOINT:
             found["direction"] = read_only(errors[worst])
         return Tolerance(quantity, low, high, **found)
 
-    def _worst_ray(self, quantity: Quantity, errors: FloatArray, most: float) -> Tolerance:
+    def _error_ray_tolerance(
+        self, quantity: Quantity, errors: FloatArray, most: float
+    ) -> Tolerance:
         """Return how many times errors (k, L) that are loads on the joints are borne."""
         made = [under_commands(self.member, self.torques + one) for one in errors]
         loads = np.array([one.external_wrench for one in made]) - self.rest.external_wrench
-        times = self._rays(loads)
+        times = self._multiples(loads)
         worst = int(times.argmin())
         least = float(times[worst])
         if least >= most:
-            return self._full_range(quantity, most)
-        fields = self._at_the_end(least * loads[worst])
+            return self._unlimited_tolerance(quantity, most)
+        fields = self._fields_at_end(least * loads[worst])
         if quantity is Quantity.JOINT:
             fields["direction"] = read_only(errors[worst])
         return Tolerance(quantity, least, least, **fields)
 
-    def _ball(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
+    def _ball_tolerance(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
         """Return how large a change may be in any direction.
 
         Args:
@@ -291,14 +303,14 @@ class _Search:
             axes: (k, 3) orthonormal directions of the change.
             loads: (k, Q) what one unit along each makes.
         """
-        rays = polygon(_AROUND) if len(axes) == 2 else _sphere()
-        times, balanced = self._rays(rays @ loads), 0.0
+        rays = polygon(_AROUND) if len(axes) == 2 else _cube_directions()
+        times, balanced = self._multiples(rays @ loads), 0.0
 
-        def look(along: FloatArray) -> None:
+        def add_rays(along: FloatArray) -> None:
             """Add the rays along further directions."""
             nonlocal rays, times
             more = along / np.linalg.norm(along, axis=1)[:, None]
-            rays, times = np.vstack([rays, more]), np.append(times, self._rays(more @ loads))
+            rays, times = np.vstack([rays, more]), np.append(times, self._multiples(more @ loads))
 
         for _ in range(_ROUNDS):
             least = float(times.min())
@@ -311,9 +323,9 @@ class _Search:
             # The nearest sides of the hull: what is beyond them was not looked at.
             nearest = np.argsort(-sides[:, -1])[:8]
             nearest = nearest[-sides[nearest, -1] < (1.0 - _CLOSE) * least]
-            look(np.unique(sides[nearest, :-1].round(9), axis=0))
+            add_rays(np.unique(sides[nearest, :-1].round(9), axis=0))
         for _ in range(_CORNER_ROUNDS if len(axes) == 2 else 0):
-            look(_corners(times[:, None] * rays))
+            add_rays(_possible_corners(times[:, None] * rays))
         worst = int(times.argmin())
         least = float(times[worst])
         return Tolerance(
@@ -322,10 +334,12 @@ class _Search:
             least,
             read_only(rays[worst] @ axes),
             boundary=read_only(times[:, None] * (rays @ axes)),
-            **self._at_the_end(least * (rays[worst] @ loads)),
+            **self._fields_at_end(least * (rays[worst] @ loads)),
         )
 
-    def _bisected(self, quantity: Quantity, of: str, weight: Weight, most: float) -> Tolerance:
+    def _bisected_tolerance(
+        self, quantity: Quantity, of: str, weight: Weight, most: float
+    ) -> Tolerance:
         """Return how large one figure of an `Uncertainty` may be."""
 
         def members(figure: float) -> tuple[Member, ...]:
@@ -333,23 +347,25 @@ class _Search:
 
         low, high, _ = self._bracket(members, 0.0, most)
         if np.isinf(high):
-            return self._full_range(quantity, most)
+            return self._unlimited_tolerance(quantity, most)
         fields: dict[str, Any] = {}
         if quantity is Quantity.TILT:
             # The set has a polygon for the circle of tilts: what fails in it may be outside.
             rays = polygon(_AROUND) @ np.linalg.svd(weight.down[None])[2][1:]
-            _, high, worst = self._bracket(lambda tilt: self._tilted(weight, tilt, rays), low, most)
+            _, high, worst = self._bracket(
+                lambda tilt: self._tilted_members(weight, tilt, rays), low, most
+            )
             fields = {"direction": read_only(rays[worst])} if np.isfinite(high) else {}
         if self.stiffness is not None:
             fields["deflection"] = np.nan
         return Tolerance(quantity, low, high, **fields)
 
-    def _full_range(self, quantity: Quantity, most: float) -> Tolerance:
+    def _unlimited_tolerance(self, quantity: Quantity, most: float) -> Tolerance:
         """Return the tolerance of what is borne up to its largest: no forces were looked at."""
         bend = np.inf if np.isinf(most) else np.nan
         return Tolerance(quantity, most, np.inf, deflection=0.0 if self.stiffness is None else bend)
 
-    def _tilted(self, weight: Weight, tilt: float, rays: FloatArray) -> list[Member]:
+    def _tilted_members(self, weight: Weight, tilt: float, rays: FloatArray) -> list[Member]:
         """Return members whose gravity is tilted towards each of (K, 3) directions across it."""
         still, count = np.zeros(3), self.problem.contact_count
         right = np.zeros(self.problem.joint_count)
@@ -377,16 +393,16 @@ class _Search:
             the number of that member.
         """
         high = float(np.nextafter(most, 0.0))
-        fails, worst = self._worst(members(high))
+        fails, worst = self._worst_member(members(high))
         if not fails:
             return most, np.inf, worst
         while high - low > close * max(high, 0.02 * most):
             middle = 0.5 * (low + high)
-            fails, number = self._worst(members(middle))
+            fails, number = self._worst_member(members(middle))
             low, high, worst = (low, middle, number) if fails else (middle, high, worst)
         return low, high, worst
 
-    def _worst(self, members: Sequence[Member]) -> tuple[bool, int]:
+    def _worst_member(self, members: Sequence[Member]) -> tuple[bool, int]:
         """Return whether a member has no forces, and the number of that with the least margin."""
         margins = member_margins(
             members, self.torques, self.how, NO_LIMITS, directions=self.directions
@@ -395,7 +411,7 @@ class _Search:
         return fails, int(margins.argmin())
 
 
-def _corners(ends: FloatArray) -> FloatArray:
+def _possible_corners(ends: FloatArray) -> FloatArray:
     """Return where sides of a convex region in the plane may meet, beyond its known ends (K, 2).
 
     Between two neighbouring ends meet the lines through each and the end before or after it.
@@ -404,21 +420,21 @@ def _corners(ends: FloatArray) -> FloatArray:
     before, first, second, after = (np.roll(around, k, axis=0) for k in (1, 0, -1, -2))
     size = float(np.abs(ends).max())
     side, other, chord = first - before, second - after, second - first
-    turn = _turn(side, other)
+    turn = _cross_products(side, other)
     meet = np.abs(turn) > _CERTAIN * size**2
-    share = np.divide(_turn(chord, other), turn, out=np.zeros_like(turn), where=meet)
+    share = np.divide(_cross_products(chord, other), turn, out=np.zeros_like(turn), where=meet)
     found = first + share[:, None] * side
-    meet &= (_turn(first, found) > 0.0) & (_turn(found, second) > 0.0)
-    beyond = _turn(found - first, chord) > _CLOSE * size * np.linalg.norm(chord, axis=1)
+    meet &= (_cross_products(first, found) > 0.0) & (_cross_products(found, second) > 0.0)
+    beyond = _cross_products(found - first, chord) > _CLOSE * size * np.linalg.norm(chord, axis=1)
     return found[meet & beyond]
 
 
-def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
+def _cross_products(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the cross products of plane vectors (K, 2)."""
     return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 
 
-def _sphere() -> FloatArray:
+def _cube_directions() -> FloatArray:
     """Return 26 unit vectors: to the faces, edges and corners of a cube."""
     grid = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
     grid = grid[grid.any(axis=1)]

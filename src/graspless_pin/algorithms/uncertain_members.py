@@ -159,26 +159,28 @@ def members_of(
     sliding = np.flatnonzero(problem.is_sliding)
     _check_size(problem, uncertainty)
     ends = {
-        "mass": _ends(np.array([mass_share(uncertainty, weight)])),
-        "center_of_mass": _ends(uncertainty.center_of_mass),
+        "mass": _box_corners(np.array([mass_share(uncertainty, weight)])),
+        "center_of_mass": _box_corners(uncertainty.center_of_mass),
         "tilt": gravities(weight, uncertainty.tilt),
-        "force": _ends(uncertainty.force),
-        "moment": _ends(uncertainty.moment),
-        "friction": _ends(friction[sliding]),
-        "torque": _ends(factors),
-        "torque_offset": _ends(offsets),
+        "force": _box_corners(uncertainty.force),
+        "moment": _box_corners(uncertainty.moment),
+        "friction": _box_corners(friction[sliding]),
+        "torque": _box_corners(factors),
+        "torque_offset": _box_corners(offsets),
     }
     less = np.where(problem.is_sliding, problem.friction, (1.0 - friction) * problem.friction)
     base = problem
     if friction.any() or effort.any():
-        base = problem.with_changes(friction=less, torque_limits=_limits(problem, 1.0 - effort))
+        base = problem.with_changes(
+            friction=less, torque_limits=_scaled_limits(problem, 1.0 - effort)
+        )
     kinetic_ends, factor_ends = ends.pop("friction"), ends.pop("torque")
     picked = np.indices([*map(len, ends.values())]).reshape(len(ends), -1)
     mass, off, down, force, moment, offset = (
         one[row] for one, row in zip(ends.values(), picked, strict=True)
     )
     mass = mass[:, 0]
-    wrench, carried = _loads(problem, weight, mass, off, down, np.hstack([force, moment]))
+    wrench, carried = _changed_loads(problem, weight, mass, off, down, np.hstack([force, moment]))
     points = np.hstack([wrench, carried - offset])
     if uncertainty.center_of_mass_radius > 0.0:  # equal loads may differ in what weighs
         points = np.hstack([points, weight.pull(mass, down)])
@@ -192,7 +194,7 @@ def members_of(
         for k in kept:
             corner = Corner(float(mass[k]), off[k], down[k], force[k], moment[k], along)
             kilograms = weight.mass if uncertainty.mass_offset > 0.0 else math.nan
-            words = _words(problem, weight, corner, kilograms, factor, offset[k], effort)
+            words = _member_words(problem, weight, corner, kilograms, factor, offset[k], effort)
             loaded = under_load(own, wrench[k], carried[k])
             found.append(Member(loaded, 1.0 + factor, offset[k], words, corner))
     return tuple(found)
@@ -230,8 +232,8 @@ def member_at(
         factor: (L,) shares by which joints make more torque than is commanded.
         offset: (L,) what is added to it, N m (N).
     """
-    loaded = under_load(problem, *_load_at(problem, weight, corner))
-    words = _words(problem, weight, corner, math.nan, factor, offset)
+    loaded = under_load(problem, *_load_of_corner(problem, weight, corner))
+    words = _member_words(problem, weight, corner, math.nan, factor, offset)
     return Member(loaded, 1.0 + factor, offset, words, corner)
 
 
@@ -274,19 +276,21 @@ def scaled_member(
         np.where(problem.is_sliding, more, 0.0),
     )  # fmt: skip
     shares = (1.0 - scaled("effort", effort)) / (1.0 - effort)
-    load, known = (_load_at(problem, weight, one) for one in (corner, before))
+    load, known = (_load_of_corner(problem, weight, one) for one in (corner, before))
     changed_problem = problem.with_changes(
         friction=problem.friction / (1.0 + off) * (1.0 + more),
-        torque_limits=_limits(problem, shares),
+        torque_limits=_scaled_limits(problem, shares),
         external_wrench=problem.external_wrench + (load[0] - known[0]),
         gravity_torques=problem.gravity_torques + (load[1] - known[1]),
     )
     factor, offset = scaled("torque", member.factors - 1.0), scaled("torque_offset", member.offsets)
-    words = _words(problem, weight, corner, kilograms, factor, offset)
+    words = _member_words(problem, weight, corner, kilograms, factor, offset)
     return Member(changed_problem, 1.0 + factor, offset, words, corner)
 
 
-def _limits(problem: QuasistaticProblem, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _scaled_limits(
+    problem: QuasistaticProblem, shares: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return torque limits times shares (L,), also above 1; those beyond zero stay.
 
     Raises:
@@ -304,15 +308,15 @@ def _limits(problem: QuasistaticProblem, shares: FloatArray) -> tuple[FloatArray
     return weaker
 
 
-def _load_at(
+def _load_of_corner(
     problem: QuasistaticProblem, weight: Weight, corner: Corner
 ) -> tuple[FloatArray, FloatArray]:
     """Return wrench (P,), and what carries the links (L,), with a corner's figures off."""
     push = np.concatenate([corner.force, corner.moment])
-    return _loads(problem, weight, corner.mass, corner.center_of_mass, corner.down, push)
+    return _changed_loads(problem, weight, corner.mass, corner.center_of_mass, corner.down, push)
 
 
-def _loads(
+def _changed_loads(
     problem: QuasistaticProblem,
     weight: Weight,
     mass: ArrayLike,
@@ -427,7 +431,7 @@ def _rings(tilt: float) -> tuple[tuple[float, float], tuple[float, float]]:
     return (cos(tilt), sin(tilt)), (1.0, tan(0.5 * tilt))
 
 
-def _ends(halves: FloatArray) -> FloatArray:
+def _box_corners(halves: FloatArray) -> FloatArray:
     """Return the corners of a box about zero, without the directions in which it is flat."""
     wide = np.flatnonzero(halves)
     corners = np.zeros((2 ** len(wide), len(halves)))
@@ -462,7 +466,7 @@ def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
         )
 
 
-def _words(
+def _member_words(
     problem: QuasistaticProblem,
     weight: Weight,
     corner: Corner,

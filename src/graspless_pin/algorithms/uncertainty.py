@@ -119,17 +119,17 @@ class Uncertainty(Brief):
     ) -> None:
         """Check the figures and copy them: see the attributes; one number stands for all axes."""
         vars(self).update(
-            mass=_share("mass", real_number("mass", mass, 0.0)),
+            mass=_checked_share("mass", real_number("mass", mass, 0.0)),
             mass_offset=real_number("mass_offset", mass_offset, 0.0),
             tilt=real_number("tilt", tilt, 0.0),
-            friction=_amounts("friction", friction, shares=True, pairs=True),
-            torque_offset=_amounts("torque_offset", torque_offset),
-            contact_position=_amounts("contact_position", contact_position),
-            torque=_amounts("torque", torque, shares=True),
-            effort=_amounts("effort", effort, shares=True),
-            center_of_mass=_positive("center_of_mass", center_of_mass, 3),
-            force=_positive("force", force, 3),
-            moment=_positive("moment", moment, 3),
+            friction=_checked_amounts("friction", friction, shares=True, pairs=True),
+            torque_offset=_checked_amounts("torque_offset", torque_offset),
+            contact_position=_checked_amounts("contact_position", contact_position),
+            torque=_checked_amounts("torque", torque, shares=True),
+            effort=_checked_amounts("effort", effort, shares=True),
+            center_of_mass=_nonnegative_array("center_of_mass", center_of_mass, 3),
+            force=_nonnegative_array("force", force, 3),
+            moment=_nonnegative_array("moment", moment, 3),
             center_of_mass_radius=real_number("center_of_mass_radius", center_of_mass_radius, 0.0),
             force_radius=real_number("force_radius", force_radius, 0.0),
             moment_radius=real_number("moment_radius", moment_radius, 0.0),
@@ -143,7 +143,7 @@ class Uncertainty(Brief):
         for name, (of, scale, unit) in _WORDS.items():
             value, sign = getattr(self, name), _SIGNS.get(name, "±")
             if isinstance(value, Mapping):
-                flat = _flat(value)
+                flat = _flat_figures(value)
                 each = [f"{key} {sign}{scale * one:.3g}" for key, one in flat.items() if one]
             else:
                 same = np.unique(value)
@@ -170,7 +170,7 @@ class Uncertainty(Brief):
 
     def scaled(self, share: float) -> Uncertainty:
         """Return the set with all its figures times a share, about the same middle."""
-        return Uncertainty(**_scaled(vars(self), share))
+        return Uncertainty(**_scaled_figures(vars(self), share))
 
     def check(
         self,
@@ -228,14 +228,14 @@ def _check_names(name: str, given: object, what: str, known: Sequence[str]) -> N
             raise ArgumentError(f"{name}['{key}']", f"is no {what}; {advice}")
 
 
-def _scaled(figures: Mapping[str, Any], share: float) -> dict[str, Any]:
+def _scaled_figures(figures: Mapping[str, Any], share: float) -> dict[str, Any]:
     return {
-        name: _scaled(value, share) if isinstance(value, Mapping) else share * value
+        name: _scaled_figures(value, share) if isinstance(value, Mapping) else share * value
         for name, value in figures.items()
     }
 
 
-def _flat(figures: Mapping[str, Any]) -> dict[str, float]:
+def _flat_figures(figures: Mapping[str, Any]) -> dict[str, float]:
     """Return figures by name, or ``one on other`` of pairs."""
     pairs = {name: one for name, one in figures.items() if isinstance(one, Mapping)}
     alone = {name: one for name, one in figures.items() if name not in pairs}
@@ -243,25 +243,25 @@ def _flat(figures: Mapping[str, Any]) -> dict[str, float]:
     return alone | of_pairs
 
 
-def _amounts(name: str, value: Any, *, shares: bool = False, pairs: bool = False) -> Any:
+def _checked_amounts(name: str, value: Any, *, shares: bool = False, pairs: bool = False) -> Any:
     if isinstance(value, Mapping):
         found: dict[str, Any] = {}
         for key, one in value.items():
             where = f"{name}['{key}']"
             if pairs and isinstance(one, Mapping):
-                found[str(key)] = _amounts(where, one, shares=shares)
+                found[str(key)] = _checked_amounts(where, one, shares=shares)
                 continue
             found[str(key)] = real_number(where, one, 0.0)
             if shares:
-                _share(where, found[str(key)])
+                _checked_share(where, found[str(key)])
         return found
-    amounts = _positive(name, value, None)
+    amounts = _nonnegative_array(name, value, None)
     if shares:
-        _share(name, float(np.max(amounts, initial=0.0)))
+        _checked_share(name, float(np.max(amounts, initial=0.0)))
     return amounts
 
 
-def _positive(name: str, value: ArrayLike, count: int | None) -> FloatArray:
+def _nonnegative_array(name: str, value: ArrayLike, count: int | None) -> FloatArray:
     """Return figures that are not negative: so many, or where one is given one for all."""
     given = finite_array(name, value, () if np.ndim(value) == 0 else (count,))
     if (given < 0.0).any():
@@ -269,7 +269,7 @@ def _positive(name: str, value: ArrayLike, count: int | None) -> FloatArray:
     return read_only(np.array(given if count is None else np.broadcast_to(given, (count,))))
 
 
-def _share(name: str, value: float) -> float:
+def _checked_share(name: str, value: float) -> float:
     if value >= 1.0:
         meant = f"; {value:g} % is {value / 100.0:g}" if value < 100.0 else ""
         raise ArgumentError(name, f"is {value:.4g}, a share; it must be below 1{meant}")

@@ -76,11 +76,11 @@ def solve_from(
     limits = Limits.of(options)
     state = _WarmState(formulate(problem, objective), options, limits, start=start)
     try:
-        status = _search(state)
+        status = _search_from_start(state)
     except UndecidedMotionError:
         status = state.undecided()
     best = solution_of(status, state, optima=threshold_optima(state, search_modes))
-    return as_stable(best, options, limits, rest), state.left_behind()
+    return as_stable(best, options, limits, rest), state.next_start()
 
 
 def reaches_margin(
@@ -121,27 +121,27 @@ def reaches_margin(
     goal = required / full.coordinates.force_scale
     state = _WarmState(replace(full, cutoff=-goal), options, Limits.of(options), start=start)
     try:
-        return _reaches(state, full, goal)
+        return _decide(state, full, goal)
     except UndecidedMotionError:
-        return None, state.left_behind()
+        return None, state.next_start()
 
 
-def _reaches(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | None, WarmStart]:
+def _decide(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | None, WarmStart]:
     """Decide whether a scaled margin is reached; see `reaches_margin`."""
-    relaxation = state.begin()
+    relaxation = state.solve_relaxation()
     if relaxation.outcome is Outcome.INFEASIBLE:
-        return False, state.left_behind()
+        return False, state.next_start()
     if relaxation.outcome is Outcome.SOLVED:
         for attempt in (_keep_relaxation_if_admitted, _keep_optimum_of_start_mode):
             attempt(state)
             if state.best_value <= optimality_tolerance(goal) - goal:
-                return True, state.left_behind()
+                return True, state.next_start()
     capped = replace(full.capped("margin", goal), cutoff=-goal)
     search = SearchState(capped, state.options, state.limits)
     status = search_modes(search)
     if search.best is not None:
-        return True, replace(state.left_behind(), mode=search.mode, in_mode=None)
-    return None if status in UNDECIDED else False, state.left_behind()
+        return True, replace(state.next_start(), mode=search.mode, in_mode=None)
+    return None if status in UNDECIDED else False, state.next_start()
 
 
 @dataclass
@@ -163,7 +163,7 @@ class _WarmState(SearchState):
         super().__post_init__()
         self.near = self.start.motion
 
-    def begin(self) -> Answer:
+    def solve_relaxation(self) -> Answer:
         """Return the relaxation's answer, by the earlier one's active set where that tells it."""
         program = self.formulation.program
         answer, self.without_mode = self.solve_near(program.lb, program.ub, self.start.relaxation)
@@ -188,7 +188,7 @@ class _WarmState(SearchState):
         answer = self.solve(lb, ub)
         return answer, active_set_of(program, answer) if answer.outcome is Outcome.SOLVED else None
 
-    def left_behind(self) -> WarmStart:
+    def next_start(self) -> WarmStart:
         """Return what the search leaves behind; what it did not come to stays as it began."""
         start, problem = self.start, self.formulation.problem
         mode = start.mode if self.mode is None else self.mode
@@ -203,8 +203,8 @@ class _WarmState(SearchState):
         )
 
 
-def _search(state: _WarmState) -> Status:
-    relaxation = state.begin()
+def _search_from_start(state: _WarmState) -> Status:
+    relaxation = state.solve_relaxation()
     if state.start.mode is not None and relaxation.outcome is Outcome.SOLVED:
         for attempt in (_keep_relaxation_if_admitted, _keep_optimum_of_start_mode):
             attempt(state)
@@ -219,7 +219,7 @@ def _keep_relaxation_if_admitted(state: _WarmState) -> None:
     relaxation, before, motion = state.relaxation, state.start.mode, state.start.motion
     if relaxation is None:
         return
-    if before is not None and motion is not None and _fits(state, before):
+    if before is not None and motion is not None and _is_mode_of_problem(state, before):
         again = state.oracle.mode_still_admitting(relaxation.x, before, motion)
         if again is not None:
             state.offer(relaxation, *again)
@@ -232,9 +232,9 @@ def _keep_relaxation_if_admitted(state: _WarmState) -> None:
 def _keep_optimum_of_start_mode(state: _WarmState) -> None:
     """Keep the optimum of the earlier mode, if the problem has it and a motion stands behind it."""
     mode = state.start.mode
-    if mode is None or not _fits(state, mode):
+    if mode is None or not _is_mode_of_problem(state, mode):
         return
-    found = state.oracle.if_feasible(mode, state.near)
+    found = state.oracle.feasible_mode(mode, state.near)
     if found is None:
         return
     bounds = state.formulation.bounds_of(found.mode)
@@ -243,7 +243,7 @@ def _keep_optimum_of_start_mode(state: _WarmState) -> None:
         state.keep(answer, found)
 
 
-def _fits(state: SearchState, mode: SlidingMode) -> bool:
+def _is_mode_of_problem(state: SearchState, mode: SlidingMode) -> bool:
     """Whether the problem has a mode: its contacts, those that it must select and may select."""
     problem, selection = state.formulation.problem, mode.selection
     if len(selection) != problem.contact_count:
@@ -360,7 +360,7 @@ class StartsByContacts:
 
     def __init__(self) -> None:
         """Begin with nothing learned."""
-        self._known: dict[tuple[Any, ...], ContactStarts] = Bounded(_MOST_CONTACT_SETS)
+        self._starts_by_contacts: dict[tuple[Any, ...], ContactStarts] = Bounded(_MOST_CONTACT_SETS)
 
     def for_contacts(
         self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
@@ -373,7 +373,7 @@ class StartsByContacts:
             objective: What is optimised.
         """
         key = objective.algorithm or objective, bodies, problem.is_sliding.tobytes()
-        known = self._known.get(key)
+        known = self._starts_by_contacts.get(key)
         if known is None:
-            known = self._known[key] = ContactStarts()
+            known = self._starts_by_contacts[key] = ContactStarts()
         return known

@@ -117,7 +117,7 @@ def _tried_changes(
     problem: QuasistaticProblem, tau: FloatArray, limits: Limits
 ) -> Iterator[HoldingChange | None]:
     if problem.joint_count:
-        yield _more_torque(
+        yield _larger_torques(
             problem, tau, tau - problem.gravity_torques,
             lambda share: f"contact torques {100.0 * share:.0f} % larger",
             limits,
@@ -178,14 +178,14 @@ def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Ho
         return None
     largest = float(np.linalg.norm(squeeze.contact_forces, axis=1).max())
     per_newton, load = squeeze.torques / largest, problem.scales.force
-    return _more_torque(
+    return _larger_torques(
         problem, tau, load * per_newton,
         lambda share: f"a preload of up to {share * load:.3g} N at the contacts, by the torques",
         limits,
     )  # fmt: skip
 
 
-def _more_torque(
+def _larger_torques(
     problem: QuasistaticProblem,
     tau: FloatArray,
     direction: FloatArray,

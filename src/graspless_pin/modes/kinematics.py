@@ -36,8 +36,8 @@ from graspless_pin.modes.virtual_motions import (
     Sliding,
     conflict_of,
     fastest_sliding,
-    length,
     signed_rows,
+    vector_length,
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
@@ -85,15 +85,15 @@ class VirtualKinematics:
         """Assemble the scaled map."""
         self.rows: FloatArray
         self.scale: FloatArray
-        self.rows, self.scale = _scaled(contact_map(problem), problem.passive_count)
+        self.rows, self.scale = _scaled_contact_map(contact_map(problem), problem.passive_count)
         self.nearest = NearestMotions(self.rows, CLEARLY * threshold)
         self.threshold = threshold
         self.undecided_near = False
-        self._found: dict[Hashable, Witness | Conflict] = Bounded(MOST_KEPT)
+        self._verdicts: dict[Hashable, Witness | Conflict] = Bounded(MOST_KEPT)
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], Touching] = Bounded(MOST_KEPT)
 
     @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray]:
+    def _map_factors(self) -> tuple[FloatArray, FloatArray]:
         """Q and R P^T of the map: contact velocities of motions that contacts notice, and of which.
 
         Pivots tell the rank as singular values do, in a third of their time for many contacts.
@@ -110,17 +110,17 @@ class VirtualKinematics:
     @cached_property
     def seen(self) -> FloatArray:
         """(M, 3, r) contact velocities along n, t1, t2 of each coordinate of y; orthonormal."""
-        return self._factors[0].reshape(len(self.rows), 3, -1)
+        return self._map_factors[0].reshape(len(self.rows), 3, -1)
 
     @cached_property
-    def _fastest_seen(self) -> float:
+    def _fastest_contact_speed(self) -> float:
         """The fastest that a contact moves in a motion y of length 1, by a bound for its rows."""
         return float(np.linalg.norm(self.seen, axis=2).max())
 
     @cached_property
-    def _motions(self) -> FloatArray:
+    def _shortest_motions(self) -> FloatArray:
         """(P + L, r) the shortest scaled motion behind each coordinate of y."""
-        Q, R = np.linalg.qr(self._factors[1].T)
+        Q, R = np.linalg.qr(self._map_factors[1].T)
         return Q @ solve_triangular(R.T, np.eye(len(R)), lower=True, check_finite=False)
 
     def solve(
@@ -142,27 +142,27 @@ class VirtualKinematics:
                 signs of most importance. None: any conflict will do, and what is found is kept.
         """
         if importance is not None:
-            return self._solved(requirements, rule, importance)
+            return self._witness_or_conflict(requirements, rule, importance)
         key = *requirements, rule
-        found = self._found.get(key)
+        found = self._verdicts.get(key)
         if found is None:
-            found = self._found[key] = self._solved(requirements, rule, None)
+            found = self._verdicts[key] = self._witness_or_conflict(requirements, rule, None)
         return found
 
-    def _solved(
+    def _witness_or_conflict(
         self, requirements: Sequence[Requirement], rule: SignRule, importance: FloatArray | None
     ) -> Witness | Conflict:
-        contacts, signs = _split(requirements)
+        contacts, signs = _contacts_and_signs(requirements)
         touching, found = self._fastest(contacts, signs, rule, importance)
         if found.slowest < self.threshold:
             return conflict_of(
                 self.seen, contacts, signs, rule, touching.still, found.weights, self.threshold
             )
         y = touching.basis @ found.motion
-        velocities = self.seen @ self._nudged(y, touching.basis, found, rule)
+        velocities = self.seen @ self._nudged_motion(y, touching.basis, found, rule)
         return Witness(y, velocities, found.slowest)
 
-    def _nudged(
+    def _nudged_motion(
         self, y: FloatArray, basis: FloatArray, found: Sliding, rule: SignRule
     ) -> FloatArray:
         """Return a motion with a little of a fixed generic one, within half of its slack."""
@@ -170,8 +170,8 @@ class VirtualKinematics:
         if rule is SignRule.NONZERO and np.isfinite(found.slowest):
             return y
         nudge = basis @ np.cos(np.arange(1.0, basis.shape[1] + 1.0))
-        reach = self._fastest_seen * (length(nudge) or 1.0)
-        slack = found.slowest * length(y) if np.isfinite(found.slowest) else 1.0
+        reach = self._fastest_contact_speed * (vector_length(nudge) or 1.0)
+        slack = found.slowest * vector_length(y) if np.isfinite(found.slowest) else 1.0
         return y + (0.5 * slack / reach) * nudge
 
     def feasible(self, requirements: Sequence[Requirement], rule: SignRule) -> bool:
@@ -183,7 +183,7 @@ class VirtualKinematics:
 
         It is relative to the length of all contact velocities; inf where nothing has to slide.
         """
-        contacts, signs = _split(requirements)
+        contacts, signs = _contacts_and_signs(requirements)
         return self._fastest(contacts, signs, rule)[1].slowest
 
     def counts(
@@ -196,7 +196,7 @@ class VirtualKinematics:
             requirements: At most one per contact.
             rule: How a zero sign is read, and whether both components must move.
         """
-        contacts, signs = _split(requirements)
+        contacts, signs = _contacts_and_signs(requirements)
         size = float(np.linalg.norm(velocities))
         here = velocities[list(contacts)]
         rest, clear = RANK_TOLERANCE * size, self.threshold * size
@@ -219,7 +219,7 @@ class VirtualKinematics:
 
     def scaled_motion(self, y: FloatArray) -> FloatArray:
         """Return the (P + L,) scaled motion of coordinates y of contact velocities."""
-        return self._motions @ y
+        return self._shortest_motions @ y
 
     def _fastest(
         self,
@@ -242,7 +242,7 @@ class VirtualKinematics:
             # The algorithm takes the steepest rows first, so rows that are made longer go first.
             scale = importance[signs != 0]
         found = fastest_sliding(moving, strict, scale, self.threshold)
-        if found.slowest < self.threshold <= CLEARLY * length(found.motion):
+        if found.slowest < self.threshold <= CLEARLY * vector_length(found.motion):
             self.undecided_near = True
         return touching, found
 
@@ -293,7 +293,7 @@ def kinematics_of(problem: QuasistaticProblem) -> VirtualKinematics:
 _OF_THREAD = local()
 
 
-def _scaled(of_frames: FloatArray, passive: int) -> tuple[FloatArray, FloatArray]:
+def _scaled_contact_map(of_frames: FloatArray, passive: int) -> tuple[FloatArray, FloatArray]:
     """Return the map (M, 3, P + L) with columns of one size, and (P + L,) factors of motions."""
     size = np.sqrt(np.einsum("lij,lij->j", of_frames, of_frames))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
@@ -302,7 +302,9 @@ def _scaled(of_frames: FloatArray, passive: int) -> tuple[FloatArray, FloatArray
     return of_frames * signed, scale
 
 
-def _split(requirements: Sequence[Requirement]) -> tuple[tuple[int, ...], NDArray[np.int_]]:
+def _contacts_and_signs(
+    requirements: Sequence[Requirement],
+) -> tuple[tuple[int, ...], NDArray[np.int_]]:
     contacts = tuple([requirement.contact for requirement in requirements])
     return contacts, np.array([item.signs for item in requirements], dtype=int).reshape(-1, 2)
 
@@ -350,10 +352,10 @@ def enumerate_modes(
     nodes = None if node_limit is None else whole_number("node_limit", node_limit, 0)
     if time_limit is not None:
         time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
-    return _limited(problem, rules, maximal, nodes, time_limit)
+    return _modes_within_limits(problem, rules, maximal, nodes, time_limit)
 
 
-def _limited(
+def _modes_within_limits(
     problem: QuasistaticProblem,
     rules: Rules,
     maximal: bool,
@@ -400,7 +402,9 @@ def feasible_modes(
     search = TreeSearch[tuple[int, tuple[Requirement, ...]]]([(0, ())])
     for _, (depth, requirements) in search:
         if depth == len(candidates):
-            if not (maximal and any(map(is_feasible, _extended(requirements, candidates, rules)))):
+            if not (
+                maximal and any(map(is_feasible, _extensions(requirements, candidates, rules)))
+            ):
                 yield mode_of(problem, requirements)
             continue
         contact = candidates[depth]
@@ -414,7 +418,7 @@ def feasible_modes(
         search.add(reversed(children))
 
 
-def _extended(
+def _extensions(
     requirements: tuple[Requirement, ...], candidates: list[int], rules: Rules
 ) -> Iterator[Sequence[Requirement]]:
     """Yield requirements with one more selected contact, or a sign in the place of a zero."""

@@ -16,8 +16,8 @@ from graspless_pin.modes.virtual_motions import (
     CLEARLY,
     RANK_TOLERANCE,
     TAKES_PART,
+    balancing_weights,
     fastest_sliding,
-    reactions,
 )
 from graspless_pin.problem.checks import FloatArray
 
@@ -45,14 +45,14 @@ class Sector(NamedTuple):
         half = 0.5 * self.half
         return Sector(self.middle - half, half), Sector(self.middle + half, half)
 
-    def around(self, angle: float, half: float) -> Self:
+    def clipped(self, angle: float, half: float) -> Self:
         """Return what it shares with a sector about an angle, if only the nearest direction."""
         offset = (angle - self.middle + np.pi) % (2.0 * np.pi) - np.pi
         low = min(max(offset - half, -self.half), self.half)
         high = max(min(offset + half, self.half), -self.half)
         return self._replace(middle=self.middle + 0.5 * (low + high), half=0.5 * (high - low))
 
-    def beside(self, part: Sector) -> list[Sector]:
+    def remainders(self, part: Sector) -> list[Sector]:
         """Return its pieces on both sides of a part of it."""
         low, high = self.middle - self.half, self.middle + self.half
         ends = (low, part.middle - part.half), (part.middle + part.half, high)
@@ -120,7 +120,7 @@ class SectorMotions:
         directed = [place for place, one in enumerate(contacts) if sectors[one] is not None]
         if not directed:
             return np.zeros(len(kinematics.scale))
-        rows = np.array([_rows(sectors[contacts[place]]) for place in directed])
+        rows = np.array([_sector_rows(sectors[contacts[place]]) for place in directed])
         moving = (rows @ touching.tangential[directed]).reshape(3 * len(directed), -1)
         strict = np.tile([0.0, 0.0, 1.0], len(directed))
         self.programs += 1
@@ -133,7 +133,7 @@ class SectorMotions:
         weights = weights.reshape(len(directed), 3)
         whole = rows @ kinematics.seen[[contacts[place] for place in directed], 1:]
         rest = -np.einsum("ki,kir->r", weights, whole)
-        carry = np.abs(reactions(touching.still, rest, kinematics.threshold))
+        carry = np.abs(balancing_weights(touching.still, rest, kinematics.threshold))
         least = TAKES_PART * max(1.0, carry.max(initial=0.0))
         ruled = frozenset(
             contacts[place] for place, own in zip(directed, weights, strict=True) if own.any()
@@ -172,7 +172,7 @@ class SectorMotions:
         return bool(still.all() and (along >= self.kinematics.threshold * size).all())
 
 
-def _rows(sector: Sector | None) -> FloatArray:
+def _sector_rows(sector: Sector | None) -> FloatArray:
     """(3, 2) inward normals of a sector's sides, and its middle over the cosine of half of it."""
     middle, half = sector if sector is not None else (0.0, 0.0)
     angles = np.array([middle - half + 0.5 * np.pi, middle + half - 0.5 * np.pi, middle])

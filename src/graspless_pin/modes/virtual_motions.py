@@ -36,7 +36,7 @@ _DAMPING_CORRECTIONS = 2
 _posv, _potrf, _potrs = get_lapack_funcs(("posv", "potrf", "potrs"))
 
 
-class _Seen(NamedTuple):
+class _ContactMotion(NamedTuple):
     """A virtual motion at s contacts.
 
     Attributes:
@@ -49,14 +49,14 @@ class _Seen(NamedTuple):
     apart: FloatArray
     motion: FloatArray
 
-    def completed(self, signs: FloatArray) -> FloatArray:
+    def completed_signs(self, signs: FloatArray) -> FloatArray:
         """Return the signs, with those of the sliding in the place of zeros."""
         if np.logical_and.reduce(signs):
             return signs
         return np.where(signs != 0.0, signs, np.where(self.sliding < 0.0, -1.0, 1.0))
 
 
-def judged_by(clear: float) -> tuple[float, int, float, float]:
+def witness_criteria(clear: float) -> tuple[float, int, float, float]:
     """Return what the compiled `witness` judges motions by; ``clear`` as in `NearestMotions`."""
     return _DAMPING, _DAMPING_CORRECTIONS, RANK_TOLERANCE, clear**2
 
@@ -73,7 +73,7 @@ class NearestMotions:
         """
         self._rows = rows
         self._clear = clear
-        self._known: dict[tuple[int, ...], FloatArray] = Bounded(MOST_KEPT)
+        self._known_maps: dict[tuple[int, ...], FloatArray] = Bounded(MOST_KEPT)
 
     def guessed_witness(
         self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None = None
@@ -92,16 +92,16 @@ class NearestMotions:
         if not contacts:
             return signs, np.zeros(self._rows.shape[2])
         if near is not None and len(near) == self._rows.shape[2]:
-            seen = self._projected(contacts, near)
-            full = seen.completed(signs)
-            if self._slides(seen, full):
+            seen = self._nearest_touching(contacts, near)
+            full = seen.completed_signs(signs)
+            if self._clearly_slides(seen, full):
                 return full, seen.motion
-        nearest = self._motions(contacts)
+        nearest = self._motion_map(contacts)
         wanted = signs
         for _ in range(GUESSES):
-            seen = self._split(nearest @ wanted)
-            full = seen.completed(signs)
-            if self._slides(seen, full):
+            seen = self._unpacked(nearest @ wanted)
+            full = seen.completed_signs(signs)
+            if self._clearly_slides(seen, full):
                 return full, seen.motion
             wanted = full * np.maximum(seen.sliding * full, 1.0)
         return None
@@ -123,24 +123,24 @@ class NearestMotions:
             return near
         if len(near) != self._rows.shape[2] or np.count_nonzero(signs) < signs.size:
             return None
-        seen = self._projected(contacts, near)
-        return seen.motion if self._slides(seen, signs.ravel()) else None
+        seen = self._nearest_touching(contacts, near)
+        return seen.motion if self._clearly_slides(seen, signs.ravel()) else None
 
-    def _slides(self, seen: _Seen, signs: FloatArray | NDArray[np.int8]) -> bool:
+    def _clearly_slides(self, seen: _ContactMotion, signs: FloatArray | NDArray[np.int8]) -> bool:
         """Return whether a motion keeps the contacts touching and clearly slides with all signs."""
         least = float(np.minimum.reduce(seen.sliding * signs))
         if not least > 0.0:
             return False
-        size = self._size(seen.motion)
+        size = self._squared_length(seen.motion)
         apart = float(seen.apart.dot(seen.apart))
         return least * least >= self._clear**2 * size and apart <= RANK_TOLERANCE**2 * size
 
-    def _size(self, motion: FloatArray) -> float:
+    def _squared_length(self, motion: FloatArray) -> float:
         """Square of the length of all contact velocities of a motion."""
         velocities = self._rows.reshape(-1, len(motion)).dot(motion)
         return float(velocities.dot(velocities))
 
-    def _projected(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
+    def _nearest_touching(self, contacts: tuple[int, ...], motion: FloatArray) -> _ContactMotion:
         """Return the motion nearest to another that keeps the contacts touching."""
         rows = self._rows
         if len(contacts) < len(rows):
@@ -150,15 +150,15 @@ class NearestMotions:
         if not failed:
             for _ in range(_DAMPING_CORRECTIONS):
                 motion = motion - _potrs(factor, normal.dot(motion), lower=1)[0].dot(normal)
-        return _Seen(tangential.dot(motion), normal.dot(motion), motion)
+        return _ContactMotion(tangential.dot(motion), normal.dot(motion), motion)
 
-    def _motions(self, contacts: tuple[int, ...]) -> FloatArray:
+    def _motion_map(self, contacts: tuple[int, ...]) -> FloatArray:
         """(3 s + P + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
 
         Of the motions that keep the contacts touching, that with the nearest slidings, up to a
         little damping in place of the ranks: what comes out is checked.
         """
-        known = self._known.get(contacts)
+        known = self._known_maps.get(contacts)
         if known is None:
             rows = self._rows[list(contacts)]
             normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, self._rows.shape[2])
@@ -169,7 +169,7 @@ class NearestMotions:
             for _ in range(_DAMPING_CORRECTIONS):
                 motion -= back @ (normal @ motion)
             known = np.concatenate([tangential @ motion, normal @ motion, motion])
-            self._known[contacts] = known
+            self._known_maps[contacts] = known
         return known
 
     def sliding(
@@ -185,17 +185,17 @@ class NearestMotions:
             (s, 2), 0 where it is too slow to count as a sliding; None if none was found; and the
             (P + L,) motion.
         """
-        sliding, apart, motion = self._split(self._motions(contacts) @ wanted.ravel())
-        size = self._size(motion)
+        sliding, apart, motion = self._unpacked(self._motion_map(contacts) @ wanted.ravel())
+        size = self._squared_length(motion)
         if float(apart @ apart) > RANK_TOLERANCE**2 * size:
             return None, motion
         fast = np.where(sliding**2 >= self._clear**2 * size, sliding, 0.0)
         return fast.reshape(-1, 2), motion
 
-    def _split(self, found: FloatArray) -> _Seen:
-        """Return what a product of `_motions` says."""
+    def _unpacked(self, found: FloatArray) -> _ContactMotion:
+        """Return what a product of `_motion_map` says."""
         count = (len(found) - self._rows.shape[2]) // 3
-        return _Seen(found[: 2 * count], found[2 * count : 3 * count], found[3 * count :])
+        return _ContactMotion(found[: 2 * count], found[2 * count : 3 * count], found[3 * count :])
 
 
 def _damped_pseudo_inverse(rows: FloatArray) -> FloatArray:
@@ -250,11 +250,11 @@ def fastest_sliding(
     Raises:
         UndecidedMotionError: If no solver decides.
     """
-    found = _shortest(moving, strict, scale, threshold)
-    return _by_linear_program(moving, strict, threshold) if found is None else found
+    found = _shortest_combination(moving, strict, scale, threshold)
+    return _fastest_by_program(moving, strict, threshold) if found is None else found
 
 
-def _shortest(
+def _shortest_combination(
     moving: FloatArray, strict: FloatArray, scale: FloatArray | None, threshold: float
 ) -> Sliding | None:
     """Return the shortest combination of rows by nonnegative least squares; None where that fails.
@@ -283,12 +283,12 @@ def _shortest(
         if total <= 0.0:
             continue
         weights = weights / total
-        found = _speed(moving, strict, weights @ moving, weights)
-        norm = length(found.motion)
+        found = _sliding_of_motion(moving, strict, weights @ moving, weights)
+        norm = vector_length(found.motion)
         if norm < threshold:
             return found._replace(slowest=min(found.slowest, norm))
         if found.slowest < threshold:
-            even = _evened(moving, strict, found)
+            even = _equal_sliding(moving, strict, found)
             if even.slowest < threshold and norm < _THRESHOLD_TIE * threshold:
                 return found
             found = even
@@ -299,19 +299,19 @@ def _shortest(
     return None if best is None or best.slowest < threshold else best
 
 
-def _evened(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
+def _equal_sliding(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
     """Return the motion that slides equally in all rows that take part, where that is faster."""
     part = found.weights > TAKES_PART * found.weights.max()
     solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
-    evened = _speed(moving, strict, solved.astype(np.float64), found.weights)
+    evened = _sliding_of_motion(moving, strict, solved.astype(np.float64), found.weights)
     return evened if evened.slowest > found.slowest else found
 
 
-def _speed(
+def _sliding_of_motion(
     moving: FloatArray, strict: FloatArray, motion: FloatArray, weights: FloatArray
 ) -> Sliding:
     """How fast a motion slides where it is slowest; not at all if it slides a wrong way."""
-    size = length(motion)
+    size = vector_length(motion)
     if not 0.0 < size < np.inf:
         return Sliding(motion, 0.0, weights)
     along = moving @ motion
@@ -322,7 +322,7 @@ def _speed(
     return Sliding(motion, 0.0 if wrong else float(along[needed].min()) / size, weights)
 
 
-def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float) -> Sliding:
+def _fastest_by_program(moving: FloatArray, strict: FloatArray, threshold: float) -> Sliding:
     """Decide by a linear program: the largest t <= 1 with moving y >= strict t, y bounded."""
     from scipy.optimize import linprog
 
@@ -340,17 +340,17 @@ def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float)
         )
     if answer.x[-1] > 0.5:
         motion = answer.x[:-1]
-        found = _speed(moving, strict, motion, np.zeros(rows))
+        found = _sliding_of_motion(moving, strict, motion, np.zeros(rows))
         if found.slowest >= threshold:
             return found
     weights = np.maximum(-answer.ineqlin.marginals, 0.0)
     total = float(weights @ strict)
     if total > 0.0:
         weights /= total
-    found = _speed(moving, strict, weights @ moving, weights)
-    if not (total > 0.0 and length(found.motion) < threshold):
+    found = _sliding_of_motion(moving, strict, weights @ moving, weights)
+    if not (total > 0.0 and vector_length(found.motion) < threshold):
         raise UndecidedMotionError("No solver decided whether a virtual motion exists.")
-    return found._replace(slowest=min(found.slowest, length(found.motion)))
+    return found._replace(slowest=min(found.slowest, vector_length(found.motion)))
 
 
 def signed_rows(
@@ -375,7 +375,7 @@ def _ones(count: int) -> FloatArray:
     return read_only(np.ones(count))
 
 
-def length(motion: FloatArray) -> float:
+def vector_length(motion: FloatArray) -> float:
     """Return the length of a vector (n,): as `numpy.linalg.norm` does, in an eighth of its time."""
     return math.sqrt(motion.dot(motion))
 
@@ -416,7 +416,7 @@ def conflict_of(
         share[k] = [own + weight for own in share[k]]
     items = tuple([(contacts[k], m, pairs[k][m]) for k, m in given if share[k][m] > 0.0])
     # The rest of the combination is carried by rows that vanish: a basic solution names few.
-    carried = reactions(still, -(weights @ moving), threshold).tolist()
+    carried = balancing_weights(still, -(weights @ moving), threshold).tolist()
     owners, places = list(contacts), [0] * len(contacts)
     if rule is SignRule.EXACT:
         zeros = np.flatnonzero(signs.ravel() == 0)
@@ -433,7 +433,7 @@ def conflict_of(
     return Conflict(items, others, read_only(combination))
 
 
-def reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
+def balancing_weights(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
     """Weights of rows that vanish which make up for the rest of a combination, few if possible."""
     from scipy.optimize import nnls
 
@@ -441,7 +441,7 @@ def reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArr
         halves, _ = nnls(np.concatenate((still.T, -still.T), axis=1), rest)
         if all_finite((halves,)):
             found: FloatArray = halves[: len(still)] - halves[len(still) :]
-            if length(found @ still - rest) < threshold:
+            if vector_length(found @ still - rest) < threshold:
                 return found
     except RuntimeError:
         pass
