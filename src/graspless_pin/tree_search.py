@@ -1,10 +1,10 @@
 """The loop of every tree search: over modes, directions of friction, forces and outcomes.
 
-And when such a search ends: `Limits`.
+`Limits` states when such a search ends.
 
-A node is a part of what is searched. Whoever visits it closes it, by a bound or by kinematics, or
-splits it into children that together hold all of it (branch and bound: Land and Doig, Econometrica
-28(3), 1960). What closes a node is the caller's.
+A node is a subset of the search space. The caller visits it and either closes it, by a bound or by
+kinematics, or splits it into children whose union is the node (branch and bound: Land and Doig,
+Econometrica 28(3), 1960). The criterion that closes a node is the caller's.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _Options = TypeVar("_Options", bound=Any)
 
 
 class TreeSearch(Generic[Node]):
-    """Open nodes, to be visited best bound first; without bounds, depth first.
+    """Queue of open nodes, visited in the order of their bounds; without bounds, depth first.
 
-    Among equal bounds the deepest node comes first, then the youngest: the search dives to an
-    answer.
+    Among equal bounds the deepest node comes first, then the one added last, so that the search
+    reaches a leaf early.
 
     Examples:
         >>> from graspless_pin.tree_search import TreeSearch
@@ -40,11 +40,11 @@ class TreeSearch(Generic[Node]):
     """
 
     def __init__(self, roots: Iterable[Node] = (), bound: float = 0.0) -> None:
-        """Begin with some nodes.
+        """Begin with the root nodes.
 
         Args:
-            roots: The nodes; what they hold together is searched.
-            bound: What is proven of all of them.
+            roots: The nodes; their union is searched.
+            bound: Proven lower bound of all of them.
         """
         self._open: list[tuple[float, int, int, Node]] = []
         self._depth, self._born = 0, 0
@@ -66,7 +66,7 @@ class TreeSearch(Generic[Node]):
 
         Args:
             children: Nodes; the last one is visited first.
-            bound: What is proven of all of them: nothing in them is lower.
+            bound: Proven lower bound of all of them.
         """
         for child in children:
             self._born += 1
@@ -79,10 +79,10 @@ class TreeSearch(Generic[Node]):
 
 @dataclass(frozen=True)
 class Limits:
-    """When the searches of one call have to end.
+    """Limits of nodes and time for the searches of one call.
 
     Attributes:
-        node_limit: Nodes of each search; None: any number.
+        node_limit: Largest number of nodes of each search; None: any number.
         deadline: Reading of `time.monotonic` at which every search ends.
     """
 
@@ -91,32 +91,32 @@ class Limits:
 
     @classmethod
     def of(cls, options: Any) -> Self:
-        """Return the limits of `SolveOptions`; their time begins now."""
+        """Return the limits that `SolveOptions` state; their time begins now."""
         return cls.from_now(options.node_limit, options.time_limit)
 
     @classmethod
     def from_now(cls, node_limit: int | None, time_limit: float | None) -> Self:
-        """Return the limits of so many nodes and seconds; None: no limit."""
+        """Return limits of a number of nodes and of seconds from now; None: no limit."""
         if time_limit is None:
             return cls(node_limit)
         return cls(node_limit, time.monotonic() + time_limit)
 
     @property
     def passed(self) -> bool:
-        """Whether the time is over."""
+        """Whether the deadline has passed."""
         return self.deadline < inf and time.monotonic() > self.deadline
 
     def end(self, nodes: int) -> bool:
-        """Return whether a search ends that has looked at so many nodes."""
+        """Return whether a search has to end after a number of nodes."""
         return (self.node_limit is not None and nodes >= self.node_limit) or self.passed
 
     @property
     def seconds_left(self) -> float | None:
-        """Seconds that are left, at least zero; None: any."""
+        """Seconds until the deadline, at least zero; None: no deadline."""
         return None if self.deadline == inf else max(self.deadline - time.monotonic(), 0.0)
 
     def within(self, options: _Options) -> _Options:
-        """Return `SolveOptions` with the time that is left."""
+        """Return `SolveOptions` whose time limit is the time that is left."""
         remaining = self.seconds_left
         return options if remaining is None else replace(options, time_limit=remaining)
 

@@ -1,10 +1,10 @@
 """The affinely adjustable robust counterpart of Algorithms 1 and 2: one conic program.
 
-Forces of corner k are f_k + F d. Balance and shared commands hold for all d where they do at d = 0
-and the coefficients of each d cancel. A row of the cones holds for all d in a product of balls
-where it does with the lengths of its coefficients taken off: a linear program for intervals, a
-second-order one for balls. Corners of the same contacts, and the same loads of d, share F. The
-rows of each corner are those that stay below their sides, and its balance and torques.
+The forces of corner k are f_k + F d. Balance and shared commands hold for all d if they hold at
+d = 0 and the coefficients of each d cancel. A row of the cones holds for all d in a product of
+balls if it holds at d = 0 with the norms of its coefficients as slack: a linear program for
+intervals, a second-order cone program for balls. Corners with the same contacts and the same loads
+of d share F. Each corner has rows that stay below their sides, and its balance and torques.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from graspless_pin.solvers.conic_backends import Entries, SparseConic, diagonal
 from graspless_pin.tree_search import NO_LIMITS, Limits
 
 CANCELS = 1e-9
-"""Scaled: what balance may leave of a unit of what is unknown."""
+"""Largest residual of the balance for a unit unknown, scaled."""
 
 
 class CornerGroup(NamedTuple):
-    """Corners of the same contacts, and the same loads of what is unknown: what they share.
+    """Corners with the same contacts and the same loads of the unknowns, and their shared rows.
 
     The n columns are force coordinates, without those that the mode forbids.
 
     Attributes:
-        corners: Their numbers.
-        coordinates: Of all forces.
-        kept: (n,) columns that are there.
-        rows: (R, n) that stay below their sides.
-        level: (R,) what the margin counts in each.
-        sides: (R,).
-        effects: (P + s, n) balance, then shared commands.
-        inverse: (n, P + s) pseudo-inverse.
+        corners: Numbers of the corners.
+        coordinates: Force coordinates, forbidden ones included.
+        kept: (n,) indices of the columns that the mode allows.
+        rows: (R, n) rows of cones, limits and signs, at most `sides`.
+        level: (R,) coefficient of the margin in each row.
+        sides: (R,) right-hand sides of the rows.
+        effects: (P + s, n) rows of the balance, then of the shared commands.
+        inverse: (n, P + s) pseudo-inverse of the effects.
         torque: (L, n) commands, over the joint scale.
-        loads: (P, D) sides of the balance of each unknown.
+        loads: (P, D) right-hand sides of the balance for each unknown.
     """
 
     corners: list[int]
@@ -61,7 +61,7 @@ class CornerGroup(NamedTuple):
     loads: FloatArray
 
     def forces(self, x: FloatArray) -> FloatArray:
-        """Return the (M, 3) contact forces of n columns, N."""
+        """Return the (M, 3) contact forces, N, of the n kept coordinates."""
         whole = np.zeros(self.coordinates.layout.size)
         whole[self.kept] = x
         return self.coordinates.forces(whole)
@@ -74,13 +74,13 @@ def corner_groups(
     shared: FloatArray,
     mode: SlidingMode | None,
 ) -> list[CornerGroup]:
-    """Return the corners that may share what their forces add for each unknown.
+    """Return the corners in groups that may share the slopes F of their forces.
 
     Args:
         corners: K members.
-        unknowns: What is unknown.
-        scale: The scales of all.
-        shared: (s, L) sums of scaled commands that are the same for all members.
+        unknowns: The figures d.
+        scale: The scales of all corners.
+        shared: (s, L) combinations of scaled commands that are the same for all members.
         mode: The one mode of all forces; None: plain Coulomb friction.
     """
     groups: dict[bytes, CornerGroup] = {}
@@ -96,7 +96,7 @@ def corner_groups(
 
 
 def _balance_weights(corner: Member, scale: ForceCoordinates) -> FloatArray:
-    """Return (P,) what a load over the load counts in each row of the balance."""
+    """Return (P,) the factors from scaled loads to the rows of the balance."""
     return 1.0 / passive_levers(corner.problem.passive_units, scale.length_scale)
 
 
@@ -107,7 +107,7 @@ def _group_of_member(
     shared: FloatArray,
     mode: SlidingMode | None,
 ) -> CornerGroup:
-    """Return a group without its corners, of which a member is one: see `corner_groups`."""
+    """Return the group of a member, with an empty list of corners: see `corner_groups`."""
     problem = member.problem
     if problem.cone_model.second_order:
         problem = problem.with_changes(cone="edges")  # inside the round cones
@@ -135,11 +135,11 @@ def _group_of_member(
 
 
 _ACTIVE = 1e-3
-"""Of the sum of all multipliers of a corner: rows with less do not count."""
+"""Over the sum of all multipliers of a corner: rows with less do not count as active."""
 _DIGITS = 3
-"""Of d: members that agree in these count as one."""
+"""Decimals of d to which members have to agree to count as one."""
 _FAR = 1e6
-"""Of what the load makes of a joint: limits of torques from there on are looked at in the end."""
+"""Over the joint scale: torque limits from there on are no rows and are only checked at the end."""
 
 
 def best_policy(
@@ -151,19 +151,19 @@ def best_policy(
     modes: Sequence[SlidingMode | None] = (None,),
     limits: Limits = NO_LIMITS,
 ) -> tuple[ForcePolicy | None, list[int]]:
-    """Return affine forces for the best torques that have such, checked; None: there are none.
+    """Return the best checked policy of affine forces over some modes; None: there is none.
 
     Args:
         corners: K members.
-        unknowns: What d is.
+        unknowns: The figures d.
         objective: One of the paper's, without a regularisation.
         directions: (L, d) what feedback may add to commands, see `feedback_torques`.
-        modes: Those to look in, one for all forces; None is plain Coulomb friction.
+        modes: Modes to search, each one for all forces; None is plain Coulomb friction.
         limits: When to stop.
 
     Returns:
-        The best of all modes, and numbers of unknowns along a motion that no contact resists: no
-        constant torques serve more than one load there.
+        The best policy of all modes, and the numbers of unknowns whose loads no forces balance, as
+        along a motion that no contact resists: constant torques are right for one load only there.
     """
     policies, free = list[ForcePolicy](), list[int]()
     for mode in modes:
@@ -177,11 +177,10 @@ def best_policy(
 
 
 class _AffineProgram:
-    """The program of affine forces, and the way back from its columns.
+    """The conic program of affine forces in one mode, and the policy that its solution states.
 
     Attributes:
-        free: Numbers of unknowns along a motion that no contact resists: no constant torques serve
-            more than one load there.
+        free: Numbers of unknowns whose loads no forces balance, see `best_policy`.
     """
 
     def __init__(
@@ -192,11 +191,11 @@ class _AffineProgram:
         directions: FloatArray | None,
         mode: SlidingMode | None,
     ) -> None:
-        """Lay out the rows.
+        """Group the corners and scale their loads and commands.
 
         Args:
             corners: K members.
-            unknowns: What d is.
+            unknowns: The figures d.
             objective: One of the paper's, without a regularisation.
             directions: (L, d) what feedback may add to commands, see `feedback_torques`.
             mode: The one mode of all forces; None: plain Coulomb friction.
@@ -219,7 +218,7 @@ class _AffineProgram:
         self.free = sorted({one for group in self.groups for one in self._unbalanced(group)})
 
     def optimal_policy(self, limits: Limits) -> ForcePolicy | None:
-        """Return affine forces for the best torques that have such, checked; None: none do."""
+        """Solve the program and return its checked policy; None: there is none."""
         if self.free:
             return None
         self.conic = SparseConic()
@@ -228,13 +227,13 @@ class _AffineProgram:
         return None if found is None else self._checked_policy(*found)
 
     def _sides(self, group: CornerGroup, errors: FloatArray) -> FloatArray:
-        """Return (P + s, D) what the forces of each unknown have to make; errors (L,) scaled."""
+        """Return (P + s, D) right-hand sides of the effects of each unknown; errors (L,) scaled."""
         commands = np.zeros((len(errors), len(self.unknowns.balls)))
         commands[self.joints, self.error_numbers] = errors[self.joints]
         return np.vstack([group.loads, self.shared @ commands])
 
     def _unbalanced(self, group: CornerGroup) -> list[int]:
-        """Return unknowns that no forces balance."""
+        """Return the numbers of unknowns whose loads no forces balance."""
         sides = self._sides(group, (self.unknowns.offsets > 0.0).astype(float))
         residual = np.abs(sides - group.effects @ (group.inverse @ sides)).max(axis=0, initial=0.0)
         tolerance = CANCELS * max(1.0, np.abs(sides).max(initial=0.0))
@@ -259,7 +258,7 @@ class _AffineProgram:
             self._add_command_rows(group, slopes)
 
     def _add_balance(self) -> None:
-        """Balance at d = 0 and of each d; the same commands, and errors that forces make up for."""
+        """Add balance and shared commands at d = 0, and the coefficients of each d, with errors."""
         passive = self.wrenches.shape[1]
         start = Entries.of(-self.groups[0].effects[passive:]).at(int(self.f0[0][0]))
         for slopes, group in zip(self.slope_columns, self.groups, strict=True):
@@ -288,13 +287,13 @@ class _AffineProgram:
         *,
         of_commands: bool,
     ) -> list[Entries]:
-        """Add columns no less than the lengths of rows' coefficients, a column for each ball.
+        """Add columns that bound the norms of the rows' coefficients from above, one for each ball.
 
         Args:
             rows: Entries of the rows.
-            count: How many.
+            count: Number of rows.
             slopes: Columns of the coefficients.
-            of_commands: Whether rows are those of joints, from which errors are taken off.
+            of_commands: Whether rows are those of joints, from which errors are subtracted.
         """
         added = []
         for ball in range(len(self.unknowns.words)):
@@ -317,7 +316,7 @@ class _AffineProgram:
     def _add_cone_rows(
         self, group: CornerGroup, slopes: list[NDArray[np.int_]], margin: float | NDArray[np.int_]
     ) -> None:
-        """Keep the rows of all corners of a group below their sides, by the margin, for all d."""
+        """Keep the rows of a group's corners below their sides less the margin, for all d."""
         entries, sides, wide = Entries.of(group.rows), group.sides, list[Entries]()
         if isinstance(margin, np.ndarray):
             wide = [Entries.of(group.level[:, None]).at(int(margin[0]))]
@@ -329,7 +328,7 @@ class _AffineProgram:
             self.active[number] = self.conic.below(parts, sides)
 
     def _add_command_rows(self, group: CornerGroup, slopes: list[NDArray[np.int_]]) -> None:
-        """Keep commands within limits, errors no less than they may be, and t the largest."""
+        """Bound commands by their limits and by t, and errors from below, for all d."""
         fed = self.directions is not None
         driven = group.corners if fed else [one for one in group.corners if one == 0]
         if not driven or not len(self.scale.joint_scale):
@@ -355,7 +354,7 @@ class _AffineProgram:
         for number in driven:
             own = self.corners[number].problem
             for sign, limit in ((1.0, own.upper_torque), (-1.0, -own.lower_torque)):
-                # Limits far above the load spoil figures; whether they hold is checked in the end.
+                # Limits far above the load spoil the scaling; they are checked at the end.
                 joints = np.flatnonzero(loaded & (limit < _FAR * scale))
                 add_row(number, sign, joints, np.ones(len(joints)), (limit / scale)[joints], [])
                 add_row(number, sign, self.joints, shares, offsets, [diagonal(self.errors, -1.0)])
@@ -367,7 +366,7 @@ class _AffineProgram:
                 add_row(number, one.sign, one.joints, times, np.zeros(len(times)), more)
 
     def _checked_policy(self, x: FloatArray, z: FloatArray) -> ForcePolicy | None:
-        """Return what a solver's answer is once equalities hold exactly; None: nothing it says."""
+        """Return the policy of a solver's answer, projected on the equalities; None: it fails."""
         joints, D = self.scale.joint_scale, self.unknowns.count
         at = np.array([x[one] for one in self.f0])
         first, passive = self.groups[0], self.wrenches.shape[1]
@@ -402,19 +401,19 @@ class _AffineProgram:
     def _binding_members(
         self, corner: int, rows: FloatArray, z: FloatArray
     ) -> list[tuple[float, int, FloatArray]]:
-        """Return multiplier, corner and worst d of the rows (R, D) that bound the optimum."""
+        """Return multiplier, corner and worst d of those rows (R, D) that bound the optimum."""
         weights = z[self.active[corner]]
         counts = np.flatnonzero(weights > _ACTIVE * max(float(weights.sum()), 1e-30))
         worst = self.unknowns.worst(rows[counts])
         return [(float(weights[one]), corner, d) for one, d in zip(counts, worst, strict=True)]
 
     def _is_valid_policy(self, found: ForcePolicy, at: FloatArray, slopes: FloatArray) -> bool:
-        """Return whether the policy keeps what it has to, worked out anew and for the worst d."""
+        """Return whether a policy keeps all constraints, evaluated anew for the worst d."""
         least = self.objective.required_margin - PRIMAL_TOLERANCE * self.scale.force_scale
         if not found.residual() <= PRIMAL_TOLERANCE or found.least_margin < least:
             return False
         for group, slope in zip(self.groups, slopes, strict=True):
-            # What a mode asks of friction stands in the rows alone.
+            # Only these rows hold the signs that a mode requires of friction.
             off = at[group.corners] @ group.rows.T - group.sides
             if (off + self.unknowns.sizes_of(group.rows @ slope)).max() > PRIMAL_TOLERANCE:
                 return False
@@ -428,7 +427,7 @@ class _AffineProgram:
 
 
 def _distinct(active: list[tuple[float, int, FloatArray]]) -> tuple[tuple[int, FloatArray], ...]:
-    """Return members with the largest sums of multipliers first, nearly equal ones once."""
+    """Return distinct members (corner, d), those with the largest sums of multipliers first."""
     if not active:
         return ()
     points = np.array([np.append(corner, d) for _, corner, d in active])

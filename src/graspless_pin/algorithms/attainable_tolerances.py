@@ -1,12 +1,12 @@
-"""How far each thing may be off if torques are chosen for it, and who is in conflict beyond that.
+"""How far each quantity may be off if torques are chosen for it, and the members in conflict then.
 
-One vector of torques has to serve all that a quantity may be up to some size: nested sets, of which
-`largest_served` finds the largest. Balls are looked at by polytopes around them.
+One vector of torques has to serve all values of a quantity up to some size: nested sets, of which
+`largest_served` finds the largest. Balls are replaced by polytopes around them.
 
 A set that is not served comes with members in conflict. The same members of a smaller set are a
-small program, which tells how far down they stay in conflict. Only there the whole set is asked
-again: it is served, or there are other members in conflict. Mostly two or three whole sets are
-solved, and not one for each halving.
+small program, which tells down to which size they stay in conflict. The whole set is solved again
+only at that size: it is served, or other members are in conflict. Mostly two or three whole sets
+are solved, instead of one for each halving.
 """
 
 from __future__ import annotations
@@ -53,14 +53,13 @@ _COULOMB = SolveOptions(rules=Rules(static_friction=StaticFriction.COULOMB))
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ServedSize(Brief):
-    """How large a set may be.
+    """Bracket of the largest size of a set that torques serve.
 
     Attributes:
         served: The largest size that was found to be served.
-        failing: The smallest at which no torques were found.
-        best: What was found at the one; None: nothing was solved for it.
-        conflict: Members of a set of the other that no torques serve together; empty: none are
-            known.
+        failing: The smallest size at which no torques were found.
+        best: Solution at size `served`; None: nothing was solved for it.
+        conflict: Members at size `failing` that no torques serve together; empty: none are known.
     """
 
     served: float
@@ -78,15 +77,15 @@ def largest_served(
     relative: float = 0.0,
     limits: Limits,
 ) -> ServedSize:
-    """Return how large a set may be, between two sizes.
+    """Bracket the largest size of a set that torques serve, between two sizes.
 
     Args:
-        solve_size: Returns what is found for the set of a size. Sets are nested, and contain the
-            members of larger ones with all that is off times the ratio of the sizes.
-        failed: What was found for the larger size: no torques.
+        solve_size: Returns the robust solution for the set of a size. Sets are nested, and contain
+            the members of larger ones with all deviations times the ratio of the sizes.
+        failed: The solution for the larger size: no torques.
         sizes: The smaller one is served, and the larger one is not.
-        near: How near each other the two sizes that are returned have to be.
-        relative: The same over the larger one; the wider of the two counts.
+        near: Largest difference of the two sizes that are returned.
+        relative: The same over the larger size; the wider of the two counts.
         limits: When to stop.
     """
     (low, high), of = sizes, sizes[1]
@@ -106,7 +105,7 @@ def largest_served(
                 trial, high = (trial, middle) if refuted else (middle, high)
             if high - low <= allowed_gap():
                 break
-            # Others may be in conflict there, one after the other: every second time by halves.
+            # Other members may be in conflict there, again and again: every second time, bisect.
             trial = 0.5 * (low + trial) if halves and trial > low + allowed_gap() else trial
             halves = not halves
         found = solve_size(trial)
@@ -120,11 +119,11 @@ def largest_served(
 
 
 def smaller_conflict(failed: RobustSolution, share: float) -> list[Member]:
-    """Return members in conflict as a smaller set has them: with all that is off times a share.
+    """Return the members in conflict with all deviations times a share, as in a smaller set.
 
     Args:
-        failed: What was found for the larger set: no torques.
-        share: Of its figures, at most 1.
+        failed: The solution for the larger set: no torques.
+        share: Factor on the figures of the set, at most 1.
     """
     conflict = [failed.members[number] for number in failed.conflict]
     weight, uncertainty = failed.weight, failed.uncertainty
@@ -137,7 +136,7 @@ def smaller_conflict(failed: RobustSolution, share: float) -> list[Member]:
 
 
 def _is_conflict_refuted(failed: RobustSolution, share: float) -> bool:
-    """Whether the members in conflict are so, too, with all that is off times a share."""
+    """Whether the members stay in conflict with all deviations times a share."""
     directions = feedback_torques(failed.members[0].problem, failed.feedback)
     together = joined(smaller_conflict(failed, share), directions)
     found = solve_problem(together, failed.solution.objective, _COULOMB)
@@ -154,7 +153,7 @@ def served_share(
 ) -> float:
     """Return the largest share of a set's figures, about the same middle, that torques serve.
 
-    To a thousandth; members in conflict tell which smaller sets are not served either.
+    To a thousandth; members in conflict prove which smaller sets are not served either.
 
     Args:
         problem: The nominal one.
@@ -194,8 +193,8 @@ def largest_share(
     """Return the largest share of a set that is served, see `served_share`.
 
     Args:
-        solve_share: Returns what is found for the set with its figures times a share.
-        whole: What was found for the whole set: no torques.
+        solve_share: Returns the robust solution for the set with its figures times a share.
+        whole: The solution for the whole set: no torques.
         limits: When to stop.
     """
     found = largest_served(solve_share, whole, (0.0, 1.0), near=_SHARE, limits=limits)
@@ -205,21 +204,21 @@ def largest_share(
 
 
 _CLOSE = 0.003
-"""Of the smallest size that is not served: how near the largest one has to be that is."""
+"""Width of the final bracket, over the smallest size that is not served."""
 _FARTHEST = 100.0
-"""Of what there is: larger sizes are not looked at."""
+"""Largest size that is looked at, over the unit of the sets."""
 _NEAR = 1e-4
-"""Of what there is: no bracket is made narrower."""
+"""Narrowest bracket, over the unit of the sets."""
 _KEPT = 16
-"""Members that were in conflict in earlier sets and that the next search begins with."""
+"""Number of members in conflict in earlier sets that the next search begins with."""
 _LAST = 0.999
-"""Of a largest size at which nothing would be left of friction or torques."""
+"""Largest share by which friction or torques may shrink: at 1 nothing would be left of them."""
 _SIDES = 32
-"""Of the polygon around a circle, which is 0.5 % wider at its corners."""
+"""Sides of the polygon around a circle, which is 0.5 % wider at its corners."""
 _POINTS = 400
-"""Of the polytope around a ball, which is 0.9 % wider at its corners."""
+"""Vertices of the polytope around a ball, which is 0.9 % wider at its corners."""
 _VARIES = 1e-8
-"""Of force times length: power along a motion that differs by less is the same."""
+"""Over force times length: power along a motion that differs by less is the same."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -262,14 +261,14 @@ class AttainableTolerance(Brief):
 
 @dataclass(frozen=True)
 class _NestedSets:
-    """Nested sets of a quantity.
+    """Nested sets of a quantity, by size.
 
     Attributes:
-        members: Corners of the set of a size, with the nominal problem first.
-        unit: What sizes are compared to.
-        most: The largest size that is looked at, over that.
-        wide: How far the corners are off, over the size.
-        figure: That of an `Uncertainty` which the size is; empty: none.
+        members: Returns the corners of the set of a size, with the nominal problem first.
+        unit: The scale of sizes.
+        most: The largest size that is looked at, over the unit.
+        wide: Distance of the corners from the nominal value, over the size.
+        figure: Name of the figure of an `Uncertainty` that the size is; empty: none.
     """
 
     members: Callable[[float], list[Member]]
@@ -291,7 +290,7 @@ class AttainableSearch:
         problem: The nominal one.
         weight: Which part of its load is weight.
         stiffness: (L,) joint stiffness that adds to torques, N m/rad (N/m); None: none.
-        options: How; their time is that of all quantities together.
+        options: How problems are solved; the time limit is that of all quantities together.
     """
 
     def __init__(
@@ -301,7 +300,7 @@ class AttainableSearch:
         stiffness: FloatArray | None,
         options: SolveOptions,
     ) -> None:
-        """Take the arguments as they are."""
+        """Store the arguments; the time of all searches begins."""
         self.problem, self.weight, self.stiffness = problem, weight, stiffness
         self.options, self.limits = options, Limits.of(options)
         self.directions = feedback_torques(problem, stiffness)
@@ -310,12 +309,12 @@ class AttainableSearch:
         self.still = Corner(0.0, still, weight.down, still, still, np.zeros(problem.contact_count))
 
     def find(self, quantity: Quantity, known: float, torques: FloatArray) -> AttainableTolerance:
-        """Return how far a quantity may be off.
+        """Return the attainable tolerance of a quantity.
 
         Args:
-            quantity: Which.
-            known: A size that torques bear, and
-            torques: (L,) these, N m (N).
+            quantity: The quantity.
+            known: A size that the given torques serve.
+            torques: (L,) the given torques, N m (N).
         """
         problem, sets = self.problem, self._nested_sets(quantity)
         low, high = problem.lower_torque, problem.upper_torque
@@ -329,7 +328,7 @@ class AttainableSearch:
             return AttainableTolerance(quantity, found.served, inf, served, in_time=False)
         failing, conflict = sets.wide * found.failing, found.conflict
         if sets.figure == "tilt" and np.isfinite(failing):
-            # The frustum around the tilts is wider: of what fails, gravity is turned by so much.
+            # The frustum around the tilts is wider, so what fails is looked for on the circle.
             turned = self._served_size(replace(sets, members=self._tilted_members), found.served)
             failing, conflict = turned.failing, turned.conflict
         return AttainableTolerance(
@@ -338,7 +337,7 @@ class AttainableSearch:
         )  # fmt: skip
 
     def _served_size(self, sets: _NestedSets, served: float) -> ServedSize:
-        """Return how large a set may be, from a size that is served on."""
+        """Bracket the largest size that torques serve, from a served size on."""
         begin: list[int] = []
 
         def solve_size(size: float) -> RobustSolution:
@@ -347,7 +346,7 @@ class AttainableSearch:
                 members, Torque(0.0), self.options, self.limits, directions=self.directions,
                 begin=[place for place in begin if place < len(members)],
             )  # fmt: skip
-            # Sets have their corners in one order: who was in conflict may be so in the next, too.
+            # Corners have the same order in all sets, so those in conflict begin the next search.
             number = {id(one): place for place, one in enumerate(members)}
             fought = [number[id(found.members[place])] for place in found.conflict]
             begin[:] = dict.fromkeys([0, *fought, *begin][:_KEPT])
@@ -407,20 +406,20 @@ class AttainableSearch:
         return _NestedSets(all_torques, most=most)
 
     def _corners_of_figure(self, name: str) -> Callable[[float], list[Member]]:
-        """Return what makes the corners of an `Uncertainty` of one figure."""
+        """Return a function from a size to the corners of an `Uncertainty` with that one figure."""
         return lambda size: [
             self.nominal,
             *members_of(self.problem, Uncertainty(**{name: size}), self.weight),
         ]
 
     def _tilted_members(self, size: float) -> list[Member]:
-        """Return members with gravity turned to all sides by an angle, rad."""
+        """Return members with gravity tilted to all sides by an angle, rad."""
         across = np.linalg.svd(self.weight.down[None])[2][1:]
         ring = cos(size) * self.weight.down + sin(size) * polygon(_SIDES) @ across
         return self._load_members([{"down": one} for one in ring])
 
     def _load_members(self, changes: list[dict[str, float | FloatArray]]) -> list[Member]:
-        """Return the nominal member, and those with changes of their load."""
+        """Return the nominal member, and one member for each change of the load."""
         none = np.zeros(self.problem.joint_count)
         corners = (replace(self.still, **one) for one in changes)
         made = (member_at(self.problem, self.weight, one, none, none) for one in corners)
@@ -430,18 +429,18 @@ class AttainableSearch:
         return member_at(self.problem, self.weight, self.still, factor, offset)
 
     def _free_motion(self, conflict: tuple[Member, ...]) -> FloatArray | None:
-        """Return a motion that no contact resists and for which members need other torques."""
+        """Return a motion that no contact resists and along which members need other torques."""
         problem = self.problem
         if len(conflict) < 2 or self.directions is not None or problem.is_sliding.any():
             return None
-        # Joints that bear no contact carry their links by torques of their own.
+        # Joints that move no contact carry their links by torques of their own.
         passive, levers = problem.passive_count, problem.jacobian.any(axis=0)
         found = motions_keeping_contact(problem)
         motions = (found @ null_space(found[passive:][~levers], rcond=_VARIES)).T
         if not len(motions) or any(np.ptp(one.factors[levers]) > 0.0 for one in conflict):
             return None
-        # What the commands c have to do along each: the contacts do no work, v . W f = -q . J^T f
-        # in W^T v + J q = 0, so that q . c = needed, for all members.
+        # Power of the commands c along each motion: contacts do no work, v . W f = -q . J^T f for
+        # W^T v + J q = 0, so q . c = needed for all members.
         needed = [
             (motions[:, passive:] @ (one.problem.gravity_torques - one.offsets)
              + motions[:, :passive] @ one.problem.external_wrench) / one.factors[levers][0]
@@ -457,7 +456,7 @@ class AttainableSearch:
 
 @cache
 def _ball_polytope() -> tuple[FloatArray, float]:
-    """Return unit vectors (K, 3), and how much larger their hull has to be to contain the ball."""
+    """Return unit vectors (K, 3), and the factor by which their hull contains the unit ball."""
     from scipy.spatial import ConvexHull
 
     # Points on a spiral about an axis, each turned by the golden angle.

@@ -1,9 +1,8 @@
-"""The optimum of a state by a warm start from one like it, in compiled loops, and certified.
+"""The certified optimum of a state by a warm start from a similar one, in compiled loops.
 
-Where the same constraints are active, the same mode admits the friction and the same motion is
-behind it, a state is answered by a handful of compiled loops on plain arrays, and no record is made
-on the way. What they find is checked just as the answer of a solver is; where it does not pass,
-nothing is said, and a search begins.
+Where the same constraints are active and the same mode and motion admit the friction, a few
+compiled loops on plain arrays find the optimum, without making records. Their result is checked
+like the answer of a solver; where it does not pass, nothing is returned and a search begins.
 """
 
 from __future__ import annotations
@@ -41,16 +40,16 @@ from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
 
 @dataclass(frozen=True, eq=False)
 class WarmStart:
-    """What a search leaves behind for those of similar problems with the same contacts.
+    """Result of a search that starts the search of a similar problem with the same contacts.
 
     Attributes:
         mode: The best mode; None: no mode was found.
-        relaxation: What is active at the optimum of the program without modes; None: not known.
+        relaxation: Active set at the optimum of the program without modes; None: not known.
         in_mode: Likewise of the mode's own program.
-        motion: A virtual motion behind the mode, scaled; None: not at hand.
-        structure: What the problem shares with those like it; None: the optimum cannot be found
-            by loops alone, as cones are no regular pyramids, or the mode's own program was
-            needed or leaves signs open.
+        motion: A virtual motion of the mode, scaled; None: not known.
+        structure: The structure that the problem shares with similar ones; None: loops alone
+            cannot find the optimum, as cones are no regular pyramids, or the mode's own program
+            was needed or leaves signs open.
         cover: See `SearchState`.
     """
 
@@ -70,15 +69,15 @@ class WarmOptimum(NamedTuple):
         signed_unit: Factor from the program's value to the objective's; negative if that is
             maximised.
         reach: See `Certificate.force_reach`.
-        x: (n,) the solution of the scaled program, as the mode admits it.
-        value: Of the scaled program.
-        bound: What the multipliers prove of it.
+        x: (n,) the solution of the scaled program, without friction that the mode forbids.
+        value: Value of the scaled program.
+        bound: Bound on the value that the multipliers prove.
         residual: Largest violation of a constraint, scaled.
-        multipliers: (R,) of all rows.
-        motion: A virtual motion behind the mode, scaled.
-        scale: Factors from that to m/s and rad/s.
+        multipliers: (R,) multipliers of all rows.
+        motion: A virtual motion of the mode, scaled.
+        scale: Factors from the scaled motion to m/s and rad/s.
         mode: The mode.
-        solver: That of the optimum that the start was taken from.
+        solver: Solver of the optimum that the start was taken from.
     """
 
     forces: FloatArray
@@ -106,17 +105,17 @@ def warm_optimum(
     options: SolveOptions,
     starts: Sequence[WarmStart],
 ) -> tuple[WarmOptimum, int] | None:
-    """Return the optimum of a problem if what is active, the mode and the motion are as before.
+    """Return the optimum of a problem whose active set, mode and motion are those of a start.
 
     Args:
         problem: The problem; only its arrays are read.
         objective: What is optimised.
         options: How the problem is solved.
-        starts: What similar problems left behind, the most promising first.
+        starts: Warm starts of similar problems, the most promising first.
 
     Returns:
-        The optimum, proven like any other, and the place of the start that led to it; None
-        where none serves, more than the best case is asked for, or nothing was compiled.
+        The optimum, proven like any other, and the index of the start that led to it; None
+        where no start serves, loops do not cover the options, or nothing was compiled.
     """
     loops = _cold_loops(problem, objective, options) if starts else None
     if loops is None:
@@ -160,7 +159,7 @@ def state_optimum(
     pool: list[Any],
     *state: Any,
 ) -> WarmOptimum | None:
-    """Return the optimum of one state, where `optima_of_states` with these arguments finds it."""
+    """Return the optimum of one state; None: loops do not find it. See `optima_of_states`."""
     loops = _cold_loops(problem, objective, options)
     if loops is None:
         return None
@@ -168,8 +167,7 @@ def state_optimum(
     with LOOPS_LOCK:
         if not _optima_found(loops, problem, options, learned, pool, order, state):
             return None
-        # Asked of the same object: the cache may have dropped it meanwhile, or another thread
-        # have put its own there.
+        # From the same object: the cache may have dropped it, or another thread replaced it.
         optimum = loops.result()
     return _optimum_record(problem, objective, optimum)
 
@@ -186,16 +184,16 @@ def optima_of_states(
     """Find the optima of states with the same contacts, one after the other.
 
     Args:
-        problem: One of their problems, for what all of them share.
+        problem: The problem of one of the states; the structure is the same for all.
         objective: What is optimised.
-        options: How.
-        learned: What a search has left behind since the last time; None: nothing.
-        pool: What loops have learned of these contacts, the most promising first: it changes.
+        options: How problems are solved.
+        learned: The warm start that a search has left since the last call; None: none.
+        pool: Compiled starts for these contacts, the most promising first: it is changed.
         order: Numbers of the states.
-        states: The arguments of `core.WarmOptima.optima_of_states` after that.
+        states: The further arguments of `core.WarmOptima.optima_of_states`.
 
     Returns:
-        How many in that order were found before the first one that was not.
+        Number of optima found, in that order, before the first state without one.
     """
     loops = _cold_loops(problem, objective, options)
     if loops is None:
@@ -213,7 +211,7 @@ def _optima_found(
     order: NDArray[np.intp],
     states: tuple[Any, ...],
 ) -> int:
-    """Do what `optima_of_states` does with loops that no other thread uses meanwhile."""
+    """Return the result of `optima_of_states`; the caller holds the lock of the loops."""
     if learned is not None:
         pool[:0] = [
             start for start in prepared_starts(loops, problem, [learned]) if start is not None
@@ -222,8 +220,8 @@ def _optima_found(
 
 
 def _cold_loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
-    """Return the loops for problems like one; None where more than the best case is asked for."""
-    # They count on one free object.
+    """Return the loops for the structure of a problem; None: they do not cover it."""
+    # They assume one free object.
     if problem.wrench_matrix is not None or not are_for(problem.cone_model, objective, options):
         return None
     return loops_of("ColdOptima", structure_of(problem), objective, problem.joint_units)
@@ -232,7 +230,7 @@ def _cold_loops(problem: QuasistaticProblem, objective: Objective, options: Solv
 def prepared_starts(
     loops: Any, problem: QuasistaticProblem, starts: Sequence[WarmStart]
 ) -> list[Any]:
-    """Return starts as the loops take them; None in the place of one that does not fit."""
+    """Return starts in compiled form; None in the place of a start that does not fit."""
     structure, prepared = structure_of(problem), []
     for start in starts:
         known = _last_prepared(start)
@@ -248,7 +246,7 @@ def prepared_starts(
 LOOPS_LOCK = RLock()
 """One workspace serves all threads."""
 _last_prepared: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
-"""The loops that a start was prepared for last, and what they take it as."""
+"""The loops that a start was prepared for last, and its compiled form."""
 
 
 def _compiled_start(loops: Any, start: WarmStart) -> Any:
@@ -272,7 +270,7 @@ def solution_of_optimum(
     rules: Rules,
     found: WarmOptimum,
 ) -> TorqueSolution:
-    """Return an optimum that loops found as a solution.
+    """Return the solution of an optimum that loops found.
 
     Args:
         problem: The problem.
@@ -310,15 +308,15 @@ def solution_of_optimum(
 
 
 MOST_STARTS = 8
-"""Warm starts of one set of contacts: trying one costs a tenth of a solver's answer."""
+"""Warm starts kept for one set of contacts: trying one costs a tenth of a solver's answer."""
 _MOST_COLD_COORDINATES = 24
-"""Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
+"""Force coordinates; with more, a kept solver with sparse factors is faster than the loops."""
 
 
 class LoadSweep:
     """Optima of states with the same contacts under other loads, friction and limits, in order.
 
-    What has led to one is tried first for the next.
+    The start that led to one optimum is tried first for the next.
     """
 
     def __init__(
@@ -329,12 +327,12 @@ class LoadSweep:
         *,
         only_load_changes: bool = False,
     ) -> None:
-        """Begin with nothing learned.
+        """Begin without warm starts.
 
         Args:
-            problem: One of their problems; its cones are pyramids.
-            objective: What is optimised; `are_for` tells whether loops do.
-            options: How.
+            problem: The problem of one of the states; its cones are pyramids.
+            objective: What is optimised; `are_for` tells whether loops cover it.
+            options: How problems are solved.
             only_load_changes: Whether states differ in their load alone. The optimal bases of
                 earlier states then stay dual feasible, and the simplex method goes on from them.
         """
@@ -349,16 +347,16 @@ class LoadSweep:
         self._only_load_changes, self._covers = only_load_changes, list[Any]()
 
     def learn(self, problem: QuasistaticProblem, start: WarmStart) -> None:
-        """Take what led to the answer of a state that was solved by itself.
+        """Add the warm start of a state that was solved by itself.
 
         Args:
-            problem: The state's.
-            start: What served, or was left behind.
+            problem: The problem of the state.
+            start: The start that led to its optimum, or that its search left.
         """
         if start is not self._last:
             self._last = start
             if self._only_load_changes:
-                # The mode's own program is at hand here, and the parts that bound all others.
+                # These loops have the mode's own program, and the parts that bound all other modes.
                 signs = start.mode is not None and start.mode.own_signs.all()
                 own = [_compiled_start(self._loops, start)] if signs else []
                 if start.cover:
@@ -382,12 +380,12 @@ class LoadSweep:
         """Find optima until one is not found, and return the number of that state, or K.
 
         Args:
-            problem: Whose contacts and Jacobian count.
+            problem: The problem whose contacts and Jacobian are used.
             loads: See `core.LoadedStates.optima`.
             begin: The first state.
             figures: (K, 6), see there.
             torques: (K, L), see there.
-            enough: Margin of which it is enough to know whether it is reached, N, where the load
+            enough: Margin, N, of which only is decided whether it is reached, where the load
                 alone changes; None: optima are looked for.
         """
         arguments = loads, begin, self._pool, self._may_begin, figures, torques

@@ -1,7 +1,7 @@
-"""The programs of compiled loops: which objectives and options they are for, and what they share.
+"""The programs of compiled loops: the objectives and options they cover, and what programs share.
 
-Loops assemble the paper's programs on their own, in `compiled/paper_programs.pxi`. What all states
-with the same contacts have in common is given to them once, as a `ProgramStructure`.
+Loops assemble the paper's programs on their own, in `compiled/paper_programs.pxi`. The data that
+all states with the same contacts share are passed to them once, as a `ProgramStructure`.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from graspless_pin.programs.program import FARTHEST
 from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
 
 PAPER_OBJECTIVES = (Margin, Torque, TorqueShare)
-"""Those that compiled loops assemble, in the order of their kinds in `compiled.core`."""
+"""Objectives that compiled loops assemble, in the order of their kinds in `compiled.core`."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProgramStructure:
-    """What problems share whose contacts have the same cones.
+    """Data shared by the programs of all problems whose contacts have the same cones.
 
     Attributes:
-        layout: Where the force coordinates stand.
-        face_count: Side faces of all cones.
+        layout: Layout of the force coordinates.
+        face_count: Number of side faces of all cones.
         reach: (2, n) see `reach_of`.
         sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
         friction: (M,) coefficients.
-        section: Of their cones, a regular one.
+        section: The regular section of their cones.
     """
 
     layout: ForceLayout
@@ -54,8 +54,8 @@ class ProgramStructure:
     def has_rows_of(self, other: ProgramStructure) -> bool:
         """Whether the programs of both have the same rows, whatever the coefficients of friction.
 
-        Then what is active in one may be in the other. It is told by content: which objects are
-        remembered depends on what was solved before.
+        Then the active set of one applies to the other. Compared by content, as which objects are
+        cached depends on what was solved before.
         """
         own, others = self.layout, other.layout
         return self is other or (
@@ -68,11 +68,11 @@ class ProgramStructure:
 def structure_of(
     problem: QuasistaticProblem, friction: FloatArray | None = None
 ) -> ProgramStructure:
-    """Return what a problem with pyramids for cones shares with those like it: the same object.
+    """Return the structure of a problem with pyramids for cones: one object for equal problems.
 
     Args:
         problem: The problem.
-        friction: (M,) other coefficients, above zero where its are; None: its own.
+        friction: (M,) other coefficients, above zero where the problem's are; None: its own.
     """
     coefficients = problem.friction if friction is None else friction
     return _structure(problem.has_cone.tobytes(), coefficients.tobytes(), problem.cone_section)
@@ -93,7 +93,7 @@ def _structure(mask: bytes, friction: bytes, section: Section) -> ProgramStructu
 
 
 def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
-    """Whether loops may look for an optimum of which nothing is known."""
+    """Whether loops may look for an optimum without a warm start."""
     rules = options.rules
     return not (
         options.solver != ANY_SOLVER
@@ -104,7 +104,7 @@ def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
 
 
 def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> bool:
-    """Return whether loops find what is asked for."""
+    """Return whether loops cover the cones, the objective and the options."""
     return not (
         core is None
         or not cone.regular
@@ -119,13 +119,13 @@ def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> boo
 def loops_of(
     kind: str, structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
 ) -> Any:
-    """Return loops of some class of `compiled.core`, kept for problems like one.
+    """Return loops of a class of `compiled.core`; cached by the arguments.
 
     Args:
         kind: Name of the class.
-        structure: What the problems share.
+        structure: Data shared by the problems.
         objective: One of the paper's.
-        units: (L,) of the joints.
+        units: (L,) units of the joints' torques.
     """
     kinds = core.MARGIN, core.TORQUE, core.SHARE
     return getattr(core, kind)(

@@ -2,15 +2,15 @@
 
 Branch and bound as of Land and Doig (Econometrica 28(3), 1960). The conflicts play the part of
 combinatorial Benders cuts (Codato and Fischetti, Oper. Res. 54(4), 2006): an infeasible set of
-kinematic conditions tells which decisions cannot stand together. A node is a part of all modes, and
-its program the relaxation with the friction that they allow. If no feasible mode admits the
-friction of its optimum, the kinematics name a conflict: items "contact l virtually slides with sign
-s along t_m" and "contact l is selected" that exclude each other. At least one of them must give
-way, and each child lets another one. A document's proof bounds and splits the same parts
-(`solution_proof`).
+kinematic conditions shows which decisions exclude each other. A node is a part of all modes, and
+its program is the relaxation with the friction that these modes allow. If no feasible mode admits
+the friction of its optimum, the kinematics give a conflict: items "contact l virtually slides with
+sign s along t_m" and "contact l is selected" that exclude each other. In every feasible mode at
+least one item fails, and each child excludes another one. A document's proof bounds and splits the
+same parts (`solution_proof`).
 
-`search_modes` chooses: branch and bound, the search over directions, or enumeration, which is the
-relaxation first and then every maximal mode.
+`search_modes` chooses among branch and bound, the search over directions, and enumeration: the
+relaxation first, then every maximal mode.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
 
 _GUESS_EVERY = 8
-"""A mode is guessed at the first conflict and at each so many after it."""
+"""A mode is guessed at the first conflict and at every eighth after it."""
 _GUESSES = 2
 
 
 def branch_and_bound(state: SearchState) -> Status:
-    """Find the optimum over all feasible modes with a proven bound, from the relaxation on."""
+    """Find the optimum over all feasible modes with a proven bound, starting at the relaxation."""
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
         return unsolved(answer, Status.INFEASIBLE_FORCES)
@@ -62,7 +62,7 @@ def branch_and_bound(state: SearchState) -> Status:
     def expand(part: ModePart, before: float) -> Fathomed | Split[ModePart]:
         state.oracle.kinematic_programs += int(part.selected.any())
         if tree.exclusion(part) is not None:
-            return Split(before, [])  # no mode is in it
+            return Split(before, [])  # no feasible mode is in it
         answer = state.solve(*tree.bounds(part))
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
@@ -76,10 +76,10 @@ def branch_and_bound(state: SearchState) -> Status:
 
 
 def _guess(state: SearchState, answer: Answer) -> None:
-    """Look for a good mode near the friction of an answer: often it is as good as the answer.
+    """Try feasible modes near the friction of an answer, whose optima are often as good.
 
-    An interior-point optimum has friction everywhere, so where many forces are optimal its own
-    friction is rarely the one that a motion stands behind.
+    An interior-point optimum has friction everywhere, so where many forces are optimal, a feasible
+    mode rarely admits its own friction.
     """
     x = answer.x
     for _ in range(_GUESSES):
@@ -113,21 +113,20 @@ def _keep_or_split(
         _guess(state, answer)
         if state.closed(answer.bound):
             return fathomed
-    # What else the part knows of its modes may exclude them, where the friction alone does not.
+    # The signs that the part fixes may exclude its modes where the friction alone does not.
     conflict = state.oracle.conflict_for(x, part) if found is None else found
     split = tree.split(part, x, conflict)
     if split is None:
-        # It is one mode, which has a motion behind it, and the answer is its own program's.
+        # The part is one feasible mode, and the answer is that of its own program.
         state.offer(answer, FoundMode(part.mode), x)
         return fathomed
     children = split[1]
     if state.rules.sign is SignRule.EXACT:
-        # Where a contact may slide along one tangent alone, children that release contacts lead
-        # nowhere, one after the other. Those that change a sign are visited before them: the
-        # search visits the last child first.
+        # Where a contact may slide along one tangent alone, children that release contacts rarely
+        # help. Children that change a sign are visited before them: the last child comes first.
         children = sorted(children, key=lambda child: -np.count_nonzero(child.released))
-    # Where a mode is as good as the relaxation, the bounds of all nodes are equal but for rounding,
-    # which would lead the search from one to another instead of down to an answer.
+    # Where a mode is as good as the relaxation, all bounds are equal up to rounding. Ignoring such
+    # rises keeps the search going depth first.
     rises = answer.bound > before + 0.5 * optimality_tolerance(before)
     return Split(answer.bound if rises else before, children)
 
@@ -135,9 +134,9 @@ def _keep_or_split(
 def search_exhaustively(state: SearchState) -> Status:
     """Find the optimum over all feasible modes by solving every maximal one.
 
-    The relaxation's optimum is the answer whenever a feasible mode admits its friction; otherwise
-    the maximal modes are solved one by one, since a smaller mode allows no other force. They count
-    as nodes.
+    The relaxation's optimum is the answer if a feasible mode admits its friction. Otherwise the
+    maximal modes are solved one by one: a smaller mode allows no further forces. They count as
+    nodes.
     """
     answer, limits = state.relax(), state.limits
     if answer.outcome is not Outcome.SOLVED:
@@ -170,21 +169,21 @@ def search_exhaustively(state: SearchState) -> Status:
 
 
 _LEAST_OPTIMUM = 0.01
-"""Optima below this share of the load are found to the gap of this size."""
+"""Optima below this share of the load are found to the gap of an optimum of this size."""
 _EXACT_HALF_WIDTH = 1e-8
 """Half the width of a sector that is one direction up to rounding, rad."""
 _NARROWEST_SECTOR = 1e-7
-"""Sectors that no motion slides in are not looked at closer than this, rad."""
+"""Half the width below which sectors without a motion are no further refined, rad."""
 _WIDTH_RATIO = 1.3
-"""The widest sectors without a motion are found up to this factor."""
+"""Factor up to which the widest sectors without a motion are found."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Node:
-    """A part of all answers.
+    """A subset of all virtual motions with opposed friction.
 
     Attributes:
-        sectors: Of the contacts that are presumed to virtually slide; None: any way.
+        sectors: Sectors of the contacts that virtually slide; None: any direction.
         released: Contacts without friction.
     """
 
@@ -192,12 +191,12 @@ class _Node:
     released: frozenset[int]
 
     def with_sector(self, contact: int, sector: Sector | None) -> _Node:
-        """Return the part of it in which a contact slides in a sector."""
+        """Return the subset of the node in which a contact slides in a sector."""
         return replace(self, sectors={**self.sectors, contact: sector})
 
 
 def search_directions(state: SearchState) -> Status:
-    """Find the optimum over all virtual motions, friction opposing each, to a proven gap.
+    """Find the optimum over all virtual motions, with friction opposite to each, to a proven gap.
 
     Args:
         state: The search to run, on a program with round cones.
@@ -226,13 +225,13 @@ def search_directions(state: SearchState) -> Status:
 class _DirectionSearch:
     """Best-first branch and bound over sectors of directions, for the rule ``direction``.
 
-    A node gives sectors to some contacts and takes the friction from others. Its program lets
-    friction oppose any direction in the sector: an outer value. A virtual motion gives each contact
-    that it slides at one direction, and the program with friction opposite to these is an answer:
-    an inner value. Where no motion opposes the friction of a node's optimum, sectors about that
+    A node gives sectors to some contacts and no friction to others. In its program friction opposes
+    any direction of the sector, which gives an outer value. A virtual motion has one direction at
+    each contact at which it slides; the program with friction opposite to these gives an answer, an
+    inner value. Where no motion opposes the friction of a node's optimum, sectors about that
     friction are widened as long as no motion slides in all of them. In every answer at least one of
-    those contacts slides in another direction or has no friction, which makes the children; no
-    other contact is looked at. All sectors lie about friction, so tangents play no part.
+    those contacts slides in another direction or has no friction: these cases are the children, and
+    other contacts are not split. All sectors lie about friction, so tangents have no influence.
 
     Attributes:
         state: The best answer, the bound and the counters.
@@ -249,15 +248,15 @@ class _DirectionSearch:
         self.always = np.flatnonzero(required).tolist()
 
     def run(self, answer: Answer) -> Status:
-        """Search from the answer to the relaxation on."""
+        """Search from the relaxation's answer on."""
         every = _Node(dict.fromkeys(self.always), frozenset())
         root = self._keep_or_split(every, answer, answer.bound)
         return best_first(self.state, root, self._expand, self._is_closed)[0]
 
     def _expand(self, node: _Node, before: float) -> Fathomed | Split[_Node]:
-        """Fathom or split a node, as `best_first` asks for."""
+        """Fathom or split a node: the argument `expand` of `best_first`."""
         if isinstance(self.motions.find(node.sectors), Exclusion):
-            return Split(before, [])  # no motion slides so
+            return Split(before, [])  # no motion slides in these sectors
         self.state.nodes += 1
         answer = self._solve(self._friction_sectors(node))
         return self._keep_or_split(node, answer, max(before, answer.bound))
@@ -268,12 +267,12 @@ class _DirectionSearch:
 
     @property
     def _cutoff(self) -> float:
-        """A value that is worth no further search."""
+        """Values from this on are within the gap of the best answer, scaled."""
         best = self.state.best_value
         return best - self._gap * max(abs(best), _LEAST_OPTIMUM) if np.isfinite(best) else np.inf
 
     def _friction_sectors(self, node: _Node) -> Sectors:
-        """Return what a node says of contacts with friction."""
+        """Return the sectors of contacts with a cone that the node decides; None: no friction."""
         sectors = {contact: node.sectors.get(contact) for contact in self._cones}
         return {
             contact: sector
@@ -291,9 +290,10 @@ class _DirectionSearch:
         return answer
 
     def _keep_or_split(self, node: _Node, answer: Answer, bound: float) -> Fathomed | Split[_Node]:
-        """Keep what the node's optimum leads to; split the node where it is not an answer.
+        """Keep answers found from the node's optimum; split the node where that is no answer.
 
-        It is fathomed where nothing in it is better than what was kept by more than the gap.
+        The node is fathomed where nothing in it is better than the best answer by more than the
+        gap.
         """
         if answer.outcome is not Outcome.SOLVED or self._is_closed(bound):
             return Fathomed(bound)
@@ -329,7 +329,7 @@ class _DirectionSearch:
         return Fathomed(bound)
 
     def _sliding_angles(self, x: FloatArray) -> dict[int, float]:
-        """Angles of the sliding that the friction in x opposes, where there is friction."""
+        """Return the angles of the sliding, rad, that the friction in x opposes, by contact."""
         friction = x[self._formulation.cone_columns[0]]
         with_friction = np.hypot(friction[:, 0], friction[:, 1]) > NO_FRICTION
         angles = np.arctan2(-friction[:, 1], -friction[:, 0]).tolist()
@@ -338,11 +338,11 @@ class _DirectionSearch:
     def _widest_excluded(
         self, node: _Node, sliding_angles: dict[int, float], exact: Sectors, exclusion: Exclusion
     ) -> tuple[FloatArray | None, Sectors, Exclusion, float]:
-        """Widen sectors about the friction as long as no motion slides in all of them.
+        """Return the widest sectors about the friction in which no motion slides.
 
         Returns:
-            A motion in sectors little wider, None if there is none in the widest; the sectors, why
-            no motion slides in them, and half the width of those little wider.
+            A motion in slightly wider sectors, None if none slides in the widest ones; the sectors,
+            the proof that no motion slides in them, and half the width of the slightly wider ones.
         """
         sectors, motion, low, high = exact, None, _EXACT_HALF_WIDTH, WIDEST
         half = high
@@ -362,9 +362,9 @@ class _DirectionSearch:
     def _exclusion_children(
         self, node: _Node, sectors: Sectors, exclusion: Exclusion, x: FloatArray
     ) -> list[_Node]:
-        """Children that each take one contact out of an exclusion.
+        """Return children that each exempt one contact from an exclusion.
 
-        A child presumes that the contacts before its own slide in their sectors, so that no two
+        In a child the contacts before its own slide in their sectors, so that no two children
         overlap.
         """
         columns = self._formulation.coordinates.tangent_columns
@@ -372,7 +372,7 @@ class _DirectionSearch:
             contact: float(np.hypot(*x[columns[contact]])) if contact in self._cones else 0.0
             for contact in exclusion.touching
         }
-        # First what can only be turned, then the largest friction: those children are worst.
+        # First contacts with a sector, then the largest friction: these children bound highest.
         order = sorted(size, key=lambda one: (one not in node.sectors, -size[one]))
         children, rest = [], node
         for contact in order:
@@ -387,7 +387,7 @@ class _DirectionSearch:
         return children
 
     def _sliding_children(self, node: _Node, contact: int) -> list[_Node]:
-        """Children in which a contact slides somewhere, about its actual sliding."""
+        """Return children in which a contact slides, by sectors about its actual sliding."""
         own, problem = node.sectors[contact], self._formulation.problem
         if own is not None:
             parts = own.halves
@@ -398,10 +398,10 @@ class _DirectionSearch:
         return [node.with_sector(contact, part) for part in parts]
 
     def _keep_best_along(self, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
-        """Keep the best answer whose friction opposes a motion, if it is better.
+        """Keep the optimum with friction opposite to a motion, if it is the best so far.
 
-        Where the motion is as good as along the friction looked at, it is taken to be: rounding
-        turns slow slidings most.
+        Where the motion opposes the given friction up to rounding, the given angle is used, since
+        rounding turns slow slidings most.
         """
         angles, opposes = self.motions.directions(motion), self.motions.opposes
         angles |= {
@@ -415,7 +415,7 @@ class _DirectionSearch:
             self._keep(answer, motion, self._sliding_angles(answer.x))
 
     def _try_nearest_motion(self, x: FloatArray, sliding_angles: dict[int, float]) -> None:
-        """Try the motion whose sliding opposes the friction in x best by least squares."""
+        """Keep the best answer along the least-squares motion to the friction in x."""
         contacts = [*sliding_angles, *self.always]
         wanted = np.zeros((len(contacts), 2))
         wanted[: len(sliding_angles)] = -x[
@@ -443,7 +443,7 @@ class _DirectionSearch:
 
 
 def search_modes(state: SearchState) -> Status:
-    """Find the optimum over all feasible modes, to be kept in the state; return how that ended.
+    """Find the optimum over all feasible modes, kept in the state, and return the status.
 
     Raises:
         ArgumentError: If the rule of directions does not take the objective or the search.

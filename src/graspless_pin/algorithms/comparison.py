@@ -1,6 +1,6 @@
-"""Side by side: the optimum under every reading of the rules, mode by mode, with less friction.
+"""Comparisons of one problem: under every reading of the rules, by mode, and with less friction.
 
-The least friction is that with which a problem is still feasible.
+The least friction is the smallest with which the problem is feasible.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class RuleComparison(Record, Brief):
         return self._table().html()
 
     def _table(self) -> Table:
-        problem, rows = next(iter(self.solutions.values())).problem, []  # they are all of one
+        problem, rows = next(iter(self.solutions.values())).problem, []  # the same for all
         force = problem.scales.force
         for rules, solution in self.solutions.items():
             name = f"{rules.sign} + {rules.sliding}"
@@ -80,15 +80,15 @@ def compare_rules(
 ) -> RuleComparison:
     """Solve a problem under every pair of rules and plain Coulomb friction.
 
-    How much the optimum moves tells how much of the answer hangs on the rule. That of
-    ``direction`` is of round cones, whatever pyramids the problem has; it is left out where the
-    cones are another model than Coulomb's law, and where all modes are to be enumerated.
+    The spread of the optima shows how much of the answer depends on the rule. ``direction`` is
+    solved with round cones, whatever pyramids the problem has; it is left out where the cones are
+    another model than Coulomb's law, and where all modes are to be enumerated.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's name,
             which the rule ``direction`` does not take.
-        margin: Required margin e_0, N, but of Algorithm 1.
+        margin: Required margin e_0, N; Algorithm 1 has none.
         options: See `SolveOptions.parse`; the rules are the compared ones.
 
     Raises:
@@ -124,16 +124,15 @@ def solve_each_mode(
 ) -> Iterator[TorqueSolution]:
     """Yield the solution of each feasible maximal mode, found or not, in the order of listing.
 
-    Where `node_limit` (modes count as nodes) or `time_limit` ends it before the last mode, one
-    solution of no mode follows, with the status NOT_FOUND_IN_LIMIT: modes that come after it are
-    missing. Without it the modes are all. What the caller does between two solutions takes of the
-    time, too.
+    Where `node_limit` (modes count as nodes) or `time_limit` ends the listing before the last mode,
+    one solution without a mode follows, with the status NOT_FOUND_IN_LIMIT. Without it all modes
+    were listed. The time that the caller spends between two solutions counts, too.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's name.
-        margin: Required margin e_0, N, but of Algorithm 1.
-        options: See `SolveOptions.parse`; ``coulomb`` has no modes and counts as the rule without.
+        margin: Required margin e_0, N; Algorithm 1 has none.
+        options: See `SolveOptions.parse`; ``coulomb`` has no modes and is ignored.
 
     Raises:
         ArgumentError: If an option is not known.
@@ -176,9 +175,9 @@ class MinimumFriction:
 
     Attributes:
         factor: Smallest factor with which the scene is feasible (at margin zero); 0 if it needs no
-            friction, NaN if no factor up to 16 does. Where a limit ended a search, the smallest
-            that was seen to be enough.
-        proven: Whether all searches came to their end, with answers of solvers that were proven.
+            friction, NaN if no factor up to 16 is enough. Where a limit ended a search, the
+            smallest one that was found to be enough.
+        proven: Whether all searches were completed, with proven answers of solvers.
     """
 
     factor: float
@@ -225,12 +224,12 @@ def smallest_factor(
 ) -> MinimumFriction:
     """Return the smallest common factor on friction with which an objective is feasible.
 
-    A search that did not come to its end counts as infeasible.
+    A search that was not completed counts as infeasible.
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        objective: What has to be feasible. With a required margin the factor 0 is left out: there
-            a contact has no cone to keep a margin in.
+        objective: What has to be feasible. With a required margin the factor 0 is left out, as no
+            contact has a cone then.
         options: How the problems are solved.
     """
     proven, limits = True, Limits.of(options)
@@ -250,7 +249,7 @@ def smallest_factor(
         return MinimumFriction(0.0, proven)
     tried = [1.0, _LARGEST_FACTOR]
     if problem.is_sliding.any():
-        # The factor 1 is among them: what is feasible as it is must not be missed.
+        # With the factor 1, so that a problem that is feasible as it is is not missed.
         tried = sorted(
             {1.0, *np.geomspace(1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR, _FACTORS_SCANNED).tolist()}
         )

@@ -1,7 +1,6 @@
-"""How large a disturbance is borne, direction by direction in wrench space.
+"""The largest balanced and the largest guaranteed disturbance, by direction in wrench space.
 
-At best, by the contact forces that suit best, and for certain: up to which disturbances rest stays
-the only outcome.
+Balanced: by some admissible contact forces. Guaranteed: rest is the only outcome up to it.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from graspless_pin.tree_search import Limits
 
 _SOBOL_DIRECTIONS = 64
 _SAME_MULTIPLE = 1e-6
-"""Multiples closer than this, over F, are the same: where one mode begins another may end."""
+"""Multiples closer than this, over the load F, are the same: adjacent intervals may join there."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,9 +49,9 @@ class DisturbanceMargin(Brief):
         directions: (K, P) unit directions [force; moment / characteristic length].
         magnitudes: (K,) N: the largest t such that along direction d every disturbance
             s [d_f; characteristic_length * d_m] with 0 <= s <= t is balanced in some feasible
-            mode. Finite, since normal-force limits are; NaN where the search did not come to its
+            mode. Finite, since normal-force limits are; NaN where the search ended without a
             proof.
-        characteristic_length: m; what makes a moment comparable to a force.
+        characteristic_length: m; converts moments to forces.
         problem: The problem.
     """
 
@@ -80,7 +79,7 @@ class DisturbanceMargin(Brief):
 
     @property
     def worst_wrench(self) -> FloatArray:
-        """(P,) the smallest disturbance looked at that is just balanced, [N; N m]."""
+        """(P,) the balanced disturbance of the smallest magnitude, [N; N m]."""
         d = self.directions[self.worst]
         levers = passive_levers(self.problem.passive_units, self.characteristic_length)
         return self.magnitudes[self.worst] * (levers * d)
@@ -152,7 +151,7 @@ def disturbance_margin(
     for index, unit in enumerate(units):
         formulation = formulate(problem, Disturbance(scale * unit, fixed_torques))
         if index == 0:
-            # Whether some mode balances the object as it is; the direction does not matter.
+            # Whether some mode balances the undisturbed object; the direction has no influence.
             status = search_modes(SearchState(formulation.capped("multiple", 0.0), how, limits))
         if status is Status.OPTIMAL:
             status, magnitudes[index] = _connected_end(formulation, how, limits)
@@ -167,9 +166,9 @@ def disturbance_margin(
 def _connected_end(
     formulation: Formulation, how: SolveOptions, limits: Limits
 ) -> tuple[Status, float]:
-    """Return the end (N) of the balanced multiples of one disturbance that are connected with zero.
+    """Return the end (N) of the interval of balanced multiples of a disturbance that holds zero.
 
-    Each mode balances one interval of multiples. This walks down from the farthest balanced
+    Each mode balances one interval of multiples. This walks down from the largest balanced
     multiple, interval by interval, and starts over below each gap between them.
     """
     largest = begin = np.inf
@@ -180,7 +179,7 @@ def _connected_end(
         if limits.passed or status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
             return Status.LIMIT_REACHED, np.nan
         if status is not Status.OPTIMAL or best is None or mode is None:
-            # Zero was found to be balanced: a search that denies it has no answer to give.
+            # Zero was found to be balanced: a search that finds nothing contradicts that.
             return Status.UNVERIFIED, np.nan
         end = -best.value
         if end < begin - 2.0 * _SAME_MULTIPLE:
@@ -193,9 +192,9 @@ def _connected_end(
 
 
 def _least_multiple(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> float | None:
-    """Return the smallest multiple that a mode balances, None where no solver tells.
+    """Return the smallest multiple that a mode balances; None: no solver answered.
 
-    The mode balances all from there to its largest one.
+    The mode balances all multiples from there to its largest one.
     """
     least = formulation.with_costs(-formulation.program.c)
     is_coulomb = how.rules.static_friction is StaticFriction.COULOMB
@@ -207,7 +206,7 @@ def _least_multiple(formulation: Formulation, mode: SlidingMode, how: SolveOptio
 def unit_disturbances(
     problem: QuasistaticProblem, directions: ArrayLike | None, characteristic_length: float | None
 ) -> tuple[FloatArray, float]:
-    """Return (K, P) unit directions, and the length (m) that makes moments comparable to forces.
+    """Return (K, P) unit directions, and the length (m) that converts moments to forces.
 
     Args:
         problem: The contacts.
@@ -244,19 +243,19 @@ def unit_disturbances(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GuaranteedDisturbance(Brief):
-    """What disturbances certainly do no harm, which may, and which certainly do.
+    """Brackets of the disturbances up to which rest is proven to be the only outcome.
 
     Along direction d the disturbance of magnitude t is t [d_f; characteristic_length * d_m].
 
     See the example of `guaranteed_disturbance`.
 
     Attributes:
-        verdict: On the torques without disturbance.
+        verdict: Verdict on the torques without disturbance.
         directions: (K, P) unit directions [force; moment / characteristic length].
         brackets: K brackets of the magnitude with their proofs; none where rest is not the only
             outcome even without disturbance.
-        characteristic_length: m; what makes a moment comparable to a force.
-        largest: Magnitudes up to this were looked at, N.
+        characteristic_length: m; converts moments to forces.
+        largest: Largest magnitude that was looked at, N.
     """
 
     verdict: StabilityVerdict
@@ -269,7 +268,7 @@ class GuaranteedDisturbance(Brief):
     def guaranteed(self) -> FloatArray:
         """(K,) N: rest is proven to be the only outcome of every magnitude from zero up to this.
 
-        NaN where it is not even without disturbance, and where `reached` is False.
+        NaN where rest is not the only outcome without disturbance, and where `reached` is False.
         """
         return self._figures("guaranteed")
 
@@ -278,7 +277,7 @@ class GuaranteedDisturbance(Brief):
         """(K,) N: the smallest magnitude found at which the object may or must move.
 
         inf where none was found up to `largest`, NaN where `reached` is False. Between `guaranteed`
-        and this it is open what happens.
+        and this nothing is decided.
         """
         return self._figures("failing")
 
@@ -286,21 +285,21 @@ class GuaranteedDisturbance(Brief):
     def possible(self) -> FloatArray:
         """(K,) N: the largest magnitude that forces in round cones without limits balance.
 
-        As far as was looked: the best case. Beyond it rest is no outcome.
+        At most `largest`: the best case. Beyond it rest is no outcome.
         """
         return self._figures("possible")
 
     @property
     def complete(self) -> NDArray[np.bool_]:
-        """(K,) whether the search came to its end; False where `time_limit` ended it before.
+        """(K,) whether the search was completed; False where `time_limit` ended it before.
 
-        Then the other figures are what was proven and found by then.
+        Then the other figures are those proven and found by then.
         """
         return self._figures("complete", without=self.verdict.status is not Stability.UNDECIDED)
 
     @property
     def reached(self) -> NDArray[np.bool_]:
-        """(K,) whether a direction was looked at; where not, its other figures are NaN."""
+        """(K,) whether a direction was searched; where not, its other figures are NaN."""
         return self._figures("reached", without=False)
 
     @property
@@ -309,7 +308,7 @@ class GuaranteedDisturbance(Brief):
         return tuple(one.failure for one in self.brackets) or (None,) * len(self.directions)
 
     def _figures(self, name: str, *, without: float | bool = np.nan) -> NDArray[Any]:
-        """Return (K,) an attribute of all brackets, or what it is where there are none."""
+        """Return (K,) an attribute of all brackets; `without` in all entries if there are none."""
         found = [getattr(one, name) for one in self.brackets]
         return read_only(np.array(found or [without] * len(self.directions)))
 
@@ -320,10 +319,10 @@ class GuaranteedDisturbance(Brief):
 
     @property
     def worst(self) -> int:
-        """Index of the direction, of those that were reached, in which the least is guaranteed.
+        """Index of the direction with the smallest guaranteed magnitude, of those reached.
 
         Raises:
-            NoSolutionError: If nothing is, not even without disturbance, or none was reached.
+            NoSolutionError: If rest is not guaranteed without disturbance, or none was reached.
         """
         if not self.found:
             raise NoSolutionError(f"No disturbance is guaranteed to be borne ({self.verdict}).")
@@ -332,7 +331,7 @@ class GuaranteedDisturbance(Brief):
         return int(np.nanargmin(self.guaranteed))
 
     def __str__(self) -> str:
-        """Return one line: the direction in which the least is guaranteed."""
+        """Return one line: the direction with the smallest guaranteed magnitude."""
         if not self.found:
             return f"nothing guaranteed: {self.verdict}"
         if not self.reached.any():
@@ -366,23 +365,22 @@ def guaranteed_disturbance(
 ) -> GuaranteedDisturbance:
     """Bracket the largest disturbance up to which rest stays the only outcome, in each direction.
 
-    `disturbance_margin` tells what can be borne if the contact forces are the best ones; this tells
-    what is borne whichever they are. Each lower end is proven for all magnitudes up to it, not only
-    for those that were tried; each upper end has a verdict that shows a motion, or that rest is no
-    outcome.
+    `disturbance_margin` is for the best contact forces; this one is for any contact forces that may
+    result. Each lower end is proven for all magnitudes up to it, not only for those that were
+    tried; each upper end has a verdict that shows a motion, or that rest is no outcome.
 
     Args:
         problem: At rest, with `object_inertia` and `joint_inertia`.
         torques: (L,) the motors' torques, N m (N).
         directions: As of `disturbance_margin`; None: its 76, which may take minutes.
         characteristic_length: As of `disturbance_margin`, m.
-        largest: Magnitudes up to this are looked at, N; None: ten loads.
-        precision: Relative width of the brackets with which the search ends, where it gets so far.
-        node_limit: Sets of outcomes that each tree of a proof may look at; a third of what one
-            verdict alone may, since each direction takes several.
-        acceleration_resolution: As of `stability`; of the load without disturbance.
+        largest: Largest magnitude that is looked at, N; None: ten loads.
+        precision: Relative width of the brackets at which the search ends, if it reaches it.
+        node_limit: Sets of outcomes that each tree of a proof may look at; the default is a third
+            of that of a single verdict, since each direction takes several.
+        acceleration_resolution: As of `stability`; for the load without disturbance.
         time_limit: Seconds in all; None: any time. What is proven by then is returned, and
-            `complete` tells of which directions it is all that was asked for.
+            `complete` tells which directions were completed.
 
     Raises:
         ArgumentError: If an argument is wrong.

@@ -1,11 +1,11 @@
-"""Optimal forces and multipliers in SI units, and which of them an optimum leaves open.
+"""Optimal forces and multipliers in SI units, and the directions in which they are not unique.
 
-Every constraint either has a multiplier in some optimum, and is active in all of them, or has slack
-in some, and a multiplier in none (Goldman and Tucker). An interior-point answer lies inside the
-faces of all optimal forces and of all optimal multipliers, so the larger of slack and multiplier
-tells which. At a vertex, as of the simplex method, both may be zero: then a linear program tells
-which of these constraints can have slack. Optimal forces may change along the null space of the
-active constraints, optimal multipliers along the linear dependences between them.
+Every constraint either has a multiplier in some optimum and is active in all of them, or has slack
+in some optimum and a multiplier in none (Goldman and Tucker). An interior-point answer lies in the
+relative interior of the faces of optimal forces and of optimal multipliers, so the larger of slack
+and multiplier decides. At a vertex, as of the simplex method, both may be zero: then a linear
+program decides which of these constraints can have slack. Optimal forces may change along the null
+space of the active constraints, optimal multipliers along their linear dependences.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from graspless_pin.records import Record
 from graspless_pin.solution import TorqueSolution
 
 _HELD_COST = 1e-7
-"""Reduced costs above this hold a variable at its bound; a smaller slack or multiplier is none."""
+"""Reduced costs above this hold a variable at its bound; smaller slacks or multipliers are zero."""
 _RANK_TOLERANCE = 1e-7
-"""Geometry is exact to some 1e-9: constraints closer to dependent than this are."""
+"""Constraints closer to dependence than this are dependent; geometry is exact to some 1e-9."""
 _SAME_DERIVATIVE = 1e-6
 DERIVATIVE_ROUNDING = 1e-9
 _ROUNDING = 1e-14
@@ -43,8 +43,8 @@ class OptimalPoint(Record):
 
     Attributes:
         forces: (M, 3) contact forces f, N.
-        value: The objective.
-        multipliers: By the names of their blocks, which `programs.objectives` tells.
+        value: Value of the objective.
+        multipliers: By the names of their blocks, see `programs.objectives`.
     """
 
     forces: FloatArray
@@ -76,12 +76,12 @@ class _Point(NamedTuple):
 
 
 class _ActiveConstraints(NamedTuple):
-    """What is active at an optimum.
+    """The active constraints at an optimum.
 
     Attributes:
-        held: (p, k) combinations of the rows of G that all optimal forces have in common.
-        given: (d, k) those that have a multiplier.
-        bounds: Columns at a bound that has one.
+        held: (p, k) combinations of the rows of G that have the same value for all optimal forces.
+        given: (d, k) combinations of the rows of G that may have a multiplier.
+        bounds: Columns at a bound that may have a multiplier.
     """
 
     held: FloatArray
@@ -90,7 +90,7 @@ class _ActiveConstraints(NamedTuple):
 
 
 class OptimalSet:
-    """The optimum behind a solution.
+    """All optimal forces and multipliers of the program of a solution.
 
     Attributes:
         solution: A solution that was found, without regularisation.
@@ -101,7 +101,7 @@ class OptimalSet:
         self.solution = solution
         self._formulation: Formulation = formulate(solution.problem, solution.objective)
         program = self._formulation.program
-        # The search's own multipliers: friction that happens to vanish is not held at zero in them.
+        # The multipliers of the search: they do not hold friction that happens to vanish at zero.
         y, z = solution.scaled_multipliers
         reduced = program.c + y @ program.A + z @ program.G
         own = self._formulation.coordinates.scaled(solution.contact_forces)
@@ -113,11 +113,11 @@ class OptimalSet:
         return self._si_point(self._own_point)
 
     def alternatives(self) -> tuple[OptimalPoint, ...]:
-        """Return other points of the affine hulls of all optimal forces and all multipliers.
+        """Return random points of the affine hulls of all optimal forces and all multipliers.
 
-        What is linear in both and the same there is the same for all of them: the points are
-        random. They are as far from the solution's own as that is from zero: where multipliers
-        have no bound it may be far out, and nearer points seem to agree with it.
+        A function that is linear in both and has the same value at these points is constant on the
+        hulls. The points are as far from the solution's own point as that is from zero: multipliers
+        may be unbounded, and nearer points would seem to agree with a far one.
         """
         x, y, z, reduced = self._own_point
         forces = self._force_directions
@@ -133,7 +133,7 @@ class OptimalSet:
 
     @cached_property
     def _strictly_active(self) -> _ActiveConstraints:
-        """What has a multiplier here, or leaves no choice."""
+        """Constraints that have a multiplier at the solution's own point, or are equalities."""
         program, (x, _, z, reduced) = self._formulation.program, self._own_point
         values, flat, k = program.G @ x, program.flat_count, len(program.G)
         slack = np.where(z > 0.0, program.u - values, values - program.l)[:flat]
@@ -153,7 +153,7 @@ class OptimalSet:
 
     @cached_property
     def _inward_directions(self) -> tuple[FloatArray, FloatArray]:
-        """(k,) and (n,) 1 or -1: where rows of G and columns may go that are held weakly; else 0.
+        """(k,) and (n,) inward signs 1 or -1 of weakly active rows of G and columns; else 0.
 
         These are at one of their bounds, those of the mode included, without a multiplier.
         """
@@ -166,7 +166,7 @@ class OptimalSet:
 
     @cached_property
     def _weakly_active(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Rows of G and columns that are held weakly here, and have no slack in any optimum."""
+        """Rows of G and columns that are weakly active here and have no slack in any optimum."""
         inward_rows, inward_columns = self._inward_directions
         rows, columns = np.flatnonzero(inward_rows), np.flatnonzero(inward_columns)
         changes = self._preserving_directions(self._strictly_active).T
@@ -180,7 +180,7 @@ class OptimalSet:
 
     @cached_property
     def _active_in_all(self) -> _ActiveConstraints:
-        """What is active in all optima."""
+        """The constraints that are active in all optima."""
         active, given, bounds = self._strictly_active
         rows, columns = self._weakly_active
         more = np.eye(len(self._formulation.program.G))[rows]
@@ -189,18 +189,18 @@ class OptimalSet:
         )
 
     def _preserving_directions(self, active: _ActiveConstraints) -> FloatArray:
-        """(d, n) directions of x along which what is active stays so."""
+        """Return (d, n) directions of x that leave the active constraints active."""
         program, (rows, _, bounds) = self._formulation.program, active
         fixed = np.vstack([program.A, rows @ program.G, np.eye(len(program.c))[bounds]])
         return null_space(fixed, rcond=_RANK_TOLERANCE).T
 
     @cached_property
     def _force_directions(self) -> FloatArray:
-        """(d, n) directions in which x stays optimal."""
+        """(d, n) directions in which x stays optimal, without regard to inactive constraints."""
         return self._preserving_directions(self._active_in_all)
 
     def _multiplier_directions(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Directions in which y, z and the reduced costs together stay optimal."""
+        """Return directions in which y, z and the reduced costs together stay optimal."""
         program, (_, given, bounds) = self._formulation.program, self._active_in_all
         first, size = len(program.A), len(program.c)
         dual = null_space(
@@ -208,19 +208,19 @@ class OptimalSet:
         ).T
         of_costs = np.zeros((len(dual), size))
         of_rows = dual[:, first : first + len(given)] @ given
-        # A reduced cost is what the rows add up to; a bound's own multiplier is minus that.
+        # A reduced cost is the sum of the rows' parts; a bound's own multiplier is minus that.
         of_costs[:, bounds] = -dual[:, first + len(given) :]
         return dual[:, :first], of_rows, of_costs
 
     def torque_points(self) -> tuple[tuple[OptimalPoint, ...], ...]:
-        """Return points whose multipliers make the gradient of an optimum that of a torque.
+        """Return points whose multipliers turn the gradient of an optimum into that of a torque.
 
-        Where the optimal forces are the only solution of all that is active, a torque is a linear
-        function of them, and its derivative that of a Lagrangian whose multipliers add up to it.
+        Where the active constraints determine the optimal forces, a torque is a linear function of
+        them: its derivative is that of a Lagrangian whose multipliers cancel the torque's own row.
 
         Returns:
-            L points for the L torques, and such points again with other forces and multipliers that
-            do as well: what differs there is not unique. NaN where the torque itself is open.
+            L points for the L torques, then L points each for other forces and multipliers of that
+            kind: entries that differ there are not unique. NaN where the torque is not unique.
         """
         formulation, program = self._formulation, self._formulation.program
         coordinates, problem = formulation.coordinates, self.solution.problem
@@ -267,11 +267,11 @@ class OptimalSet:
         return replace(point, multipliers={name: sign * one for name, one in found.items()})
 
     def _si_point(self, point: _Point, unit: float | None = None) -> OptimalPoint:
-        """Return a point in SI units; the solution's own signs tell the rows' sides.
+        """Return a point in SI units; the solution's own signs decide the active sides of rows.
 
         Args:
             point: The point.
-            unit: What one of the scaled function is that the multipliers are of; None: as of the
+            unit: Unit of the scaled function that the multipliers belong to; None: that of the
                 objective.
         """
         formulation, (x, y, z, reduced) = self._formulation, point
@@ -294,9 +294,9 @@ class OptimalSet:
 
 
 def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
-    """Return which entries are the same in arrays of one quantity, read-only.
+    """Return a mask of the entries that are the same in arrays of one quantity, read-only.
 
-    Those that differ do not count in the size of the others: they may be as large as one likes.
+    Entries that differ may be arbitrarily large and do not count in the scale of the others.
     """
     stack = np.stack([values, *others])
     spread, sizes = np.abs(stack - values).max(axis=0), np.abs(stack).max(axis=0)
@@ -310,12 +310,12 @@ def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
 
 
 def _largest_entry(*parts: FloatArray) -> float:
-    """Return the largest entry of some arrays, 1 at least."""
+    """Return the largest absolute entry of some arrays, 1 at least."""
     return max(1.0, *(float(np.abs(one).max(initial=0.0)) for one in parts))
 
 
 def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what holds of an entry of a second-order cone in all optima, and what has multipliers.
+    """Return the active planes of an entry of a second-order cone, and those with multipliers.
 
     On the cone's surface the entry may only change along its own ray, and its multiplier along the
     ray of the normal there; at the apex neither has a direction.
@@ -340,19 +340,19 @@ def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray,
 def _inward_signs(
     values: FloatArray, low: FloatArray, high: FloatArray, multipliers: FloatArray
 ) -> FloatArray:
-    """(k,) 1 for values at their lower bounds, -1 at their upper ones, else or if held there 0."""
+    """(k,) 1 at the lower bound, -1 at the upper one, both without a multiplier; else 0."""
     at_low, at_high = values - low <= _HELD_COST, high - values <= _HELD_COST
     return (at_low.astype(float) - at_high) * (np.abs(multipliers) <= _HELD_COST)
 
 
 def _jointly_positive(rows: FloatArray) -> NDArray[np.bool_]:
-    """(k,) which rows some combination of the columns can make positive, none being negative."""
+    """(k,) mask of rows that a combination of the columns makes positive, with none negative."""
     count, size = rows.shape
     if count == 0 or size == 0:
         return np.zeros(count, dtype=bool)
     from scipy.optimize import linprog
 
-    # Any number of positive rows can be made to reach 1: the largest sum has all of them.
+    # Positive rows can be scaled to reach 1: the largest sum has all of them.
     answer = linprog(
         np.concatenate([np.zeros(size), -np.ones(count)]),
         A_ub=np.hstack([-rows, np.eye(count)]),
@@ -362,6 +362,6 @@ def _jointly_positive(rows: FloatArray) -> NDArray[np.bool_]:
     )
     if answer.status != 0 or not np.isfinite(answer.x).all():
         return np.zeros(count, dtype=bool)
-    # What is said to be positive must be so, and nothing may be negative.
+    # Check of the solver's answer.
     reached = rows @ answer.x[:size]
     return (reached > 0.5) & (reached.min() > -0.5)

@@ -1,6 +1,6 @@
 """Why a problem is infeasible, and the smallest single changes that make it feasible.
 
-Each suggestion is solved before it is made; all searches share one time limit.
+Each suggestion was solved and found feasible; all searches share one time limit.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ from graspless_pin.solvers import PRIMAL_TOLERANCE, Outcome
 from graspless_pin.tree_search import Limits
 
 SUGGESTION_ROOM = 1.0 + 1e-6
-"""A suggestion goes further by this, so that it is feasible and not just about to be."""
+"""Factor on the smallest change, so that a suggestion is feasible and not just at the limit."""
 SUGGESTION_DIGITS = 5
 
 
 def extra_wrench(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, QuasistaticProblem]:
-    """Return a wrench from outside that closes the balance of given forces."""
+    """Return the text and the problem of an extra wrench that balances given forces."""
     help_ = -(problem.W @ forces.ravel() + problem.external_wrench)
     changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
     words = load_words(help_, problem.passive_units, joined=" and ")
@@ -56,7 +56,7 @@ def extra_wrench(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, 
 def wider_joint_limit(
     problem: QuasistaticProblem, joint: int, torque: float
 ) -> tuple[str, QuasistaticProblem]:
-    """Return limits of one joint that let it make a torque: both where symmetric, else one."""
+    """Return text and problem with limits of a joint that allow a torque: both if symmetric."""
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
     name, unit = problem.joint_names[joint], problem.joint_units[joint]
     reserve = (SUGGESTION_ROOM - 1.0) * abs(torque)
@@ -81,7 +81,7 @@ def torque_text(problem: QuasistaticProblem, amount: float) -> str:
 
 
 def wider_torque_limits(problem: QuasistaticProblem, more: float) -> QuasistaticProblem:
-    """Return the problem with every torque limit wider, but a limit of zero on one side only."""
+    """Return the problem with all torque limits wider, except a zero limit on one side."""
     lower, upper = problem.lower_torque, problem.upper_torque
     lower = lower - np.where((lower == 0.0) & (upper != 0.0), 0.0, more)
     upper = upper + np.where((upper == 0.0) & (problem.lower_torque != 0.0), 0.0, more)
@@ -97,7 +97,7 @@ def rounded_up(value: float) -> float:
 
 
 class ChangeSearches:
-    """The searches for changes that help, within the limits of all.
+    """The searches for changes that help, under one common limit.
 
     Attributes:
         limits: Of all of them.
@@ -105,25 +105,25 @@ class ChangeSearches:
     """
 
     def __init__(self, options: SolveOptions) -> None:
-        """Let the time begin."""
+        """Start the time limit."""
         self.limits = Limits.of(options)
         self.cut_short = False
 
     def options(self, rules: Rules) -> SolveOptions | None:
-        """Return how the next problem is solved; None: the time is over."""
+        """Return the options of the next solve; None: the time is over."""
         if self.limits.passed:
             self.cut_short = True
             return None
         return self.limits.within(SolveOptions(rules, node_limit=self.limits.node_limit))
 
     def note_status(self, status: Status) -> None:
-        """Note how a search ended."""
+        """Note whether a search ended early, by its status."""
         self.cut_short |= status in (Status.LIMIT_REACHED, *UNDECIDED)
 
     def is_feasible(
         self, problem: QuasistaticProblem, solution: TorqueSolution, rules: Rules, margin: float
     ) -> bool:
-        """Return whether another problem is found feasible under other rules and margins."""
+        """Return whether a problem is found feasible under given rules and margin."""
         options = self.options(rules)
         if options is None:
             return False
@@ -135,10 +135,10 @@ class ChangeSearches:
 
 _BRIEF_NODES = 1000
 _BRIEF_SECONDS = 10.0
-"""What an explanation may take that is printed or written along with an answer."""
+"""Limits of an explanation that is printed or written along with an answer."""
 _COULOMB = StaticFriction.COULOMB
 _FACTOR_STEP = 1e-4
-"""To this the largest factor on friction below 1 is found."""
+"""Tolerance of the largest factor on friction below 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class Explanation:
         cause: One sentence.
         conflicting_contacts: Contacts whose virtual slidings exclude each other, if that is why.
         suggestions: Changes that help, each enough by itself.
-        complete: Whether every search came to its end; else others may do, or smaller ones.
+        complete: Whether every search was completed; else other or smaller changes may help.
     """
 
     cause: str
@@ -194,15 +194,15 @@ def explain(
 
     Where the force balance itself fails, each kind of limit is relaxed alone (one joint's torque,
     all torques, normal forces, friction, the required margin, an extra external wrench) by
-    the smallest amount that makes some feasible mode work. Where only the virtual-sliding rule
-    fails, the contacts in conflict are named and the weaker rules are tried; under ``direction``
-    that and the required margin are all. Where no change is enough by itself, it is tried along
-    with no required margin, with Coulomb friction, or with all others. See the example of `Status`.
+    the smallest amount that makes some mode feasible. Where only the virtual-sliding rule fails,
+    the contacts in conflict are named and the weaker rules are tried; under ``direction`` only
+    these and the required margin. Where no single change is enough, each is tried without a
+    required margin, with Coulomb friction, and all are tried together. See the example of `Status`.
 
     Args:
         solution: A solution that was not found.
-        node_limit: End each search for a change after so many nodes.
-        time_limit: End all of them after so many seconds.
+        node_limit: Nodes after which each search for a change ends.
+        time_limit: Seconds after which all of them end.
 
     Returns:
         The cause and suggestions that were each solved and found feasible.
@@ -243,14 +243,14 @@ def explain(
 
 
 def explained_briefly(solution: TorqueSolution) -> str:
-    """Return why a solution was not found, by short searches; empty if its status says all."""
+    """Return why a solution was not found, by short searches; empty if the status is enough."""
     if solution.status not in (*EXPLAINED, Status.LOAD_TOO_LARGE):
         return ""
     return str(explain(solution, node_limit=_BRIEF_NODES, time_limit=_BRIEF_SECONDS))
 
 
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
-    """Contacts in the conflict of the relaxation's optimum."""
+    """Return the contacts in the conflict of the relaxation's optimum."""
     formulation = formulate(solution.problem, solution.objective)
     state = SearchState(formulation, SolveOptions(solution.rules))
     answer = state.relax()
@@ -264,7 +264,7 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
 
 
 def _weaker_rules(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
-    """Return the first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
+    """Return weaker sign and sliding rules, and Coulomb friction, where they make it feasible."""
     rules = solution.rules
     # Each is weaker than those before it.
     signs = (SignRule.DIRECTION, SignRule.STRICT, SignRule.EXACT, SignRule.NONZERO)
@@ -284,7 +284,7 @@ def _weaker_rules(solution: TorqueSolution, searches: ChangeSearches) -> list[Su
 
 
 def _smaller_margins(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
-    """Return the largest margin that is feasible, where one is."""
+    """Return the largest feasible margin as a suggestion, if there is one."""
     options = searches.options(solution.rules)
     if solution.required_margin == 0.0 or options is None:
         return []
@@ -301,7 +301,7 @@ def _smaller_margins(solution: TorqueSolution, searches: ChangeSearches) -> list
 
 
 def _combined_changes(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
-    """Single changes beside another one, and all changes at once as the last resort."""
+    """Return single changes combined with weaker demands; if none helps, all at once."""
     coulomb = replace(solution.rules, static_friction=_COULOMB)
     beside = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
     if solution.required_margin > 0.0:
@@ -317,9 +317,9 @@ def _combined_changes(solution: TorqueSolution, searches: ChangeSearches) -> lis
 
 
 def _reliefs(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
-    """Yield the smallest widening of each kind of limit that helps alone."""
+    """Yield the smallest relaxation of each kind of limit that is enough by itself."""
     if solution.rules.by_direction:
-        return  # it is looked for mode by mode
+        return  # reliefs are searched over modes (B, S)
     problem, joints = solution.problem, tuple(range(solution.problem.joint_count))
     alone = [(one, relief) for one in joints if (relief := _relief(solution, searches, (one,)))]
     for joint, relief in sorted(alone, key=lambda item: item[1].amount)[:3]:
@@ -344,7 +344,7 @@ def _reliefs(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Sug
 
 
 def _all_limits_widened(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
-    """All limits widened and an extra external wrench, at once."""
+    """Yield one suggestion: all limits wider and an extra external wrench, at once."""
     problem = solution.problem
     joints = tuple(range(problem.joint_count))
     relief = _relief(solution, searches, joints, normal=True, wrench=True)
@@ -363,7 +363,7 @@ def _all_limits_widened(solution: TorqueSolution, searches: ChangeSearches) -> I
 
 
 def _friction_changes(solution: TorqueSolution, searches: ChangeSearches) -> Iterator[Suggestion]:
-    """Yield a common factor on friction; below 1 where there is too much to push."""
+    """Yield a common factor on friction that is enough; below 1 where friction is too large."""
     problem = solution.problem
     options = searches.options(solution.rules)
     if options is None:
@@ -395,7 +395,7 @@ def _friction_changes(solution: TorqueSolution, searches: ChangeSearches) -> Ite
 
 
 class _Relief(NamedTuple):
-    """How much some limits give, scaled, and the forces that it makes room for, N."""
+    """The smallest relaxation of some limits, scaled, and the forces (M, 3) that it allows, N."""
 
     amount: float
     forces: FloatArray
@@ -410,14 +410,14 @@ def _relief(
     normal: bool = False,
     wrench: bool = False,
 ) -> _Relief | None:
-    """Return the smallest relief of one kind; None if it does not help."""
+    """Return the smallest relief of one kind; None: none was found, or none is needed."""
     options = searches.options(solution.rules)
     if options is None:
         return None
     objective = LimitRelief(solution.required_margin, joints, normal, wrench)
     formulation = formulate(solution.problem, objective)
     state = SearchState(formulation, options, searches.limits)
-    # What was found before a motion could not be decided on helps all the same.
+    # The best answer so far is of use even where a motion could not be decided.
     try:
         searches.note_status(branch_and_bound(state))
     except UndecidedMotionError:
@@ -431,6 +431,6 @@ def _relief(
 def _feasible_suggestion(
     text: str, changed: QuasistaticProblem, solution: TorqueSolution, searches: ChangeSearches
 ) -> Iterator[Suggestion]:
-    """Yield the suggestion if the changed problem is really feasible."""
+    """Yield the suggestion if the changed problem is found feasible."""
     if searches.is_feasible(changed, solution, solution.rules, solution.required_margin):
         yield Suggestion(text, changed, solution.required_margin, solution.rules)

@@ -1,4 +1,4 @@
-"""What contact forces given torques can end up with: the indeterminate forces, eq. (32).
+"""Ranges of the contact forces under given torques: the indeterminate forces, eq. (32).
 
 Extreme values over all contact forces that given torques allow, by branch and bound.
 """
@@ -41,19 +41,19 @@ from graspless_pin.solvers import Outcome, solve
 from graspless_pin.tree_search import Limits, TreeSearch
 
 _AT_REACH = 1.0 - 1e-6
-"""Share of the farthest normal force that is looked at: what is as large may be larger."""
+"""Share of the largest normal force in the program: optima beyond it may be truncated."""
 _LEAST_RAY_GROWTH = 1e-6
 _RAY_NODE_LIMITS = (32, 128, 512, 2048, 8192, None)
-"""Limits of the searches for a free ray, one after the other: any ray will do."""
+"""Node limits of successive searches for a free ray: any ray will do."""
 _CONE_SECTORS = 8
 _SECTOR_GAP = 1e-6
-"""How near the smallest distance from a round cone is found, over the load."""
+"""Tolerance of the smallest distance from a round cone, over the load."""
 _NARROWEST_SECTOR = 1e-4
 _ENDED_EARLY = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 
 
 class Extreme(NamedTuple):
-    """An extreme value over all modes (N), or one that was reached, and whether it is proven."""
+    """An extreme value over all modes, N, and whether it is proven; if not, one that is reached."""
 
     value: float
     proven: bool
@@ -63,10 +63,10 @@ class _Surface(NamedTuple):
     """A face of a cone, or a tangent plane of a round cone.
 
     Attributes:
-        distance: (n,) coefficients with distance . x the distance of forces x from it, N.
-        contact: Of the round cone; -1: it is a flat face.
-        sector: Of a round cone, the directions of friction for which the plane bounds the cone;
-            None: it is a flat face.
+        distance: (n,) coefficients; distance . x is the distance of forces x from the surface, N.
+        contact: Contact of the round cone; -1: a flat face.
+        sector: Directions of friction for which the plane bounds the round cone; None: a flat
+            face.
     """
 
     distance: FloatArray
@@ -77,13 +77,13 @@ class _Surface(NamedTuple):
 class ForceExtremes:
     """The force set of given torques, and optima of linear functions over it.
 
-    The methods are of torques that some mode holds.
+    The methods assume that some mode balances the torques.
 
     Attributes:
-        status: Whether some mode holds the torques.
-        growing: Modes that were seen to hold a force and a free ray.
-        reached: Coordinates of forces that a feasible mode holds.
-        proven: Whether every search since this was last set came to its proof.
+        status: Whether some mode balances the torques.
+        growing: Modes that were found to admit a force and a free ray.
+        reached: Coordinates of forces that feasible modes admit.
+        proven: Whether every search since this was last set was completed with a proof.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class ForceExtremes:
         torques: FloatArray,
         options: SolveOptions,
     ) -> None:
-        """Look for a mode that holds the torques (L,), N m; the time of all searches begins."""
+        """Look for a mode that balances the torques (L,), N m; the time of all searches begins."""
         self.limits, self.options = Limits.of(options), options
         self.problem, self.torques = problem, torques
         self.force_set = formulate(problem, ForceSet(torques))
@@ -110,20 +110,20 @@ class ForceExtremes:
 
     @property
     def _normal_reach(self) -> float:
-        """The largest normal force that is looked at, over F."""
+        """The largest normal force that the program allows, over the load F."""
         return float(self.force_set.program.ub[self.coordinates.normal_columns].max())
 
     def component(self, contact: int, component: int) -> FloatArray:
-        """(n,) functional of the coordinates that gives f_n, f_t1 or f_t2 of a contact, in N."""
+        """Return the (n,) coefficients that give f_n, f_t1 or f_t2 of a contact, N."""
         row = component_row(self.problem, self.coordinates, contact, component)
         return self.coordinates.force_scale * row
 
     def largest(self, functional: FloatArray, *, above: float = -np.inf) -> Extreme:
-        """Largest value of a linear function over all modes; inf along a free ray.
+        """Return the largest value of a linear function over all modes; inf along a free ray.
 
         Args:
-            functional: (n,) its coefficients.
-            above: Smaller values are of no interest; then this is returned.
+            functional: (n,) coefficients of the function.
+            above: Lower bound on the returned value: smaller values are of no interest.
         """
         scale = float(np.abs(functional).max())
         if scale == 0.0:
@@ -140,7 +140,7 @@ class ForceExtremes:
                 normal = state.best.x[self.coordinates.normal_columns]
                 self.proven = self.proven and bool((normal < _AT_REACH * self._normal_reach).all())
             elif above == -np.inf:
-                # The torques are held: a search that finds no force has nothing to say.
+                # Some mode balances the torques: a search that finds no force proves nothing.
                 self.proven = False
         if not self.proven:
             value = max(value, *(float(functional @ x) for x in self.reached))
@@ -149,7 +149,7 @@ class ForceExtremes:
     def smallest_margin(
         self, lower: FloatArray, upper: FloatArray, proven: NDArray[np.bool_]
     ) -> Extreme:
-        """Smallest distance to any face or round cone: the margin is the least of linear functions.
+        """Return the smallest margin: the least of linear distances to faces and round cones.
 
         Branch and bound over surfaces: the bound of a surface is its least distance over the box of
         the component ranges. Round cones are split into sectors, to 1e-6 of the load.
@@ -192,7 +192,7 @@ class ForceExtremes:
         return Extreme(margin, complete and bool(proven[:, 0].all()))
 
     def largest_margin(self) -> Extreme:
-        """Largest margin over all modes, with the normal-force limit counted."""
+        """Return the largest margin over all modes, normal-force limits included."""
         self.proven = not self.limits.passed
         if self.proven:
             best = self._search_modes(formulate(self.problem, HeldMargin(self.torques)))[1].best
@@ -203,7 +203,7 @@ class ForceExtremes:
         return Extreme(max(self._margin(x) for x in self.reached), proven=False)
 
     def _surfaces(self) -> list[_Surface]:
-        """Return all that forces keep a distance from, but the normal-force limits."""
+        """Return all surfaces that bound the margin, except the normal-force limits."""
         rows, force = self.rows, self.coordinates.force_scale
         flat = list(force * rows.normal_rows[rows.without_cone])
         if not rows.cones.second_order:
@@ -217,7 +217,7 @@ class ForceExtremes:
         return [*(_Surface(one) for one in flat), *sectors]
 
     def _tangent_plane(self, contact: int, sector: Sector) -> _Surface:
-        """Return the plane that no force of a sector is nearer to than to its round cone.
+        """Return the plane whose distance bounds that of the round cone from below in a sector.
 
         There |f_t| <= c^T f_t / cos(half the width) with c along the sector's middle.
         """
@@ -237,7 +237,7 @@ class ForceExtremes:
         return self.problem.margin_of(self.coordinates.forces(x))
 
     def _has_growing_ray(self, c: FloatArray) -> bool:
-        """Whether some mode holds a force and a ray along which -c grows."""
+        """Return whether some mode admits a force and a free ray along which -c . x grows."""
         alone = self.rays.with_costs(c)
         answer = solve(alone.program, self.options.solver)
         if answer.outcome is Outcome.SOLVED and answer.value > -_LEAST_RAY_GROWTH:
@@ -247,9 +247,9 @@ class ForceExtremes:
             return self.proven
         if any(self._optimum_in_mode(alone, mode) < -_LEAST_RAY_GROWTH for mode in self.growing):
             return True
-        # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest
-        # that there is none; the modes of rays and of far forces mostly have the other too; forces
-        # beside rays have the last word.
+        # Three searches alternate with growing node limits. Rays alone prove soonest that there is
+        # none; modes of rays mostly have forces, too, and modes of far forces rays; the pair of a
+        # force and a ray decides.
         priced = self.force_set.with_costs(c)
         beside = ForceBesideRay(self.force_set.objective)
         pair = formulate(self.problem, beside, layers=(0, self.rows.size))
@@ -280,18 +280,18 @@ class ForceExtremes:
     def _improving_mode(
         self, formulation: Formulation, limit: int | None
     ) -> tuple[SlidingMode | None, bool]:
-        """Return the best mode within some nodes if its value is negative; whether that is all."""
+        """Return a mode of negative value within some nodes, and whether the search is complete."""
         _, state = self._search_modes(formulation, node_limit=limit)
         over = limit is None or state.nodes < limit
         return (None if state.best_value > -_LEAST_RAY_GROWTH else state.mode), over
 
     def _optimum_in_mode(self, formulation: Formulation, mode: SlidingMode) -> float:
-        """Optimum of a program of one set of forces in one mode, inf where it has none."""
+        """Return the optimum of a program of one set of forces in one mode; inf: it has none."""
         answer = formulation.solve(*formulation.bounds_of(mode), self.options.solver, cutoff=np.inf)
         return answer.value if answer.outcome is Outcome.SOLVED else np.inf
 
     def _has_rays(self) -> bool:
-        """Whether the force set without modes is unbounded."""
+        """Return whether the force set without modes may be unbounded."""
         answer = solve(
             self.rays.with_costs(-self.rows.normal_rows.sum(axis=0)).program, self.options.solver
         )
@@ -309,7 +309,7 @@ class ForceExtremes:
         status = search_modes(state)
         ended = status in _ENDED_EARLY and (self.limits.passed or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
-        # The other programs have other rows, or a force among their variables and more.
+        # Only programs of the force set have the variables and rows of such forces.
         if state.best is not None and formulation.objective is self.force_set.objective:
             self.reached.append(state.best.x)
         return status, state
@@ -336,7 +336,7 @@ class ContactForceBounds(Brief):
         lower: (M, 3) smallest f_n, f_t1, f_t2, N; -inf where a free ray exists.
         upper: (M, 3) largest f_n, f_t1, f_t2, N; inf where a free ray exists.
         proven: (M, 3) whether no feasible mode leads beyond either end. Elsewhere `lower` and
-            `upper` were reached by forces that a feasible mode holds, and the range may be wider.
+            `upper` were reached by forces that a feasible mode admits, and the range may be wider.
         smallest_margin: Smallest margin (N) that the torques can end up with; -inf where a
             normal force is unbounded. With LIMIT_REACHED the smallest one reached.
         largest_margin: Largest margin that they can end up with, N: the optimum's best case. With
@@ -358,7 +358,7 @@ class ContactForceBounds(Brief):
 
     @property
     def found(self) -> bool:
-        """Whether the torques can be held at all."""
+        """Whether some feasible mode balances the torques."""
         return self.status in FOUND
 
     @property
@@ -369,21 +369,21 @@ class ContactForceBounds(Brief):
 
     @property
     def indeterminate(self) -> NDArray[np.bool_]:
-        """(M, 3) components that the torques do not determine, as far as is known."""
+        """(M, 3) mask of components that the torques do not determine, by the known ranges."""
         return self.upper - self.lower > _DETERMINATE_RANGE * self.problem.scales.force
 
     @property
     def covers(self) -> str:
-        """Over which forces the ranges go, in words."""
+        """The set of forces that the ranges cover, in words."""
         if self.rules.static_friction is not StaticFriction.COULOMB:
             return "over all admissible contact forces"
         return f"over all forces of rest ({self.problem.cone_model.words(self.problem.cone_edges)})"
 
     def squeeze_words(self, bodies: Sequence[str] | None = None) -> str:
-        """Return who may press with any force, because the torques do not limit it; empty: none.
+        """Return which bodies may press with unbounded force under the torques; empty: none.
 
         Args:
-            bodies: (M,) names of what touches at each contact; None: not named.
+            bodies: (M,) names of the bodies in contact; None: contacts are named by number.
         """
         free = np.flatnonzero(np.isinf(self.upper[:, 0])).tolist() if self.found else []
         if not free:
@@ -440,7 +440,7 @@ def contact_force_bounds(
     torques: ArrayLike,
     **options: Unpack[SolveKeywords],
 ) -> ContactForceBounds:
-    """Bound the contact forces that given motor torques can end up with, eq. (32).
+    """Bound the contact forces that may result from given motor torques, eq. (32).
 
     Every component is minimised and maximised over all feasible modes by branch and bound. The
     force set (32) has no normal-force limit: a component is infinite where a direction exists that
@@ -454,7 +454,7 @@ def contact_force_bounds(
         torques: (L,) motor torques J^T f + g, N m; for example `TorqueSolution.torques`. Those of
             joints that move no contact bear no force and do not count.
         options: See `SolveOptions.parse`. A limit returns what was reached, with LIMIT_REACHED, or
-            NOT_FOUND_IN_LIMIT if there was no time to hold the torques at all.
+            NOT_FOUND_IN_LIMIT if no mode that balances the torques was found before.
 
     Raises:
         ArgumentError: If the torques have the wrong shape, an option is not known, the time limit
@@ -480,7 +480,7 @@ def contact_force_bounds(
     proven = np.zeros((count, 3), dtype=bool)
     margins = np.nan, np.nan
     if status in FOUND:
-        # One search that is worth having before the many.
+        # First, as its optimum counts as reached in the searches below.
         largest = search.largest_margin()
         for contact in range(count):
             for component in range(3):

@@ -1,4 +1,4 @@
-"""Affine policies: contact forces affine in what is not known, and what they prove of a whole set.
+"""Affine policies: contact forces affine in the unknowns, and what they prove for a whole set.
 
 See Ben-Tal, Goryashko, Guslitzer and Nemirovski, "Adjustable robust solutions of uncertain linear
 programs", Math. Program. 99, 2004.
@@ -28,19 +28,19 @@ _DRAWN = 8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Unknowns(Brief):
-    """D figures d in a product of unit balls, and what they add to load and torques.
+    """D figures d in a product of unit balls, and their effects on load and torques.
 
     A ball of one figure is an interval.
 
     Attributes:
-        loads: (K, P, D) what 1 of each adds to the wrench of each corner, N and N m.
-        moved: (9, D) what 1 of each adds to a corner's centre of mass, force and moment.
-        nominal: What the nominal problem is, as a corner.
-        balls: (D,) the ball of each; all of one ball stand side by side.
-        joints: (D,) the joint whose torque it puts off, -1 where it is of the load.
-        shares: (L,) of the largest |command| by which a joint's torque may be off.
-        offsets: (L,) by which it may be off beside that, N m (N).
-        words: What the balls are of, and the units in words.
+        loads: (K, P, D) change of the wrench of each corner per unit of each figure, N and N m.
+        moved: (9, D) change of a corner's centre of mass, force and moment per unit of each figure.
+        nominal: The nominal problem as a corner.
+        balls: (D,) number of the ball of each figure; figures of one ball are adjacent.
+        joints: (D,) joint whose torque error the figure is, -1 where it belongs to the load.
+        shares: (L,) error of a joint's torque over its largest |command|.
+        offsets: (L,) further error of the joint's torque, N m (N).
+        words: Name and unit of each ball, in words.
     """
 
     loads: FloatArray
@@ -54,21 +54,21 @@ class Unknowns(Brief):
 
     @property
     def count(self) -> int:
-        """D."""
+        """Number of figures, D."""
         return len(self.balls)
 
     @property
     def of_errors(self) -> NDArray[np.int_]:
-        """Numbers of the unknowns that are errors of torques."""
+        """Numbers of the figures that are errors of torques."""
         return np.flatnonzero(self.joints >= 0)
 
     def sizes_of(self, slopes: FloatArray) -> FloatArray:
-        """Return (...,) the most that (..., D) slopes add for any d."""
+        """Return (...,) the maximum of slopes . d over all d, for slopes (..., D)."""
         starts = np.flatnonzero(np.diff(self.balls, prepend=-1))
         return np.sqrt(np.add.reduceat(slopes**2, starts, axis=-1)).sum(axis=-1)
 
     def worst(self, slopes: FloatArray) -> FloatArray:
-        """Return (..., D) the d for which (..., D) slopes add that."""
+        """Return (..., D) the d that maximises slopes . d, for slopes (..., D)."""
         squares = slopes[..., None, :] ** 2 * (self.balls[:, None] == self.balls)
         lengths = np.sqrt(squares.sum(axis=-1))
         return np.divide(slopes, lengths, out=np.zeros_like(slopes), where=lengths > 0.0)
@@ -76,13 +76,13 @@ class Unknowns(Brief):
     def member(
         self, number: int, corner: Member, d: FloatArray, signs: FloatArray | float = 1.0
     ) -> Member:
-        """Return the member of a corner at d: pushed, and with its centre of mass elsewhere.
+        """Return the member of a corner at d: with its loads, centre of mass and torque errors.
 
         Args:
-            number: Of the corner.
+            number: Number of the corner.
             corner: The corner.
-            d: (D,).
-            signs: Of the commands whose shares are errors, one for each of these.
+            d: (D,) figures.
+            signs: Signs of the commands of the joints with errors, one for each of them.
         """
         problem, at, of = corner.problem, corner.corner or self.nominal, self.of_errors
         factors, offsets = corner.factors.copy(), corner.offsets.copy()
@@ -118,18 +118,18 @@ def unknowns_of(
     weight: Weight,
     corners: Sequence[Member],
 ) -> Unknowns:
-    """Return what of a set is not in its corners.
+    """Return the figures of a set that its corners leave out.
 
     Args:
         problem: The nominal one.
         uncertainty: The set.
-        of_corners: The part whose corners are looked at.
+        of_corners: The part of the set whose corners are enumerated.
         weight: Which part of the load is weight.
-        corners: K of them.
+        corners: K corners.
     """
     zero = np.zeros(3)
     nominal = Corner(0.0, zero, weight.down, zero, zero, np.zeros(problem.contact_count))
-    # Of each: its place among the nine, what it is, sizes along axes, and whether it is a ball.
+    # For each: its first of the nine rows, name, unit, sizes along axes, and whether it is a ball.
     parts: list[tuple[int, str, str, FloatArray, bool]] = []
     for first, name, unit in ((3, "force", "N"), (6, "moment", "N m")):
         box = zero if getattr(of_corners, name).any() else getattr(uncertainty, name)
@@ -155,7 +155,7 @@ def unknowns_of(
     moves = np.zeros((9, len(balls)))
     moves[:, : len(moved)] = np.reshape(moved, (-1, 9)).T
     maps = np.zeros((len(corners), problem.passive_count, 9))
-    if moved:  # of one free object
+    if moved:  # only for one free object
         maps[:, :, 3:] = np.eye(6)
         for number, one in enumerate(corners):
             at = one.corner or nominal
@@ -169,12 +169,12 @@ def unknowns_of(
 def extreme_members(
     corners: Sequence[Member], unknowns: Unknowns, of: Sequence[int] | None = None
 ) -> list[Member]:
-    """Return corners at both ends of an unknown; without one, at ends of all of them at once.
+    """Return members of the corners at both ends of some unknowns, or at random extreme d.
 
     Args:
         corners: The corners.
-        unknowns: What d is.
-        of: Numbers of unknowns; None: ends of all, drawn from a seeded generator.
+        unknowns: The figures d.
+        of: Numbers of unknowns, one at a time; None: all at once, drawn from a seeded generator.
     """
     drawn = np.random.default_rng(0).choice([-1.0, 1.0], (_DRAWN, unknowns.count))
     ends = unknowns.worst(drawn) if of is None else np.eye(unknowns.count)[of]
@@ -193,9 +193,9 @@ def far_apart(
 
     Args:
         points: The points.
-        chosen: Numbers of those to begin with.
-        count: How many to choose, these among them, unless there are fewer.
-        distances: (K,) that points are no farther from what was chosen than; None: any.
+        chosen: Numbers of the points to begin with.
+        count: Number of points to choose, those included, unless there are fewer.
+        distances: (K,) upper bounds on the distances to the chosen points; None: infinite.
     """
     to_chosen = np.full(len(points), np.inf) if distances is None else distances
     chosen, begin = [], list(chosen)
@@ -210,17 +210,17 @@ def far_apart(
 class ForcePolicy(Brief):
     """Forces f_k + F_k d of each corner k: they prove torques for the whole set.
 
-    All figures are in world axes. `residual`, `least_margin` and `max_torque` are what they prove,
-    worked out from them for the worst d of each row.
+    All figures are in world axes. `residual`, `least_margin` and `max_torque` hold for the whole
+    set: each is evaluated for the worst d of each row.
 
     Attributes:
         corners: K members, at d = 0.
-        unknowns: What d is.
+        unknowns: The figures d.
         forces: (K, M, 3) f_k, N.
         slopes: (K, M, 3, D) F_k, N.
-        errors: (L, D) by how much 1 of each puts torques off what is commanded, N m (N).
+        errors: (L, D) deviation of torques from commands per unit of each figure, N m (N).
         directions: (L, d) what feedback may add to commands; None: nothing.
-        active: Corner and d of members that the torques hardly serve, the most needed first.
+        active: Corner and d of the members with active rows, the largest multipliers first.
     """
 
     corners: tuple[Member, ...]
@@ -239,7 +239,7 @@ class ForcePolicy(Brief):
 
     @cached_property
     def added(self) -> FloatArray:
-        """(K, L, D) what 1 of each adds to these."""
+        """(K, L, D) change of the commands per unit of each figure, N m (N)."""
         each = zip(self.corners, self._flat_slopes, strict=True)
         made = [one.problem.J.T @ slopes / one.factors[:, None] for one, slopes in each]
         return np.array(made) - self.errors
@@ -250,14 +250,14 @@ class ForcePolicy(Brief):
 
     @cached_property
     def rooms(self) -> FloatArray:
-        """(K, L) the most that d adds to commands, N m (N); zero where none is fed back."""
+        """(K, L) the largest change of commands over all d, N m (N); zero without feedback."""
         if self.directions is None:
             return np.zeros_like(self.commands)
         return self.unknowns.sizes_of(self.added)
 
     @property
     def driven(self) -> range:
-        """Numbers of the corners whose commands count: constant torques are those of the first."""
+        """Numbers of the corners whose commands count: without feedback, the first alone."""
         return range(1 if self.directions is None else len(self.corners))
 
     @property
@@ -312,9 +312,9 @@ class ForcePolicy(Brief):
         return most
 
     def residual(self) -> float:
-        """Return what balance and shared commands are off by, of the load, for the worst d.
+        """Return the residual of balance and shared commands over the load, for the worst d.
 
-        Errors of torques that are smaller than they may be count as well.
+        Torque errors below those that the set states count as a residual, too.
         """
         problem, unknowns = self.corners[0].problem, self.unknowns
         units = coordinate_units(problem.scales, problem.passive_units)
@@ -331,10 +331,10 @@ class ForcePolicy(Brief):
         return max(worst, float(lacks.max(initial=0.0)))
 
     def critical(self, count: int) -> list[Member]:
-        """Return members that need the torques most, and as many of the others far from each other.
+        """Return the members with the largest multipliers, and as many others far from each other.
 
         Args:
-            count: Of the first.
+            count: Number of the former.
         """
         first = self.corners[0].problem
         units = coordinate_units(first.scales, first.passive_units)
@@ -350,7 +350,7 @@ class ForcePolicy(Brief):
         return [self.member(*self.active[number]) for number in chosen]
 
     def member(self, corner: int, d: FloatArray) -> Member:
-        """Return the member of a corner at d: errors are shares of what is commanded just there."""
+        """Return the member of a corner at d, with errors as shares of the command at that d."""
         joints = self.unknowns.joints[self.unknowns.of_errors]
         commanded = self.commands[corner] + self.added[corner] @ d
         signs = np.where(commanded[joints] < 0.0, -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""One problem, one algorithm, one reading of the rules: what every step of a search shares."""
+"""The scaled program and kinematics of one problem and objective, shared by a search's steps."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Answer, Outcome, solve
 
 NO_FRICTION = 1e-8
-"""Friction below this share of the load counts as none."""
+"""Friction below this share of the load counts as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
-    """A program in forces, and what turns its answers into modes.
+    """A program in forces, with the virtual motions that admit its friction.
 
-    Its rows are those without (27) and (31), which come in as bounds of columns: see `opposing`.
+    Its rows are those without (27) and (31), which are bounds of its columns: see `opposing`.
 
     Attributes:
         problem: The problem.
@@ -37,10 +37,10 @@ class Formulation:
         coordinates: Force coordinates and scales.
         program: The relaxation; every mode differs from it in bounds only.
         kinematics: The virtual motions.
-        cutoff: A larger objective value is as bad as infeasible.
+        cutoff: Objective values above it count as infeasible.
         signed_unit: Factor from the program's value to the objective's; negative if that is
             maximised.
-        layers: First columns of each set of forces in the program; one mode rules them all.
+        layers: First column of each set of forces in the program; all sets have one mode.
     """
 
     problem: QuasistaticProblem
@@ -61,7 +61,7 @@ class Formulation:
         return np.array(self.layers)[:, None, None] + columns
 
     def friction_size(self, x: FloatArray) -> FloatArray:
-        """(M, 2) the largest friction along t1 and t2 in x, of whichever set of forces."""
+        """Return (M, 2) the largest |friction| along t1 and t2 in x over all sets of forces."""
         size = np.zeros((self.problem.contact_count, 2))
         size[self.coordinates.layout.cones] = np.abs(x[self.cone_columns]).max(axis=0, initial=0.0)
         return size
@@ -81,7 +81,7 @@ class Formulation:
             cutoff: Values above it count as infeasible.
 
         Returns:
-            An answer of forces along t1 and t2, as any other.
+            An answer with friction along t1 and t2, as of `solve`.
         """
         tangent = self.coordinates.tangent_columns
         turned = _with_sector_friction(
@@ -97,13 +97,13 @@ class Formulation:
         return answer.moved(x, answer.value, answer.residual)
 
     def capped(self, column: str, most: float) -> Formulation:
-        """Return the same with an added column, given by its name, at most so large."""
+        """Return the formulation with an upper bound on an added column, given by its name."""
         ub = self.program.ub.copy()
         ub[self.program.column(column)] = most
         return replace(self, program=self.program.bounded(self.program.lb, ub))
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
-        """Return x without the friction that one mode forbids; x itself if there is none."""
+        """Return x with the friction that a mode forbids set to zero; x itself if there is none."""
         friction = x[self.cone_columns]
         forbidden = friction * mode.signs[self.coordinates.layout.cones] >= 0.0
         forbidden &= friction != 0.0
@@ -114,7 +114,7 @@ class Formulation:
         return x
 
     def bounds_of(self, mode: SlidingMode | None) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds that one mode puts on the variables; None: friction is free."""
+        """Return the bounds of the variables in a mode; None: those of the relaxation."""
         if mode is None:
             return self.program.lb, self.program.ub
         signs = mode.signs[self.coordinates.layout.cones]
@@ -136,18 +136,18 @@ class Formulation:
         return lb, ub
 
     def with_costs(self, c: FloatArray) -> Formulation:
-        """Return the same with other costs, (n,)."""
+        """Return the formulation with other costs, (n,)."""
         return replace(self, program=replace(self.program, c=c))
 
 
 def _with_sector_friction(
     program: Program, friction: list[tuple[NDArray[np.int_], Sector | None]]
 ) -> Program:
-    """Return a program whose friction is made of shares opposite to the edges of sectors.
+    """Return the program with friction as nonnegative combinations opposite to sectors' edges.
 
     Args:
         program: The program in friction along t1 and t2.
-        friction: Columns of some contacts, and the sectors; None: without friction.
+        friction: Friction columns of some contacts, with their sectors; None: without friction.
     """
     rows = np.array(program.rows, order="F")
     lb, ub, (low, high) = program.lb.copy(), program.ub.copy(), program.sides
@@ -160,7 +160,7 @@ def _with_sector_friction(
         rows[:, columns] = -rows[:, columns] @ sector.edges
         if sector.half == 0.0:
             ub[columns[1]] = 0.0
-        # Shares along edges at an obtuse angle may be larger than the friction.
+        # Components along edges at an obtuse angle may be larger than the friction.
         most = 1.0 / np.sin(min(max(2.0 * sector.half, 0.5 * np.pi), np.pi))
         for box in boxes:
             if box is not None:
@@ -177,12 +177,12 @@ _PROGRAMS_PER_PROBLEM = 8
 
 
 class SharedParts(NamedTuple):
-    """What the formulations of a problem share.
+    """Data shared by all formulations of a problem.
 
     Attributes:
         coordinates: Force coordinates and scales.
         kinematics: The virtual motions.
-        programs: What was assembled so far.
+        programs: Programs assembled so far, by objective.
     """
 
     coordinates: ForceCoordinates
@@ -192,14 +192,14 @@ class SharedParts(NamedTuple):
 
 @Derived
 def shared_parts(problem: QuasistaticProblem) -> SharedParts:
-    """Return what the formulations of a problem share, made once for a problem in use."""
+    """Return the data shared by all formulations of a problem; cached while it is in use."""
     return SharedParts(force_coordinates(problem), kinematics_of(problem), {})
 
 
 def formulate(
     problem: QuasistaticProblem, objective: Objective, *, layers: tuple[int, ...] = (0,)
 ) -> Formulation:
-    """Return the program of an objective, assembled once for a problem in use.
+    """Return the formulation of a problem for an objective; programs are cached.
 
     Args:
         problem: The problem.
@@ -207,7 +207,7 @@ def formulate(
         layers: See `Formulation`.
 
     Raises:
-        ArgumentError: If the objective cannot be told from others by its figures.
+        ArgumentError: If the objective cannot be hashed.
     """
     shared = shared_parts(problem)
     known = shared.programs

@@ -1,10 +1,10 @@
-"""Gradients of the optimum of Algorithm 1 or 2 by everything that the problem is made of.
+"""Gradients of the optimum of Algorithm 1 or 2 by all data of the problem.
 
 The derivative of an optimum is that of its Lagrangian at fixed forces, multipliers and mode (the
 envelope theorem). With the multipliers y of the balance and kappa of the joints' torques, a change
-df of one contact's force costs c^T df, c = W^T y + J kappa; so whatever turns or moves a contact
-counts by what it does to its force. So does what makes a set larger: the joined problem of its
-corners has multipliers, and a figure of the set moves the data of every corner.
+df of one contact's force costs c^T df, c = W^T y + J kappa. So turning or moving a contact counts
+by the change of its force. Likewise for the figures of an uncertain set: each changes the data of
+the corners, and the joined problem of the corners has multipliers.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Gradients(Brief):
 
     @property
     def rows(self) -> list[list[object]]:
-        """What a table tells of each quantity: its largest derivative and where that is."""
+        """Rows of the table: the largest derivative by each quantity, its unit and its entry."""
         rows: list[list[object]] = []
         for name, unit in _UNITS.items():
             values = getattr(self, name)
@@ -113,10 +113,10 @@ class OptimumGradients(Brief):
         unique: By name of a field of `Gradients`, (same shape) whether all optimal forces and
             multipliers agree on an entry. Where they do not, the optimum has or may have a kink:
             forces or multipliers are not unique, or a sign of the mode is about to change.
-        solution: The solution that they belong to.
-        point: The forces and multipliers behind them.
+        solution: The solution that the derivatives belong to.
+        point: The optimal forces and multipliers of the derivatives.
         alternatives: Two more points of the affine hulls of all optimal forces and multipliers:
-            what differs there, of a function linear in each, is not unique.
+            entries that differ there are not unique.
     """
 
     values: Gradients
@@ -126,7 +126,7 @@ class OptimumGradients(Brief):
     alternatives: tuple[OptimalPoint, ...]
 
     def __str__(self) -> str:
-        """Return the largest derivative by each quantity, and whether all of that are unique."""
+        """Return the largest derivative by each quantity, and whether all entries are unique."""
         optimum = (
             "largest margin, N"
             if self.solution.algorithm is Algorithm.MARGIN
@@ -165,7 +165,7 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
 
     Returns:
         The gradients; where forces or multipliers are not unique, those of the solution's own,
-        and marked so. Amid the others lie those of interior-point methods, as of the default.
+        marked so. Interior-point methods, the default, give a point in the middle of all optima.
 
     Raises:
         NoSolutionError: If nothing was found.
@@ -217,12 +217,12 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
 
 
 def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:
-    """Return (M, 3) c = W^T y + J kappa: what a change of each contact's force costs."""
+    """Return (M, 3) c = W^T y + J kappa: the cost of a unit change of each contact's force."""
     return (problem.W.T @ at.multipliers["balance"] + problem.jacobian @ at.torque).reshape(-1, 3)
 
 
 def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
-    """Return the derivatives that one choice of optimal forces and multipliers gives."""
+    """Return the derivatives at given optimal forces and multipliers."""
     problem, f = solution.problem, at.forces
     # The margin is maximised: minus the optimum of the minimisation.
     sign = -1.0 if solution.algorithm is Algorithm.MARGIN else 1.0
@@ -255,14 +255,14 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
 
 
 def _cone_costs(problem: QuasistaticProblem, found: Marginals) -> FloatArray:
-    """Return what a unit of margin costs at the friction cones."""
+    """Return the costs of a unit of margin at the faces or round cones."""
     if not problem.cone_model.second_order:
         return found["faces"]
     return found["round_cones"][:, 0] * np.sqrt(1.0 + problem.friction**2)
 
 
 def _friction_slopes(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatArray) -> FloatArray:
-    """(M,) a wider cone moves its surface; kinetic friction grows against the sliding."""
+    """(M,) derivatives by friction: of cones' surfaces, and of kinetic friction against sliding."""
     local = np.einsum("mij,mi->mj", problem.frames, at.forces)
     wider = _round_cone_slopes if problem.cone_model.second_order else _face_slopes
     by_cone = wider(problem, at.multipliers, local)
@@ -277,7 +277,7 @@ def _friction_slopes(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatA
 def _round_cone_slopes(
     problem: QuasistaticProblem, found: Marginals, local: FloatArray
 ) -> FloatArray:
-    """(M,) of |f_t| <= mu f_n - sqrt(1 + mu^2) e; where it is active e is the distance to it."""
+    """(M,) derivatives by mu in |f_t| <= mu f_n - sqrt(1 + mu^2) e; e is the active distance."""
     mu = problem.friction
     distance = problem.cone_model.surface_distances(local, mu, problem.cone_edges)
     turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * distance
@@ -285,7 +285,7 @@ def _round_cone_slopes(
 
 
 def _face_slopes(problem: QuasistaticProblem, found: Marginals, local: FloatArray) -> FloatArray:
-    """(M,) of h^T f + e <= 0 with h = (-s, d) / sqrt(1 + s^2), s = mu times the side's distance."""
+    """(M,) derivatives by mu in h^T f + e <= 0: h = (-s, d) / sqrt(1 + s^2), s = mu * distance."""
     section = problem.cone_section
     around = local[:, 1:] @ section.directions
     slope = problem.friction[:, None] * section.distances
@@ -296,13 +296,13 @@ def _face_slopes(problem: QuasistaticProblem, found: Marginals, local: FloatArra
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MarginSensitivity(Brief):
-    """Derivatives of the largest margin in its optimal mode, out of its `OptimumGradients`.
+    """Derivatives of the largest margin in its optimal mode, taken from its `OptimumGradients`.
 
     Where the optimum is degenerate or the mode is about to change, they are one of several
     one-sided derivatives. See the example of `margin_sensitivity`.
 
     Attributes:
-        gradients: By all that the problem is made of, with where they are not unique.
+        gradients: Derivatives by all data of the problem, and where they are not unique.
     """
 
     gradients: OptimumGradients
@@ -369,7 +369,7 @@ def margin_sensitivity(
 
 
 _STEP = 1e-4
-"""Of a figure; the corners' data are linear in each figure, or nearly so."""
+"""Relative step of a figure; the corners' data are linear in each figure, or nearly so."""
 _DATA = (
     "external_wrench", "friction", "jacobian", "gravity_torques", "upper_torque", "lower_torque"
 )  # fmt: skip
@@ -383,7 +383,7 @@ class UncertaintyGradients(Brief):
 
     Attributes:
         values: By name of a field of `Uncertainty`, of its shape: per unit of each figure; NaN
-            where a figure is zero, which its corners do not tell, and of sampled positions.
+            where a figure is zero, as corners do not show it, and for sampled positions.
         unique: (same shapes) whether all optimal forces and multipliers agree on it. Where they do
             not, it is one of several one-sided derivatives.
     """
@@ -393,7 +393,7 @@ class UncertaintyGradients(Brief):
 
 
 def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
-    """Differentiate a robust optimum by how uncertain each thing is, in its modes.
+    """Differentiate a robust optimum by the figures of its uncertain set, in its modes.
 
     Args:
         robust: What `maximize_margin` or `minimize_torque` found for an uncertainty.
@@ -476,11 +476,11 @@ def _optimum_change(
     before: QuasistaticProblem,
     after: QuasistaticProblem,
 ) -> float:
-    """Return what a change of a joined problem's data makes of its optimum."""
+    """Return the first-order change of the optimum between two data of a joined problem."""
     total = sum(
         float(np.vdot(getattr(gradients, name), _change(before, after, name))) for name in _DATA
     )
-    # Of a given wrench matrix the gradient is the outer product of that of the load and the forces.
+    # The gradient by a wrench matrix is the outer product of that by the load and the forces.
     return total + float(
         gradients.external_wrench @ _change(before, after, "wrench_matrix") @ forces.ravel()
     )

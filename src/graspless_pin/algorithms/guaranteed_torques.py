@@ -1,11 +1,11 @@
-"""Torques of which rest is the only outcome: guesses, and what their counterexamples teach.
+"""Torques of which rest is the only outcome: guesses, refined by their counterexamples.
 
-The best case may rest on a squeeze between supports that nothing guarantees. Torques that balance
-the load with less of the supports' friction rely on the fingers, whose loads the torques make: the
-first guesses are optima with that friction reduced. A guess that fails comes with a motion a, and
-every outcome a has a^T M a = g(tau).a - sum mu f_n |u_t|. So the next torques are looked for where
-load and torques do less work along all motions met than the friction that they met: a half-space
-of torques for each, as in counterexample-guided synthesis. Only the verdict guarantees.
+The best case may depend on a squeeze between supports that nothing guarantees. Torques that balance
+the load with less friction of the supports rely on the fingers, whose loads the torques determine:
+the first guesses are optima with that friction reduced. A guess that fails comes with a motion a,
+and every outcome a satisfies a^T M a = g(tau).a - sum mu f_n |u_t|. So the next torques are those
+with which load and torques do less work along all these motions than the friction: one half-space
+of torques for each motion, as in counterexample-guided synthesis. Only the verdict is a guarantee.
 """
 
 from __future__ import annotations
@@ -32,34 +32,34 @@ from graspless_pin.solvers import least_within
 from graspless_pin.tree_search import Limits
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)
-"""Of the supports' friction, tried one after the other."""
+"""Factors on the friction of the supports, tried one after the other."""
 _FRICTION_LEFT = (0.9, 0.5)
-"""Shares of a counterexample's friction that its motion's power has to stay below."""
+"""Shares of a counterexample's friction power that bound the power of its motion."""
 _DEPTH = 0.3
-"""Of the joint scales: how far inside the half-spaces torques are looked for."""
+"""Depth inside the half-spaces beyond which more does not count, over the joint scales."""
 _STEPS = 12
-"""Candidates that one search makes of the counterexamples met."""
+"""Largest number of candidates from half-spaces of one search."""
 _OTHERS = 2
-"""Counterexamples to each candidate besides the first: which one that is hangs on rounding."""
+"""Counterexamples to each candidate besides the first: which one is first depends on rounding."""
 _HALVINGS = 3
-"""Of the way from guaranteed torques to the best case's."""
+"""Halvings of the line from guaranteed torques to the best case's."""
 _SAME = 1e-6
-"""Of the joint scales: torques that differ by less were tried."""
+"""Over the joint scales: torques that differ by less count as tried."""
 _STILL = 1e-9
-"""Power per second of the joint scales along a motion, W/s: less has no part in it."""
+"""Power per second of the joint scales along a motion, W/s: joints with less do not take part."""
 _GUESSED_GROWTH = 0.05
-"""1/s: half of what counts as growing."""
+"""1/s: half of the rate that counts as growing."""
 _RESERVE = 0.9
-"""Of the controller's gains: guesses hold with these already, as nothing is quite rigid."""
+"""Share of the controller's gains with which guesses are stable, as nothing is quite rigid."""
 _ROUNDS = 5
-"""Semidefinite programs of one guess."""
+"""Largest number of semidefinite programs for one guess."""
 FIRST_NODES = 300
-"""Sets of outcomes of a first verdict; what that leaves undecided is asked again, with all."""
+"""Sets of outcomes of a first verdict; undecided candidates are asked again with all nodes."""
 
 Optimum = Callable[[QuasistaticProblem, Objective], TorqueSolution]
 """Finds the best case of a problem for an objective."""
 Tried = tuple[TorqueSolution, StabilityVerdict]
-"""Torques and the verdict on them."""
+"""A candidate and the verdict on its torques."""
 
 
 def guaranteed(
@@ -75,10 +75,11 @@ def guaranteed(
 
     Args:
         best: The best case, found or not.
-        optimum: Finds that of another problem, for another objective.
-        options: How the verdicts are asked for.
-        limits: Of the whole call.
-        rest: What is known of rest beside the problem; None: nothing.
+        optimum: Finds the best case of another problem, for another objective.
+        options: Options of the verdicts.
+        limits: Limits of the whole call.
+        rest: Makes the verdicts, and states which small motions must not grow; None: `stability`
+            alone.
 
     Returns:
         The best case where nothing is found or where its own torques are guaranteed; else a
@@ -118,14 +119,14 @@ def guaranteed(
 
 @dataclass
 class _Search:
-    """A search for torques, one candidate after the other.
+    """A search for guaranteed torques, one candidate after the other.
 
     Attributes:
         best: The best case.
-        optimum: Finds that of another problem, for another objective.
-        options: How the verdicts are asked for.
-        limits: Of the whole call.
-        rest: What is known of rest beside the problem.
+        optimum: Finds the best case of another problem, for another objective.
+        options: Options of the verdicts.
+        limits: Limits of the whole call.
+        rest: See `guaranteed`.
         tried: Each candidate with its verdict.
     """
 
@@ -137,7 +138,7 @@ class _Search:
     tried: list[Tried] = field(default_factory=list)
 
     def ask_verdict(self, candidate: TorqueSolution, nodes: int = FIRST_NODES) -> StabilityVerdict:
-        """Return the verdict on a candidate's torques, after so many sets of outcomes at most."""
+        """Return the verdict on a candidate's torques, with a limit on the sets of outcomes."""
         verdict = self.rest.verdict(
             self.best.problem,
             candidate.torques,
@@ -160,9 +161,9 @@ class _Search:
         return None
 
     def half_space_torques(self, verdict: StabilityVerdict) -> Iterator[TorqueSolution]:
-        """Yield torques inside the half-spaces that the motions met leave.
+        """Yield torques inside the half-spaces that the counterexamples' motions leave.
 
-        Under a declared motion the power of friction has no sign, and motions teach nothing.
+        Under a declared motion the power of friction has no sign, and there are no half-spaces.
         """
         problem, objective = self.best.problem, self.best.objective
         if problem.is_sliding.any():
@@ -197,7 +198,7 @@ class _Search:
                 yield solution
 
     def improved_torques(self, found: TorqueSolution, verdict: StabilityVerdict) -> Tried:
-        """Return guaranteed torques on the way to the best case's, by halving what is left."""
+        """Return guaranteed torques nearer to the best case's, by bisection of the line to them."""
         known, unproven = found.torques, self.best.torques
         for _ in range(_HALVINGS):
             middle = 0.5 * (known + unproven)
@@ -211,13 +212,13 @@ class _Search:
 
     @cached_property
     def motions(self) -> Sequence[LinearizedMotion]:
-        """Small motions that must not grow, by model of the surfaces; empty: none is known."""
+        """Linearized motions that must not grow, by model of the surfaces; empty: not modelled."""
         return [motion for motion in self.rest.motions() if len(motion.inertia)]
 
     def _solution_for(self, problem: QuasistaticProblem, aim: Objective) -> TorqueSolution | None:
-        """Return the optimum of the problem itself with the torques that are best for another.
+        """Return the best case at the torques that are best for another problem and objective.
 
-        Of those under which small motions are not expected to grow, where there are any.
+        If motions are modelled and such torques exist, these are stable torques.
         """
         if self.motions:
             torques = stable_torques(problem, aim, self.motions, self.best.problem)
@@ -237,12 +238,12 @@ def weaker_supports(
 ) -> Iterator[tuple[QuasistaticProblem, Objective]]:
     """Yield problems with less friction at resting contacts that no joint moves, and objectives.
 
-    First the given objective, then the margin: large loads make proofs.
+    First the given objective, then the margin: large contact forces make proofs easier.
 
     Args:
         problem: Contacts, load and joints; without joints there is nothing to choose.
         objective: What is optimised.
-        shares: Of that friction, with the given objective.
+        shares: Factors on that friction with the given objective.
     """
     rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
     supports = ~rows.any(axis=1) & ~problem.is_sliding
@@ -262,15 +263,15 @@ def stable_torques(
 ) -> FloatArray | None:
     """Return the best torques (L,) under which no small motion is expected to grow; None: none.
 
-    A semidefinite program over the forces of the relaxation. Only the symmetric part of the
-    geometric stiffness counts, and of the contact forces that torques leave open those that are
-    chosen, and the worst ones that were met on the way: a guess, N m (N).
+    By semidefinite programs over the forces of the relaxation. Only the symmetric part of the
+    geometric stiffness enters, at the contact forces of the program and at the worst admissible
+    ones of earlier rounds: the torques are a guess, N m (N).
 
     Args:
         problem: Contacts, load and limits.
         objective: What is optimised.
         motions: Small motions under the controller, by model of the surfaces.
-        whole: The problem whose contact forces may be any that are admissible.
+        whole: The problem whose admissible contact forces may all result.
     """
     formulation = formulate(problem, objective)
     program, coordinates = formulation.program, formulation.coordinates
@@ -314,12 +315,12 @@ def _advice(verdict: StabilityVerdict) -> str:
 def half_space(
     problem: QuasistaticProblem, motion: DynamicOutcome, share: float
 ) -> tuple[FloatArray, float]:
-    """Return (L,) normal and side of the torques that do too little work for a motion.
+    """Return (L,) normal and side of the half-space of torques too weak to drive a motion.
 
     Args:
         problem: Contacts, load and joints.
         motion: An outcome.
-        share: Of the power of its friction, which load and torques have to stay below.
+        share: Share of the power of its friction that load and torques have to stay below.
     """
     a = np.concatenate([motion.object_acceleration, motion.joint_accelerations])
     u = contact_jacobian(problem) @ a
@@ -340,7 +341,7 @@ def _guaranteed_solution(
 
 
 def bounded_by(best: TorqueSolution, found: TorqueSolution) -> TorqueSolution:
-    """Return torques of a problem with what the best case proves that none are better than.
+    """Return a solution with the bound and the multipliers that the best case has proven.
 
     Args:
         best: The best case.
@@ -361,7 +362,7 @@ def bounded_by(best: TorqueSolution, found: TorqueSolution) -> TorqueSolution:
 
 
 def _not_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
-    """Return that no torques were found, and that there are none where there is no choice."""
+    """Return a solution without torques; proven infeasible if torques have no influence."""
     verdict = next(judged for solution, judged in reversed(tried) if solution is best)
     moves = verdict.status in (Stability.WEAK, Stability.NONE)
     proven = moves and (verdict.joints_held or not best.problem.joint_count)

@@ -1,12 +1,12 @@
-"""The best torques for some members together, what none are better than, and who is in conflict.
+"""The best torques for some members together, their bound, and members in conflict.
 
-Members may have one mode of virtual sliding in common. Their forces are sets of forces that one
-mode rules: the search over modes of one member bounds the program of all, and ends after about as
-many nodes as that of one member.
+Members may have one mode of virtual sliding in common. Then all sets of forces have that mode: the
+search over modes of one member bounds the program of all, and takes about as many nodes as for one
+member.
 
-Which other members given torques serve is told by the largest margin of each under them. Members
-mostly differ in their loads alone: then their programs differ in right-hand sides, and the simplex
-method goes on from one to the next with a few pivots.
+Given torques serve a member if its largest margin under them is large enough. Members mostly differ
+in their loads alone: then their programs differ in right-hand sides, and the simplex method goes on
+from one to the next with a few pivots.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from graspless_pin.solvers.simplex import Simplex, SimplexOutcome
 from graspless_pin.tree_search import Limits
 
 _CLEAR = 1.001
-"""Of the threshold: slower motions may be refused to all members together."""
+"""Factor on the threshold: slower motions may be refused for all members together."""
 
 
 def common_mode(
@@ -51,10 +51,10 @@ def common_mode(
 
     Args:
         together: Their joined problem.
-        members: They differ in loads, coefficients of friction and what motors make of commands,
-            and so have the same virtual motions.
+        members: They differ in loads, coefficients of friction and the motors' response to
+            commands, and so have the same virtual motions.
         objective: What is optimised.
-        options: How, with signs.
+        options: How the modes are searched; a sign rule other than ``direction``.
 
     Returns:
         The best mode, of one member; None: there is none, or it was not found within the limits.
@@ -74,37 +74,38 @@ def common_mode(
 
 
 def common_motions(problem: QuasistaticProblem, count: int) -> VirtualKinematics:
-    """Return the virtual motions that a mode of so many members may have in common.
+    """Return the virtual motions of a mode that a number of members has in common.
 
-    All of them move at once behind a mode of their joined problem: their velocities add up.
+    In a mode of the joined problem all members move at once, which multiplies the length of all
+    contact velocities by sqrt(count), and so the threshold.
     """
     return VirtualKinematics(problem, _CLEAR * THRESHOLD * math.sqrt(count))
 
 
 def mode_of_all(mode: SlidingMode, count: int) -> SlidingMode:
-    """Return the mode of the joined problem of so many members that all have one mode."""
+    """Return the mode of the joined problem of a number of members that all have one mode."""
     selection = mode.selection.tolist() * count
     return SlidingMode(selection, mode.signs.tolist() * count)
 
 
 def of_member(mode: SlidingMode | None, member: Member) -> SlidingMode | None:
-    """Return the mode of the first of those that a mode is of; None: there is none.
+    """Return the mode of the first member in a mode of a joined problem; None: there is none.
 
     Args:
-        mode: Of the joined problem of members, or of one.
-        member: One of them.
+        mode: The mode of a joined problem, or of one member.
+        member: One of the members.
     """
     size = member.problem.contact_count
     return None if mode is None else SlidingMode(mode.selection[:size], mode.signs[:size])
 
 
 COMMON_NODES, NODES = 400, 12
-"""Of the searches over modes that members have in common, and over modes of each, unless another
+"""Node limits of the searches over common modes, and over modes of each member, unless another
 limit is given."""
 AS_GOOD = 1e-6
-"""Of an optimum, or of the load: values that differ by less are one."""
+"""Over an optimum, or over the load: values that differ by less are equal."""
 _FEW = 2
-"""Members that are taken first; then twice as many, and so on."""
+"""Number of members of the first trial; it doubles from trial to trial."""
 
 
 def best_torques(
@@ -114,14 +115,14 @@ def best_torques(
     directions: FloatArray | None,
     mode: SlidingMode | None,
 ) -> tuple[TorqueSolution, Coverage]:
-    """Return the best torques for some members, and whom they serve.
+    """Return the best torques for some members, and the set that they serve.
 
     Args:
         members: The members.
         objective: What is optimised.
-        options: How.
+        options: How problems are solved.
         directions: What feedback may add to commands, see `feedback_torques`.
-        mode: The one mode for all; None: the best that they have in common, if there is one.
+        mode: The one mode for all; None: the best common mode, if there is one.
     """
     together = joined(members, directions)
     convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
@@ -137,7 +138,7 @@ def best_torques(
 
 
 def node_limited(options: SolveOptions, nodes: int) -> SolveOptions:
-    """Return options with so many nodes, unless they have a limit of their own."""
+    """Return options with a node limit, unless they have one."""
     return options if options.node_limit else replace(options, node_limit=nodes)
 
 
@@ -148,19 +149,19 @@ def torques_bound(
     options: SolveOptions,
     mode: SlidingMode | None,
 ) -> float:
-    """Return what no torques for all members are better than, whatever their modes.
+    """Return a bound on the objective for all members together, whatever their modes.
 
-    That is the optimum under plain Coulomb friction, or of a member alone where that is worse.
+    It is the optimum under plain Coulomb friction, or that of a single member if it is worse.
 
     Args:
-        solution: The best of all together, in one mode if there is one.
+        solution: The best solution for all together, in one mode if there is one.
         members: The members.
         objective: What is optimised.
-        options: How.
+        options: How problems are solved.
         mode: The one mode for all, if it was given: then the bound is that of this mode.
 
     Returns:
-        In the objective's unit; NaN where it is proven that there are no torques.
+        The bound in the objective's unit; NaN where it is proven that there are no torques.
     """
     if not solution.found:
         open_ = solution.status is Status.NOT_FOUND_IN_LIMIT
@@ -181,12 +182,13 @@ def torques_bound(
 def far_members(
     members: Sequence[Member], most: int, *, held: int = 1
 ) -> tuple[list[Member], list[Member]]:
-    """Return members to begin with, each as far from those before it as can be, and the others.
+    """Return members far from each other, by farthest-point sampling, and the remaining ones.
 
     Args:
-        members: K of them.
-        most: How many to begin with.
-        held: The first of them are among these; the first one is where feedback is from.
+        members: K members.
+        most: Number of members to choose.
+        held: Number of members at the beginning that are chosen anyway; feedback counts from the
+            first one.
     """
     if len(members) <= most:
         return list(members), []
@@ -204,7 +206,7 @@ def far_members(
 
 
 def without_forces(solution: TorqueSolution, status: Status) -> TorqueSolution:
-    """Return a solution without its torques: they do not serve all members, or it is not known."""
+    """Return a solution without its torques, as they do not serve all members, or may not."""
     return changed(solution, status=status, _forces=None, _mode=None)
 
 
@@ -216,30 +218,30 @@ def minimal_conflict(
     limits: Limits,
     directions: FloatArray | None,
 ) -> tuple[int, ...]:
-    """Return members that no forces serve together, none of which can be left out; else none.
+    """Return an irreducible set of members that no torques serve together; empty: none is proven.
 
-    Multipliers that prove it (Farkas) tell in which order members are taken until some are refuted;
-    a deletion filter (Chinneck) goes through these. Under Coulomb's law at most rank(J) + 1 are
-    left, by Helly.
+    Members are added in an order that the multipliers of the proof (Farkas) give, until some are
+    refuted; a deletion filter (Chinneck) removes those that are not needed. Under Coulomb's law at
+    most rank(J) + 1 are left, by Helly.
 
     Args:
         refuted: The answer to their joined problem.
-        members: Those that no forces serve if it is infeasible.
+        members: The members of that problem.
         objective: What is optimised.
-        options: How.
-        limits: When to stop: then there are none.
+        options: How problems are solved.
+        limits: When to stop: then the conflict is empty.
         directions: What feedback may add to commands, see `feedback_torques`.
     """
     if refuted.status is not Status.INFEASIBLE_FORCES:
         return ()
     coulomb = replace(options, rules=replace(options.rules, static_friction=StaticFriction.COULOMB))
 
-    # Where contacts are moved, deflections count from the nominal member.
+    # Where contacts are moved, deflections are measured from the nominal member.
     from_nominal = directions is not None and any(one.moved is not None for one in members)
     fixed = {0} if from_nominal else set[int]()
 
     def are_refuted(numbers: list[int]) -> bool:
-        """Return whether it is proven that some members cannot be served together."""
+        """Return whether it is proven that no torques serve some members together."""
         together = joined([members[one] for one in numbers], directions)
         found = solve_problem(together, objective, limits.within(coulomb))
         return found.status is Status.INFEASIBLE_FORCES
@@ -257,7 +259,7 @@ def minimal_conflict(
 
 
 def _conflict_order(refuted: TorqueSolution, members: Sequence[Member]) -> list[int]:
-    """Return members' numbers: the one with the largest multipliers, then those most unlike it.
+    """Return members' numbers: the largest multipliers first, then those farthest from them.
 
     Loads along a motion that no contact resists have multipliers of opposite signs.
     """
@@ -272,7 +274,7 @@ def _conflict_order(refuted: TorqueSolution, members: Sequence[Member]) -> list[
 
 
 _NEAR = 0.1 * PRIMAL_TOLERANCE
-"""Of the load: what pivots may leave unbalanced."""
+"""Largest unbalanced load that pivots may leave, over the load."""
 
 
 def member_margins(
@@ -289,15 +291,15 @@ def member_margins(
     """Return the largest margin of each member under commanded torques, N.
 
     Args:
-        members: K of them.
-        commanded: (L,) N m (N).
+        members: K members.
+        commanded: (L,) commanded torques, N m (N).
         options: How margins are looked for.
-        limits: When to stop; the members that were not looked at have NaN.
+        limits: When to stop; members that were not reached have NaN.
         directions: What feedback may add, see `feedback_torques`.
-        torque_limits: (lower, upper), each (L,), of what may be commanded with feedback; None: each
+        torque_limits: (lower, upper), each (L,), limits of commands with feedback; None: each
             member's own.
-        mode: The one mode in which they are; None: any.
-        enough: N; of larger margins it is only told that they are no smaller.
+        mode: The one mode of all margins; None: any.
+        enough: N; larger margins may be returned as this value.
 
     Returns:
         (K,) margins, below zero or -inf where no forces in the cones balance.
@@ -335,7 +337,7 @@ def under_limits(
     directions: FloatArray | None,
     torque_limits: tuple[FloatArray, FloatArray] | None,
 ) -> QuasistaticProblem:
-    """Return a member's problem under commanded torques; the arguments are `member_margins`'."""
+    """Return a member's problem under commanded torques; arguments as of `member_margins`."""
     problem = under_commands(member, commanded, directions)
     if directions is None or torque_limits is None:
         return problem
@@ -343,7 +345,7 @@ def under_limits(
 
 
 def _load_groups(members: Sequence[Member]) -> list[list[int]]:
-    """Return the numbers of members that differ in their loads alone, group by group."""
+    """Return the numbers of members, grouped so that members of a group differ in loads alone."""
     groups: dict[bytes, list[int]] = {}
     for number, one in enumerate(members):
         problem = one.problem
@@ -366,9 +368,9 @@ def _margins_by_pivots(
     """Return the margins of problems that differ in their loads alone; NaN where that fails.
 
     Args:
-        problem: One of them.
-        loads: (K, Q) of each.
-        carried: (K, L) what motors bear besides the contacts, N m (N).
+        problem: One of the problems.
+        loads: (K, Q) load of each problem.
+        carried: (K, L) torques of the motors besides those of contacts, N m (N).
         limits: When to stop.
         mode: See `member_margins`.
         enough: See there.
@@ -389,7 +391,7 @@ def _margins_by_pivots(
     if problem.joint_count:
         lows[:, torque.at] = (problem.lower_torque - carried) / torque.unit
         highs[:, torque.at] = (problem.upper_torque - carried) / torque.unit
-    # Torques are as exact as a solve left them; where rows depend on each other, none fit exactly.
+    # Torques have the rounding of a solve; dependent rows would then be infeasible.
     tolerance = np.zeros(len(program.rows))
     tolerance[balance.at] = _NEAR
     simplex = Simplex(program.c, lb, ub)
@@ -405,7 +407,7 @@ def _margins_by_pivots(
             found[number], margins[number] = answer.x, unit * answer.x[margin]
         elif answer.outcome is SimplexOutcome.INFEASIBLE:
             margins[number] = -math.inf
-    # No word of the method is believed: forces are held against each member's own constraints.
+    # Forces are checked with each member's own constraints, whatever the method reports.
     rows = found @ program.rows.T
     beyond = np.maximum(rows - highs, lows - rows)
     if program.strict is not None:

@@ -3,8 +3,8 @@
 Parametric linear programming over all modes. A mode's curve t(e0) is convex, piecewise linear and
 rising, and ends at the mode's largest margin. The optimum over all modes is the lower envelope of
 these curves; it may have kinks, and jumps up where a mode ends. `CurveSearch` finds it: minimising
-t - s e over a piece of slope s finds a point of the same mode, or by branch and bound another mode,
-below the piece, or proves that there is none.
+t - s e over a piece of slope s finds a point of the same mode below the piece, or by branch and
+bound another mode, or proves that there is none.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ class Piece(NamedTuple):
     """A straight piece of a curve, scaled.
 
     Attributes:
-        a: Margin where it begins.
-        b: Margin where it ends.
+        a: Margin at the begin of the piece.
+        b: Margin at its end.
         t_a: Torque at its begin.
         t_b: Torque at its end.
-        mode: Whose optimum it is.
-        closed: Whether a search has ended that looked for something below it.
+        mode: The mode whose optimum it is.
+        closed: Whether a search for other modes below it has ended.
     """
 
     a: float
@@ -72,7 +72,7 @@ class Piece(NamedTuple):
         return self.t_a + self.slope * (e - self.a)
 
     def restricted(self, a: float, b: float) -> Piece:
-        """Return the same line between two margins."""
+        """Return the piece of the same line between two margins."""
         return self._replace(a=a, b=b, t_a=self.torque_at_margin(a), t_b=self.torque_at_margin(b))
 
 
@@ -95,7 +95,7 @@ def lower_envelope(piece: Piece, curve: list[Piece]) -> list[Piece]:
         merged.append(part)
     if all(part.mode is piece.mode for part in merged):
         return [piece]
-    # What is too narrow to count was left out: parts begin where the one before them ends.
+    # Parts that are too narrow were left out, so each part begins where the previous one ends.
     begins = [piece.a, *(part.b for part in merged[:-1])]
     ends = [*begins[1:], piece.b]
     return [part.restricted(a, b) for part, a, b in zip(merged, begins, ends, strict=True)]
@@ -116,7 +116,7 @@ def _envelope_of_two(one: Piece, other: Piece) -> list[Piece]:
 
 
 def joined_pieces(pieces: list[Piece]) -> list[Piece]:
-    """Return the same curve with pieces of one mode joined where they go straight on."""
+    """Return the same curve with collinear adjacent pieces of one mode joined."""
     whole: list[Piece] = []
     for piece in pieces:
         last = whole[-1] if whole else None
@@ -134,18 +134,18 @@ def joined_pieces(pieces: list[Piece]) -> list[Piece]:
 CURVE_TOLERANCE = 5e-7
 """No mode lies farther below the curve than this, in scaled units along its steeper axis."""
 _STEP_BEHIND_JUMP = 1e-6
-"""How far behind a jump, over F, the search goes on where the mode that ends there hides others."""
+"""Step behind a jump, over F, where the search goes on: a mode that ends there hides others."""
 _PROVEN = frozenset({Status.OPTIMAL, Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES})
 
 
 @dataclass(frozen=True, eq=False)
 class CurveSearch:
-    """The search for the envelope of one problem.
+    """The search for the lower envelope of all modes of one problem.
 
     Attributes:
         formulation: The scaled program with the margin as a variable.
         options: How the modes are searched.
-        limits: Of the searches over modes.
+        limits: Limits of the searches over modes.
         unanswered: Programs of single modes that no solver answered.
     """
 
@@ -174,7 +174,7 @@ class CurveSearch:
                 curve, proven = self._curve_below(piece, begin)
                 limited = limited or not proven
                 parts = lower_envelope(piece, curve)
-                # A mode that ends where the piece begins hides what lies below farther on.
+                # A mode that ends where the piece begins hides modes below farther on.
                 if not curve or len(parts) > 1 or parts[0] != piece:
                     break
             if parts == [piece]:
@@ -185,7 +185,7 @@ class CurveSearch:
         return Status.LIMIT_REACHED if limited else Status.OPTIMAL, joined_pieces(pieces)
 
     def _curve_below(self, piece: Piece, begin: float) -> tuple[list[Piece], bool]:
-        """Return the curve of a mode below a piece, and whether the search was completed."""
+        """Return the curve of a mode that lies below a piece, and whether the search is proven."""
         if piece.b - begin <= SAME_MARGIN:
             return [], True
         target = self._program_below(piece, begin)
@@ -194,7 +194,7 @@ class CurveSearch:
         return self._curve(self._maximal(state.mode), None) if found else [], status in _PROVEN
 
     def _program_below(self, piece: Piece, begin: float) -> Program:
-        """Return the program that looks for what lies farthest below a piece."""
+        """Return the program of the point farthest below a piece, from a margin on."""
         aim = np.array([1.0, -piece.slope])
         torque, margin = aim / np.abs(aim).max()
         return aimed(self.formulation.program, torque, margin, begin, piece.b)
@@ -206,11 +206,11 @@ class CurveSearch:
         return search_modes(state), state
 
     def _curve(self, mode: SlidingMode | None, end: float | None) -> list[Piece]:
-        """One mode's whole curve, from margin zero to its own largest.
+        """Return the whole curve of a mode, from margin zero to its largest.
 
         Args:
             mode: The mode; None: without a constraint on friction.
-            end: Its largest margin, if known.
+            end: Its largest margin; None: not known.
         """
         if end is None:
             last = self._solve_in_mode(mode, aimed(self.formulation.program, 0.0, -1.0))
@@ -233,7 +233,7 @@ class CurveSearch:
         return joined_pieces(done)
 
     def _lowest_point(self, piece: Piece) -> tuple[float, float]:
-        """Return the point of its mode farthest below a piece; its begin if there is none."""
+        """Return the point of the piece's mode farthest below it; its begin if there is none."""
         if piece.b - piece.a > 2.0 * SAME_MARGIN:
             target = self._program_below(piece, piece.a)
             answer = self._solve_in_mode(piece.mode, target)
@@ -243,7 +243,7 @@ class CurveSearch:
         return piece.a, piece.t_a
 
     def _mode_point(self, mode: SlidingMode | None, margin: float) -> tuple[float, float] | None:
-        """(margin, smallest torque) of a mode; a hair less margin where rounding asks for it."""
+        """Return (margin, smallest torque) of a mode; a slightly smaller margin if need be."""
         for e in (margin, margin - 0.1 * SAME_MARGIN, margin - SAME_MARGIN):
             at = max(e, 0.0)
             answer = self._solve_in_mode(mode, aimed(self.formulation.program, 1.0, 0.0, at, at))
@@ -258,7 +258,7 @@ class CurveSearch:
         return float(answer.x[self.formulation.program.column("margin")])
 
     def _line_value(self, target: Program, piece: Piece) -> float:
-        """Return the value of the target's objective along a piece."""
+        """Return the value of the target's objective along a piece, where it is constant."""
         t, e = target.column("largest"), target.column("margin")
         return float(target.c[t] * piece.t_a + target.c[e] * piece.a)
 
@@ -270,7 +270,7 @@ class CurveSearch:
         return answer
 
     def _maximal(self, mode: SlidingMode | None) -> SlidingMode | None:
-        """Return a feasible mode that allows what this one allows, and as much more as it may."""
+        """Return a mode extended by further contacts and signs while it stays feasible."""
         if mode is None:
             return None
         problem, kinematics = self.formulation.problem, self.formulation.kinematics
@@ -344,7 +344,8 @@ class MarginTorqueCurve(Brief):
     def torque_at(self, margin: ArrayLike) -> FloatArray:
         """Return t*(e0), interpolated; at a jump the smaller value, NaN beyond the largest margin.
 
-        So far beyond as two optima of it may differ, 1e-8 of the load, it is that of its end.
+        Up to 1e-8 of the load beyond that margin, the tolerance of its optimum, it is that of the
+        end.
 
         Args:
             margin: Required margins e0 >= 0, N, of any shape.
@@ -387,10 +388,10 @@ def margin_torque_curve(
 ) -> MarginTorqueCurve:
     """Find Algorithm 2's optimum for every required margin, up to Algorithm 1's.
 
-    All breakpoints are found, to the tolerance of the solver. Proven is that no mode lies below
+    All breakpoints are found, to the tolerance of the solver. It is proven that no mode lies below
     the curve by more than 5e-7 of the torque that the load makes on the longest lever (on pieces
     that rise slower than that torque per load; on steeper ones, by a shift of 5e-7 of the load).
-    Behind a jump, other modes are looked for from 1e-6 of the load on.
+    Behind a jump, other modes are searched from 1e-6 of the load on.
 
     Args:
         problem: Contacts, wrench, joints and limits.

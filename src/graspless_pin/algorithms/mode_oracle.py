@@ -1,4 +1,4 @@
-"""From friction forces to a kinematically feasible mode, or to the conflict that forbids one."""
+"""From friction forces to a kinematically feasible mode, or to the conflict that excludes all."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _LEAST_IMPORTANCE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class FoundMode:
-    """A feasible mode, with what is known of the virtual motion behind it.
+    """A feasible mode, and a virtual motion that realises it.
 
     Attributes:
         mode: The mode.
-        motion: (P + L,) that motion, scaled; None: it was not kept.
-        is_clear: Whether it is known to be clearly faster than the threshold.
+        motion: (P + L,) the motion, scaled; None: it was not kept.
+        is_clear: Whether the motion is known to be clearly faster than the threshold.
     """
 
     mode: SlidingMode
@@ -50,7 +50,7 @@ class ModeOracle:
     Attributes:
         formulation: The shared program and kinematics.
         rules: The reading of the constraint.
-        kinematic_programs: How many feasibility problems were solved so far.
+        kinematic_programs: Number of feasibility problems solved so far.
     """
 
     formulation: Formulation
@@ -64,13 +64,12 @@ class ModeOracle:
 
         Args:
             x: Solution of the program.
-            near: (P + L,) a virtual motion that may be behind the friction, scaled, such as that
-                of a similar problem; None: none is known.
+            near: (P + L,) a virtual motion that may admit the friction, scaled, such as that of a
+                similar problem; None: none is known.
 
         Returns:
-            A mode; or what excludes every mode that admits x; or None if only the signs of
-            vanishing components stand in the way, or two sets of forces whose friction has opposite
-            signs.
+            A mode; or a proof that no mode admits x; or None if only the signs of vanishing
+            components exclude one, or if two sets of forces have friction of opposite signs.
         """
         if self.rules.static_friction is StaticFriction.COULOMB:
             return FoundMode(self.describe(x))
@@ -85,15 +84,15 @@ class ModeOracle:
         return verdict if isinstance(verdict, Conflict) else self._full_mode(known, verdict, every)
 
     def conflict_for(self, x: FloatArray, part: ModePart) -> Conflict | Blocked | None:
-        """Return what excludes every mode of a part that admits the friction in x.
+        """Return a proof that no mode of a part admits the friction in x.
 
         Args:
             x: Solution of the program.
             part: The modes.
 
         Returns:
-            None: that is not known, as where only the signs of vanishing components stand in the
-            way, or two sets of forces whose friction has opposite signs.
+            The proof; None: there is none, as where only the signs of vanishing components exclude
+            a mode, or where two sets of forces have friction of opposite signs.
         """
         known = self._requirements_in_part(x, part)
         if known is None:
@@ -102,10 +101,10 @@ class ModeOracle:
         return verdict if isinstance(verdict, Conflict) else self._blocked_component(known, part)
 
     def _requirements_in_part(self, x: FloatArray, part: ModePart) -> list[Requirement] | None:
-        """Return what the friction in x and all modes of a part ask of the virtual motion.
+        """Return the requirements of the friction in x and of all modes of a part.
 
-        Signs of components in which neither has one are 0. None: two sets of forces have friction
-        of opposite signs.
+        Components with a sign from neither have sign 0. None: two sets of forces have friction of
+        opposite signs.
         """
         friction = self._friction_signs(x)
         if friction is None:
@@ -119,20 +118,19 @@ class ModeOracle:
         return required
 
     def _solve_requirements(self, x: FloatArray, known: list[Requirement]) -> Witness | Conflict:
-        """Ask for a motion that does not depend on the signs of vanishing components."""
+        """Return a motion that meets the known signs, whatever the others are, or a conflict."""
         rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
-        # Conflicts among large friction forces cost the most to resolve, so splitting on them
-        # raises the bounds of the children the most.
+        # Splitting on conflicts among large friction forces raises the children's bounds the most.
         size = self.formulation.friction_size(x)[[one.contact for one in known]]
         importance = np.sqrt(np.maximum(size / size.max(initial=1e-300), _LEAST_IMPORTANCE))
         self.kinematic_programs += 1
         return self.formulation.kinematics.solve(known, rule, importance)
 
     def heuristic_mode(self, x: FloatArray) -> FoundMode | None:
-        """Return a feasible mode near the friction in x: a guess whose program may be as good.
+        """Return a feasible mode near the friction in x, whose optimum may be as good.
 
-        Of the motions that keep all contacts touching, the one whose sliding opposes the friction
-        best by least squares; contacts that it leaves at rest are not selected.
+        Its motion is the one whose sliding opposes the friction best by least squares, of all that
+        keep the contacts touching; contacts that it leaves at rest are not selected.
         """
         contacts = [*self.formulation.coordinates.layout.cones.tolist(), *self._always_selected]
         columns = self.formulation.cone_columns
@@ -153,7 +151,7 @@ class ModeOracle:
         return FoundMode(mode_of(self.formulation.problem, wanted_of), motion, is_clear=True)
 
     def describe(self, x: FloatArray) -> SlidingMode:
-        """Return the mode that only describes the friction in x, feasible or not."""
+        """Return the mode with the signs opposite to the friction in x, feasible or not."""
         friction = self._friction_signs(x)
         signs = np.zeros((self.formulation.problem.contact_count, 2), dtype=np.int8)
         if friction is not None:
@@ -161,7 +159,7 @@ class ModeOracle:
         return SlidingMode.unchecked(np.logical_or.reduce(signs, axis=1), signs)
 
     def _mode_without_search(self, x: FloatArray, guess: FloatArray | None) -> FoundMode | None:
-        """Return the mode of the friction in x, if a motion behind it is found without a search."""
+        """Return the mode of the friction in x, if a motion of it is found without a search."""
         if self._always_selected or len(self.formulation.layers) > 1:
             return None
         mode = self.describe(x)
@@ -178,18 +176,18 @@ class ModeOracle:
     def mode_still_admitting(
         self, x: FloatArray, mode: SlidingMode, near: FloatArray
     ) -> tuple[FoundMode, FloatArray] | None:
-        """Return a known mode that still admits the friction of x, and what it admits of x.
+        """Return a known mode if it still admits the friction in x, and x without rounding.
 
-        What it forbids may be rounding alone, and its virtual motion has to be found near the known
-        one. Then `mode_for` would find a mode too, though perhaps another one.
+        Forbidden friction must be rounding alone, and its virtual motion has to be found near the
+        known one. Then `mode_for` would find a mode too, though perhaps another one.
 
         Args:
             x: Solution of the program.
             mode: A mode of as many contacts, such as that of a similar problem.
-            near: (P + L,) the virtual motion behind it there, scaled.
+            near: (P + L,) its virtual motion there, scaled.
 
         Returns:
-            The mode, and (n,) x without traces of forbidden friction; None says nothing.
+            The mode, and (n,) x without traces of forbidden friction; None: not decided.
         """
         admitted = self.formulation.admitted(mode, x)
         if admitted is not x and np.abs(admitted - x).max() > NO_FRICTION:
@@ -202,7 +200,7 @@ class ModeOracle:
         return FoundMode(mode, motion, is_clear=True), admitted
 
     def feasible_mode(self, mode: SlidingMode, near: FloatArray | None = None) -> FoundMode | None:
-        """Return a mode if there is a virtual motion behind it; `near` as in `mode_for`."""
+        """Return a mode if it is feasible, else None; `near` as in `mode_for`."""
         signs = mode.own_signs.ravel().astype(float)
         seen = self._witness_without_search(mode.contacts, signs, near) if signs.all() else None
         if seen is not None:
@@ -214,13 +212,13 @@ class ModeOracle:
     def _witness_without_search(
         self, contacts: tuple[int, ...], signs: FloatArray, guess: FloatArray | None
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return complete signs and the motion that has them, without a search; None: not found."""
+        """Return completed signs and a motion with them, without a search; None: not found."""
         found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, guess)
         self.kinematic_programs += found is not None
         return found
 
     def _friction_signs(self, x: FloatArray) -> NDArray[np.int8] | None:
-        """(M, 2) signs of the friction in x, 0 where a component vanishes or there is no cone.
+        """Return (M, 2) signs of the friction in x, 0 where it vanishes or there is no cone.
 
         None: two sets of forces have opposite signs.
         """
@@ -234,13 +232,13 @@ class ModeOracle:
 
     @cached_property
     def _always_selected(self) -> list[int]:
-        """Contacts in actual sliding, where (22) is asked of them."""
+        """Contacts in actual sliding, where (22) applies to them."""
         return np.flatnonzero(required_contacts(self.formulation.problem, self.rules)).tolist()
 
     def _full_mode(
         self, known: list[Requirement], witness: Witness, part: ModePart
     ) -> FoundMode | Blocked | None:
-        """Fill in the signs that the friction leaves open, first as the witness moves.
+        """Return the mode with the open signs filled in, first by those of the witness.
 
         A witness that moves along every open component proves its own signs.
         """
@@ -272,12 +270,12 @@ class ModeOracle:
     def _mode_with_motion(
         self, known: tuple[Requirement, ...], witness: Witness, *, is_clear: bool = False
     ) -> FoundMode:
-        """Return the mode of requirements with a motion that may be behind it."""
+        """Return the mode of requirements with the motion of a witness."""
         motion = self.formulation.kinematics.scaled_motion(witness.coordinates)
         return FoundMode(mode_of(self.formulation.problem, known), motion, is_clear)
 
     def _blocked_component(self, known: list[Requirement], part: ModePart) -> Blocked | None:
-        """Look for a component that must move and that what is known lets move neither way."""
+        """Return a component that must move but has no feasible sign; None: there is none."""
         if self.rules.sign is not SignRule.STRICT:
             return None
         for index, (contact, signs) in enumerate(known):
@@ -294,7 +292,7 @@ class ModeOracle:
     def _conflicts_of_signs(
         self, known: list[Requirement], index: int, component: int, allowed: list[int]
     ) -> tuple[Conflict, ...]:
-        """Return a conflict for each allowed sign of a component; none if one is feasible."""
+        """Return a conflict for each allowed sign of a component; empty if one is feasible."""
         contact, signs = known[index]
         conflicts: list[Conflict] = []
         for sign in allowed:
@@ -310,7 +308,7 @@ class ModeOracle:
     def _first_feasible(
         self, options: list[list[Requirement]], chosen: tuple[Requirement, ...]
     ) -> tuple[Requirement, ...] | None:
-        """Depth-first search through the signs that are still open."""
+        """Return the first feasible choice of one requirement from each of the options."""
         if not options:
             return chosen
         for requirement in options[0]:

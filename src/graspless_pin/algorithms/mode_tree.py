@@ -1,4 +1,4 @@
-"""Parts of the set of all modes: how the search and a proof bound them, and split them."""
+"""Parts of the set of all modes: how searches and proofs bound and split them."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ SignItem = tuple[int, int, int]
 """Contact, component and sign of a virtual sliding; the sign 0: the contact is selected."""
 _COMBINATION_CORRECTIONS = 2
 _SHORT_COMBINATION = 0.1
-"""Combinations shorter than this share of the threshold are not brought nearer to zero."""
+"""Combinations shorter than this share of the threshold are not corrected further."""
 
 
 _PAIRS = np.eye(9, dtype=bool).reshape(9, 3, 3)[[4, 0, 1, 2, 3, 5, 6, 7, 8]]
-"""Each pair of signs alone, (0, 0) first: of contacts that are not selected."""
+"""One mask for each pair of signs, (0, 0) first: that of contacts that are not selected."""
 _RELEASED = _PAIRS[0]
 
 
 @dataclass(frozen=True, eq=False)
 class ModePart:
-    """All modes in which contacts have certain signs, each whatever the others have.
+    """All modes in which each contact has one of its allowed pairs of signs, independently.
 
     Attributes:
         allowed_pairs: (M, 3, 3) whether a contact may have each pair of the signs -1, 0, 1 along t1
@@ -67,12 +67,12 @@ class ModePart:
 
     @cached_property
     def selected(self) -> NDArray[np.bool_]:
-        """(M,) contacts that each of the modes selects."""
+        """(M,) contacts that every mode of the part selects."""
         return ~self.allowed_pairs[:, 1, 1]
 
     @cached_property
     def released(self) -> NDArray[np.bool_]:
-        """(M,) contacts that none of them selects."""
+        """(M,) contacts that no mode of the part selects."""
         return self.allowed_signs.sum(axis=(1, 2)) == 0
 
     @cached_property
@@ -82,34 +82,34 @@ class ModePart:
         return np.stack([chosen.any(axis=2), chosen.any(axis=1)], axis=1)
 
     def decides(self, contact: int) -> bool:
-        """Whether all its modes agree on a contact: released, or selected with the same signs."""
+        """Return whether all modes agree on a contact: released, or selected with equal signs."""
         return np.count_nonzero(self.allowed_pairs[contact]) == 1
 
     def signs(self, contact: int) -> tuple[int, int]:
-        """Signs of a contact that all its modes have; 0 where there are several, or zero is."""
+        """Return the signs of a contact in all modes of the part; 0 where several are allowed."""
         first, second = self.signs_along(contact, 0), self.signs_along(contact, 1)
         return first[0] if len(first) == 1 else 0, second[0] if len(second) == 1 else 0
 
     @property
     def mode(self) -> SlidingMode:
-        """The mode of a part that is one alone."""
+        """The mode of a part that consists of one mode."""
         signs = self.allowed_signs @ SIGN_VALUES
         return SlidingMode.unchecked(self.selected, signs.astype(np.int8))
 
     def requirements(self) -> list[Requirement]:
-        """Return what all its modes ask of the virtual motion."""
+        """Return the requirements that all modes of the part have in common."""
         return [Requirement(c, self.signs(c)) for c in np.flatnonzero(self.selected).tolist()]
 
     def signs_along(self, contact: int, component: int) -> list[int]:
-        """Return the signs along one tangent that are left to a contact."""
+        """Return the signs along one tangent that a contact may have."""
         return [sign for sign in SIGN_VALUES if self.allowed_signs[contact, component, sign + 1]]
 
     def only(self, contact: int, pairs: NDArray[np.bool_]) -> ModePart | None:
-        """Return the modes of it in which a contact has one of some pairs; None: there is none.
+        """Return the part's modes in which a contact has one of some pairs; None: there is none.
 
         Args:
-            contact: Its index.
-            pairs: (3, 3) whether each is among them.
+            contact: Index of the contact.
+            pairs: (3, 3) mask of the pairs.
         """
         allowed = self.allowed_pairs.copy()
         allowed[contact] &= pairs
@@ -117,7 +117,7 @@ class ModePart:
 
 
 def _pairs_with(component: int, sign: int) -> NDArray[np.bool_]:
-    """Return (3, 3) the pairs with a sign along a tangent; 0: all but that of no selection."""
+    """Return (3, 3) mask of the pairs with a sign along a tangent; 0: all of selected contacts."""
     if not sign:
         return ~_RELEASED
     along = np.broadcast_to(np.equal(SIGN_VALUES, sign), (3, 3))
@@ -127,7 +127,7 @@ def _pairs_with(component: int, sign: int) -> NDArray[np.bool_]:
 def signs_left(part: ModePart) -> FloatArray:
     """Return (M, 2) the signs that sliding may have in a part; NaN: both, 0: there is no friction.
 
-    It tells loops what `ModeTree.bounds` tells programs.
+    Compiled loops use them where programs use `ModeTree.bounds`.
     """
     open_signs = part.allowed_signs[:, :, ::2].all(axis=2)
     return np.where(open_signs, np.nan, part.allowed_signs @ SIGN_VALUES)
@@ -135,12 +135,12 @@ def signs_left(part: ModePart) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ModeTree:
-    """Bounds parts of all modes and splits them, so that no mode is left out.
+    """Bounds and splits parts of the set of all modes, so that no mode is lost.
 
     Attributes:
         formulation: The program.
         rules: The reading of the virtual-sliding constraint.
-        for_proof: Whether combinations are sharpened, for others to check.
+        for_proof: Whether combinations are refined, so that a document's checker accepts them.
     """
 
     formulation: Formulation
@@ -148,7 +148,7 @@ class ModeTree:
     for_proof: bool = False
 
     def bounds(self, part: ModePart | None) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of the variables: friction opposes the sliding that is left to it.
+        """Return bounds of the variables: friction opposes the sliding that the part allows.
 
         Eqs. (27) and (31): it vanishes at contacts that no mode of the part selects.
 
@@ -162,15 +162,15 @@ class ModeTree:
         return self.formulation.opposing(allowed[:, :, 0], allowed[:, :, 2])
 
     def without_forbidden_friction(self, part: ModePart, x: FloatArray) -> FloatArray:
-        """Return x without the friction that a part forbids: a solver may leave traces of it."""
+        """Return x clipped to the bounds of a part, as solvers leave traces of friction."""
         return np.clip(x, *self.bounds(part))
 
     def exclusion(self, part: ModePart) -> KinematicLeaf | None:
-        """Return why no virtual motion is behind any mode of a part; None: one may be."""
+        """Return a proof that no mode of a part has a virtual motion; None: there is none."""
         if not part.selected.any():
             return None
         wanted = part.requirements()
-        # Under `exact` a sign of 0 is read as an open one, unless no sign is open.
+        # Under `exact` a sign of 0 counts as open, unless the part decides all contacts.
         rule = self.rules.sign
         if rule is SignRule.EXACT and not all(part.decides(one.contact) for one in wanted):
             rule = SignRule.STRICT
@@ -186,13 +186,13 @@ class ModeTree:
 
         Args:
             part: The modes.
-            x: Its optimum, see `within`.
-            found: What excludes every mode of the part that admits it, by
-                `ModeOracle.conflict_for`; None: that is not known.
+            x: Its optimum, see `without_forbidden_friction`.
+            found: Proof that no mode of the part admits it, by `ModeOracle.conflict_for`; None: not
+                known.
 
         Returns:
-            How it is split, and the parts in the order of the items, or of the pairs of signs;
-            None: it is one mode.
+            The split, and the parts in the order of its items, or of the pairs of signs; None: the
+            part is one mode.
         """
         size = self.formulation.friction_size(x)
         if found is None:
@@ -222,9 +222,9 @@ class ModeTree:
     def _split_by_contact(
         self, part: ModePart, x: FloatArray, size: FloatArray
     ) -> tuple[ContactSplit, list[ModePart]] | None:
-        """Return the split of the contact with the most friction of which not all is known.
+        """Return the split at the undecided contact with the most friction.
 
-        One at which two sets of forces oppose each other comes first.
+        A contact at which two sets of forces have opposite friction comes first.
         """
         unknown = [c for c in range(len(size)) if not part.decides(c)]
         if not unknown:
@@ -244,7 +244,7 @@ class ModeTree:
     def _sharpened(
         self, conflict: Conflict, wanted: list[Requirement], rule: SignRule
     ) -> FloatArray:
-        """Return a combination of which motions see as little as rounding allows."""
+        """Return the combination of a conflict, its residual reduced by least squares."""
         kinematics = self.formulation.kinematics
         seen, v = kinematics.seen, conflict.combination
         if not self.for_proof:
@@ -253,7 +253,7 @@ class ModeTree:
         for contact, signs in wanted:
             still[contact, 0] = True
             still[contact, 1:] = [rule is SignRule.EXACT and not sign for sign in signs]
-        # First by what takes part already, so that conflicts stay small.
+        # First by weights that are not zero, so that conflicts stay small.
         for places in (still & (v != 0.0), still):
             for _ in range(_COMBINATION_CORRECTIONS):
                 visible = np.einsum("mk,mkd->d", v, seen)
@@ -270,7 +270,7 @@ def _split_items(
     opened: tuple[int, int] | None,
     size: FloatArray,
 ) -> list[SignItem]:
-    """Return what combinations are made of; first what the part knows, then by friction."""
+    """Return the items of combinations: first those that the part decides, then by friction."""
     signs, chosen = {}, set()
     for v in combinations:
         for contact, axis in np.argwhere(v):

@@ -1,4 +1,4 @@
-"""Algorithms 1 and 2 of the paper, and any other objective: which joint torques, how robust."""
+"""Algorithms 1 and 2 of the paper, and any other objective: the optimal joint torques."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ def _nominal_or_robust(
     if uncertainty is None:
         refuse_feedback_alone(feedback)
         return solve_problem(problem, objective, how, mode=mode)
-    # Loaded here: what is known exactly goes without.
+    # Loaded here: only an uncertainty needs it.
     from graspless_pin.algorithms.robust_torques import solve_robust
 
     return solve_robust(problem, objective, uncertainty, how, feedback=feedback, mode=mode)

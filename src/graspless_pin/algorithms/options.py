@@ -1,8 +1,8 @@
-"""What is asked of a solve: an objective by name, rules, solver, search, limits of nodes and time.
+"""Options of a solve: an objective by name, rules, solver, search, limits of nodes and time.
 
-Scenes, studies, evaluators and the command line ask for objectives by name. Their keys, choices and
-help are made of the list below. The figures of an objective are the arguments of what makes it;
-``required_margin`` is asked for as ``margin``.
+Scenes, studies, evaluators and the command line name objectives. Their keys, choices and help are
+derived from the list below. The figures of an objective are the arguments of its `make`;
+``required_margin`` has the key ``margin``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Search(StrEnum):
 
 
 class RequiredStability(StrEnum):
-    """What rest under the torques has to be."""
+    """The stability that rest under the torques must have."""
 
     WEAK = "weak"
     """An outcome: forces that statics leave open may balance."""
@@ -47,7 +47,7 @@ class RequiredStability(StrEnum):
 
 
 class SolveKeywords(RuleOptions, total=False):
-    """The options by name, as functions take them; see `SolveOptions.parse`."""
+    """The options as keyword arguments; see `SolveOptions.parse`."""
 
     solver: str
     search: str
@@ -59,7 +59,7 @@ class SolveKeywords(RuleOptions, total=False):
 
 
 def refuse_unknown(names: Iterable[str], known: Collection[str]) -> None:
-    """Refuse options that there are not.
+    """Refuse unknown options.
 
     Raises:
         ArgumentError: Naming the first, with what was probably meant.
@@ -79,9 +79,9 @@ class SolveOptions:
         search: How the modes are searched.
         node_limit: Nodes of each search over modes; None: any number.
         time_limit: Seconds for all searches of one call; None: no limit.
-        direction_gap: How near the optimum under the rule ``direction`` is found: over the optimum,
-            or over a hundredth of the load where that is larger.
-        stability: What rest under the torques has to be.
+        direction_gap: Gap at which a search under the rule ``direction`` ends: over the optimum, or
+            over a hundredth of the load where that is larger.
+        stability: The stability that rest under the torques must have.
         verdict_nodes: Sets of outcomes that each verdict on torques may look at.
 
     Examples:
@@ -153,7 +153,7 @@ class SolveOptions:
         )
 
     def for_analyses(self) -> SolveKeywords:
-        """Return what analyses share with a solve, as their keywords: the rules and the solver."""
+        """Return the options that analyses share with a solve, as keywords: rules and solver."""
         return {**self.rules.options(), "solver": self.solver}
 
     @property
@@ -201,7 +201,7 @@ class TorqueScale(StrEnum):
 def torque_objective(
     margin: float = 0.1, scale: str = "absolute", regularization: float = 0.0
 ) -> Torque:
-    """Return what Algorithm 2 optimises; see `minimize_torque`.
+    """Return the objective of Algorithm 2; see `minimize_torque`.
 
     Raises:
         ArgumentError: If a figure is negative or the scale is not known.
@@ -214,8 +214,8 @@ class NamedObjective(NamedTuple):
     """An objective that has a name.
 
     Attributes:
-        make: Its class, or a function that returns it.
-        aim: What it looks for, in a few words.
+        make: Class of the objective, or a function that returns it.
+        aim: What is optimised, in a few words.
     """
 
     make: Callable[..., Objective]
@@ -226,10 +226,10 @@ OBJECTIVES = {
     "margin": NamedObjective(Margin, "Algorithm 1, largest margin"),
     "torque": NamedObjective(torque_objective, "Algorithm 2, least torque"),
 }
-"""All of them by name: a new one is added to this list."""
+"""All objectives by name: a new one is added to this list."""
 
 AIMS = "; ".join(f"{name}: {one.aim}" for name, one in OBJECTIVES.items())
-"""What each looks for."""
+"""The aims of all objectives, as one text."""
 
 _FIGURES = {
     name: {
@@ -238,11 +238,11 @@ _FIGURES = {
     }
     for name, one in OBJECTIVES.items()
 }
-"""By name of an objective the argument of each of its keys."""
+"""Arguments of each objective, by its name and their keys."""
 
 
 def figure_types() -> dict[str, Any]:
-    """Return the type of each figure of any objective by its key, as it is annotated."""
+    """Return the annotated type of each figure of all objectives, by its key."""
     hints = {
         name: get_type_hints(one.make, include_extras=True) for name, one in OBJECTIVES.items()
     }
@@ -254,14 +254,14 @@ def figure_types() -> dict[str, Any]:
 
 
 def objective_named(name: str, figures: Mapping[str, Any]) -> Objective:
-    """Return an objective.
+    """Return the objective of a name.
 
     Args:
-        name: Its name.
-        figures: By key; None, and those that it does not have, count as not given.
+        name: Name of the objective.
+        figures: Figures by key; None, and figures of other objectives, count as not given.
 
     Raises:
-        ArgumentError: If there is none of that name, or a figure does not do or is missing.
+        ArgumentError: If the name is not known, or a figure is invalid or missing.
     """
     one_of(OBJECTIVES, "algorithm", name)
     given = {}
@@ -276,7 +276,7 @@ def objective_named(name: str, figures: Mapping[str, Any]) -> Objective:
 def objective_and_options(
     *, algorithm: str = "margin", **chosen: Any
 ) -> tuple[Objective, SolveOptions]:
-    """Return what a scene, a study or an evaluator asks for.
+    """Return the objective and the options that keyword arguments state.
 
     Args:
         algorithm: Name of the objective.
@@ -294,7 +294,7 @@ def objective_and_options(
 
 
 def refuse_useless(keys: Iterable[str], algorithm: str) -> None:
-    """Refuse keys that change nothing under an algorithm.
+    """Refuse keys that have no effect under an algorithm.
 
     Raises:
         ArgumentError: See `useless`.
@@ -305,7 +305,7 @@ def refuse_useless(keys: Iterable[str], algorithm: str) -> None:
 
 
 def useless(key: str, algorithm: str) -> str:
-    """Return why a key changes nothing under an algorithm: it is others'; empty if it does."""
+    """Return why a key, of other algorithms, has no effect under one; empty if it has one."""
     others = users_of(key, algorithm)
     if not others:
         return ""
@@ -316,13 +316,13 @@ def useless(key: str, algorithm: str) -> str:
 
 
 def users_of(key: str, algorithm: str) -> list[str]:
-    """Return which other algorithms a figure is of that changes nothing under one; empty: none."""
+    """Return the other algorithms that have a key; empty if the given one has it, too."""
     users = [name for name, figures in _FIGURES.items() if key in figures]
     return [] if algorithm in users else users
 
 
 def asked_by(objective: Objective) -> tuple[str, dict[str, Any]] | None:
-    """Return by which name and figures a class of the list is asked for; None: by none."""
+    """Return name and figures by which an objective can be requested; None: it has no name."""
     for name, one in OBJECTIVES.items():
         if type(objective) is one.make:
             figures = _FIGURES[name].items()

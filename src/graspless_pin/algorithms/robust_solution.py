@@ -1,4 +1,4 @@
-"""What is found for a set of problems: torques that serve all, forces of each, what is proven."""
+"""The solution for a set of problems: torques that serve all, forces of each, and the proof."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution
 
 _AT_BOUND = 1e-6
-"""Of a value, or of what the load makes: a bound that is no farther from it is reached."""
+"""Distance from a value at which a bound counts as reached, over the value or the load's unit."""
 
 
 class Coverage(StrEnum):
@@ -37,7 +37,7 @@ class Coverage(StrEnum):
 
     @property
     def where_meant(self) -> str:
-        """The same in words, of members with contacts at their nominal positions."""
+        """The coverage in words, for members with contacts at their nominal positions."""
         return f"{self} with contacts at their nominal positions"
 
 
@@ -48,11 +48,11 @@ class Samples(Brief):
     See the example of `Uncertainty`.
 
     Attributes:
-        count: How many were drawn at random after the torques were found.
-        served: How many of them the torques serve: nothing is proven of others.
-        solved: How many were drawn before, with contacts as far off as they may be: all of them are
-            served, or solved for.
-        where_meant: Which members it is proven for with contacts at their nominal positions.
+        count: Number of members drawn at random after the torques were found.
+        served: Number of them that the torques serve; nothing is proven for other members.
+        solved: Number of members drawn before, with contacts as far off as they may be: the torques
+            serve all of them.
+        where_meant: The members that the answer is proven for, contacts at nominal positions.
     """
 
     count: int
@@ -61,7 +61,7 @@ class Samples(Brief):
     where_meant: Coverage
 
     def __str__(self) -> str:
-        """Return what is sampled."""
+        """Return the result of the sampling, in words."""
         return (
             f"{self.served} of {self.count} random members with contacts moved keep the margin, "
             f"and {self.solved} with all contacts as far off as may be"
@@ -70,16 +70,16 @@ class Samples(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RestAtCorners(Brief):
-    """What a search for torques of which rest is the only outcome at each corner has found.
+    """Result of a search for torques of which rest is the only outcome at each corner.
 
     Between the corners nothing is proven about rest. See the example of `Scene.solve`.
 
     Attributes:
-        corners: Numbers of the members that verdicts were asked of; where none were found, those
-            of the torques that kept most corners, the last one without rest.
-        verdicts: On these.
-        kept: Whether rest is the only outcome at all of them, and none was left out.
-        tried: Sets of torques that were judged.
+        corners: Numbers of the members with a verdict; where no torques were found, those of the
+            torques that kept rest at most corners, the last one without rest.
+        verdicts: The verdicts on these members.
+        kept: Whether rest is the only outcome at all corners, and none was left out.
+        tried: Number of sets of torques that were judged.
     """
 
     corners: tuple[int, ...]
@@ -95,27 +95,27 @@ class RobustSolution(Brief):
     See the example of `Uncertainty`.
 
     Attributes:
-        solution: Of the joined problem of the members that were needed: its certificate proves the
-            answer, or with a policy the bound alone.
-        coverage: Which members it is proven for; where nothing was found, which members it is
-            proven for that nothing serves them.
+        solution: Solution of the joined problem of the members that were needed: its certificate
+            proves the answer, or with a policy the bound alone.
+        coverage: The members that the torques are proven for; where nothing was found, the members
+            that provably no torques serve.
         bound: No torques for all members are better than this, in the unit of the objective's
             value: N for Algorithm 1, N m or N for Algorithm 2. NaN where it is proven that there
             are none.
-        members: K members of the set: first those that `contact_forces` are of, the solution's or
+        members: K members of the set: first those of `contact_forces`, which are the solution's or
             the policy's corners.
         joint_names: L names.
-        conflict: Numbers of members that no torques serve together, and any fewer of them do. Empty
-            where torques were found, or where it is not proven that there are none.
+        conflict: Numbers of members that no torques serve together, while torques serve any fewer
+            of them. Empty where torques were found, or where it is not proven that there are none.
         feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
             constant.
         uncertainty: The set.
         weight: Which part of the load is weight.
         policy: Forces that are affine in balls and in errors of many torques, which prove the
-            answer for the whole set; the solution is then that of members which bound it from the
+            answer for the whole set; the solution is then that of members that bound it from the
             other side. None: corners are enough.
-        samples: Of contacts that may be elsewhere; None: they stay, or nothing was found.
-        rest: Where ``stability="strong"`` was asked: the verdicts on corners. None: it was not.
+        samples: Sampled members with moved contacts; None: contacts stay, or nothing was found.
+        rest: The verdicts on corners under ``stability="strong"``; None: it was not requested.
     """
 
     solution: TorqueSolution
@@ -133,12 +133,12 @@ class RobustSolution(Brief):
 
     @property
     def proven_for(self) -> str:
-        """Which members it is proven for, in words."""
+        """The members that the answer is proven for, in words."""
         return str(self.coverage) if self.samples is None else self.samples.where_meant.where_meant
 
     @property
     def status(self) -> Status:
-        """What is known of the joined problem; of a policy, whether it reaches the bound."""
+        """Status of the joined problem; LIMIT_REACHED where a policy does not reach the bound."""
         status = self.solution.status
         if self.policy is None:
             return status
@@ -185,7 +185,7 @@ class RobustSolution(Brief):
 
     @property
     def residual(self) -> float:
-        """By how much forces miss their constraints; of a policy, balance for the worst; scaled."""
+        """Largest violation of a constraint, scaled; with a policy, of balance for the worst d."""
         if self.policy is not None:
             return self.policy.residual()
         return self.solution.certificate.primal_residual
@@ -212,7 +212,7 @@ class RobustSolution(Brief):
     def commands(self) -> FloatArray:
         """(J, L) commanded torques of the solution's J members or the policy's corners, N m (N).
 
-        They are the same but for what feedback adds.
+        Without feedback all rows are equal.
 
         Raises:
             NoSolutionError: If nothing was found.
@@ -231,7 +231,7 @@ class RobustSolution(Brief):
 
     @property
     def torques_by_joint(self) -> Mapping[str, float]:
-        """The same by name."""
+        """The torques to command by joint name."""
         return MappingProxyType(dict(zip(self.joint_names, self.torques.tolist(), strict=True)))
 
     @property
@@ -248,7 +248,7 @@ class RobustSolution(Brief):
 
     @property
     def deflections(self) -> FloatArray:
-        """(J, L) how far each joint gives way in each member to make the feedback, rad (m).
+        """(J, L) deflection of each joint in each member that produces the feedback, rad (m).
 
         Raises:
             NoSolutionError: If nothing was found, or there is no feedback.
@@ -262,7 +262,7 @@ class RobustSolution(Brief):
 
     @property
     def largest_deflection(self) -> float:
-        """How far the joint that gives way most does so in any member, rad (m).
+        """Largest deflection of any joint in any member, rad (m).
 
         Raises:
             NoSolutionError: If nothing was found, or there is no feedback.
@@ -281,7 +281,7 @@ class RobustSolution(Brief):
         return self.solution.contact_forces.reshape(-1, self.members[0].problem.contact_count, 3)
 
     def __str__(self) -> str:
-        """Return what was found, for which members, or which are in conflict."""
+        """Return the torques and the members they are proven for, or the members in conflict."""
         if not self.found:
             lines = [f"no torques for the whole set: {self.status.message}"]
             if self.rest is not None and self.rest.verdicts:

@@ -1,9 +1,9 @@
 """One vector of torques for all members of a set: the robust counterpart of Algorithms 1 and 2.
 
 By vertex enumeration, one scenario for each corner of the set: see Ben-Tal, El Ghaoui and
-Nemirovski, Robust Optimization, 2009. Contact forces and modes differ from member to member as they
-like: they are adjustable. Sets with balls, or too many corners, are served by affine policies.
-Contacts that may be elsewhere are sampled.
+Nemirovski, Robust Optimization, 2009. Contact forces and modes are adjustable: they may differ from
+member to member. Sets with balls, or too many corners, use affine policies. Moved contacts are
+sampled.
 """
 
 from __future__ import annotations
@@ -60,11 +60,11 @@ from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.tree_search import Limits
 
 _EXTREMES = 16
-"""Members, far from each other, that bound the torques or are in conflict, if no policy tells."""
+"""Number of members far from each other that give bound and conflict where there is no policy."""
 _CRITICAL = 3
-"""Members that need affine forces most, and as many far from each other, bound their torques."""
+"""Number of most critical members, joined by as many far from each other, that bound a policy."""
 _SHARING = 6
-"""Members that a mode is looked for that they have in common."""
+"""Number of members for which a common mode is looked for."""
 
 
 def torques_by_policy(
@@ -77,13 +77,13 @@ def torques_by_policy(
     directions: FloatArray | None = None,
     mode: SlidingMode | None = None,
 ) -> RobustSolution:
-    """Return torques that affine forces prove for a whole set, and what none are better than.
+    """Return torques that affine forces prove for a whole set, with a bound.
 
     Args:
         corners: K members, with the nominal one first if commands are fed back.
-        unknowns: What of the set is not in its corners.
+        unknowns: Figures of the set that its corners leave out.
         objective: What is optimised.
-        options: How.
+        options: How problems are solved.
         limits: When to stop.
         directions: (L, d) what feedback may add to commands, see `feedback_torques`.
         mode: The one mode for all members.
@@ -140,7 +140,7 @@ def _common_modes(
     limits: Limits,
     directions: FloatArray | None,
 ) -> list[SlidingMode | None]:
-    """Return modes in which affine forces are looked for: of members far off, and of corners."""
+    """Return modes in which affine forces are looked for: common to extremes, and to corners."""
     found: dict[bytes, SlidingMode | None] = {}
     for some in (_far_extremes(corners, unknowns, _SHARING), far_members(corners, _SHARING)[0]):
         how = node_limited(limits.within(options), COMMON_NODES)
@@ -151,15 +151,15 @@ def _common_modes(
 
 
 def _far_extremes(corners: Sequence[Member], unknowns: Unknowns, count: int) -> list[Member]:
-    """Return members far from each other: corners, and ends of what is unknown."""
+    """Return members far from each other: corners, and their extreme members."""
     some = far_members(corners, count)[0]
     return far_members([*corners, *extreme_members(some, unknowns)], count)[0]
 
 
 _AT_ONCE, _MORE = 4, 4
-"""Members of the first joined problem, and how many join it at a time."""
+"""Number of members of the first joined problem, and number that join it at a time."""
 _SEED, _SOLVED, _SAMPLES = 0, 50, 200
-"""Members with contacts moved that torques are found for, and those that they are then tried on."""
+"""Seed; number of members with moved contacts that are solved for, and of those then tested."""
 
 
 Feedback = float | ArrayLike | Controller
@@ -180,19 +180,19 @@ def solve_robust(
 ) -> RobustSolution:
     """Find torques that serve all members of a set.
 
-    Under plain Coulomb friction, or in one mode, the loads that torques bear are convex, and the
-    corners of a set prove all of it. Under other rules the best mode that all corners have in
-    common is looked for first; where there is none, modes that differ, for the corners alone. Of
-    balls, and of errors and pushes with too many corners, forces are affine in what is unknown.
-    Members with contacts moved are drawn at random; those that torques do not serve are solved for,
-    and others tell how many are served in the end.
+    Under plain Coulomb friction, or in one mode, the set of loads that torques balance is convex,
+    and the corners of an uncertain set prove all of it. Under other rules the best common mode of
+    all corners is looked for first; if there is none, modes differ and the answer is for the
+    corners alone. For balls, and for errors and pushes with too many corners, forces are affine in
+    the unknowns. Members with moved contacts are drawn at random: those that torques do not serve
+    join the problem, and further ones show the share that is served in the end.
 
     Args:
         problem: The nominal one.
         objective: What is optimised, over the torques and forces of all members together.
         uncertainty: The set.
-        options: How; without a limit the search over common modes ends after 400 nodes, and that
-            over modes of each corner after 12.
+        options: How problems are solved; without a limit the search over common modes ends after
+            400 nodes, and that over modes of each corner after 12.
         weight: See `members_of`.
         feedback: Joint stiffness that adds to the torques, one or (L,), N m/rad (N/m), or a
             controller whose stiffness does; None: none.
@@ -265,16 +265,16 @@ def torques_for_members(
     Args:
         members: K of them; with feedback the nominal one first.
         objective: What is optimised, over the torques and forces of all of them together.
-        options: How.
+        options: How problems are solved.
         limits: When to stop.
         directions: (L, d) what feedback may add to commands, see `feedback_torques`.
         mode: The one mode for all of them.
         begin: Numbers of members to begin with; empty: some that are far from each other.
-        further: Members that are looked at only where torques for the others do not serve them.
+        further: Members that join only where torques for the others do not serve them.
     """
     at_once = _AT_ONCE
     if not isinstance(objective, Margin | Torque | TorqueShare):
-        at_once = len(members)  # of others it is not known when further members fit
+        at_once = len(members)  # margins do not tell whether other objectives serve a member
     chosen, others = far_members(members, at_once)
     if begin and others:
         chosen = [members[number] for number in begin]
@@ -296,7 +296,7 @@ def torques_for_members(
         if not len(lacking):
             break
         worst = np.sort(lacks[lacking])[-_MORE:].min()
-        joining = {number for number in lacking if lacks[number] >= worst}  # of equal ones all
+        joining = {number for number in lacking if lacks[number] >= worst}  # with all equal ones
         served = [member for number, member in enumerate(others) if number not in joining]
         candidates = [*chosen, *(others[number] for number in sorted(joining))]
         kept_count = len(chosen)
@@ -317,10 +317,10 @@ def corners_of(
     """Return the corners of a set, and what feedback may add to their commands.
 
     Args:
-        problem: The nominal one, which is the first of them if there is feedback.
+        problem: The nominal one; with feedback it is the first of the corners.
         uncertainty: The set.
         weight: Which part of its load is weight.
-        stiffness: (L,) of joints, N m/rad (N/m); None: no feedback.
+        stiffness: (L,) stiffness of the joints, N m/rad (N/m); None: no feedback.
     """
     members = members_of(problem, uncertainty, weight)
     if stiffness is None:
@@ -362,14 +362,14 @@ def _margin_deficits(
     directions: FloatArray | None,
     limits: Limits,
 ) -> FloatArray:
-    """Return (K,) what margins of other members lack of the one that is needed, N; 0: served."""
+    """Return (K,) by how much margins of other members miss the required one, N; 0: served."""
     needed = solution.margin if objective.maximizes else objective.required_margin
     problem = chosen[0].problem
     forces = solution.contact_forces[: problem.contact_count]
     lacks = needed - member_margins(
         others, chosen[0].commanded(problem.J.T @ forces.ravel()), options, limits,
         directions=directions, torque_limits=_limits_for_feedback(problem, solution, objective),
-        mode=of_member(solution.given_mode, chosen[0]),  # what is proven in one has to hold in it
+        mode=of_member(solution.given_mode, chosen[0]),  # a proof in one mode needs that mode
         enough=needed,
     )  # fmt: skip
     return np.where(lacks > 0.5 * AS_GOOD * problem.scales.force, lacks, 0.0)
@@ -378,21 +378,21 @@ def _margin_deficits(
 def _limits_for_feedback(
     problem: QuasistaticProblem, solution: TorqueSolution, objective: Objective
 ) -> tuple[FloatArray, FloatArray]:
-    """Return limits of torques, no larger than was found to be enough, for what feedback adds."""
+    """Return torque limits for commands with feedback, no wider than the solution's value."""
     most, low, high = 1.0 + AS_GOOD, problem.lower_torque, problem.upper_torque
     if isinstance(objective, TorqueShare):
         share = most * solution.value
         low, high = share * low, share * high
-    # The largest torque that is told is that of all members, whatever is optimised.
+    # The reported largest torque is that of all members, whatever is optimised.
     largest = most * solution.max_torque
     return np.maximum(low, -largest), np.minimum(high, largest)
 
 
 def further_forces(robust: RobustSolution) -> FloatArray | None:
-    """Return contact forces of the corners that were served without being solved for.
+    """Return contact forces of the corners that were not in the joined problem.
 
     Args:
-        robust: Torques that were found.
+        robust: A solution with torques.
 
     Returns:
         (K - J, M, 3) N, of `RobustSolution.members` from the solution's J on; None: corners may
@@ -417,7 +417,7 @@ def further_forces(robust: RobustSolution) -> FloatArray | None:
 def contact_radii(
     problem: QuasistaticProblem, uncertainty: Uncertainty, slopes: FloatArray | None
 ) -> FloatArray:
-    """Return (M,) m, how far each contact may be off within its tangent plane.
+    """Return (M,) radii, m, within which each contact may be moved in its tangent plane.
 
     Args:
         problem: The nominal one.
@@ -425,8 +425,8 @@ def contact_radii(
         slopes: See `moved_members`.
 
     Raises:
-        ArgumentError: If there are figures for another number of contacts or by name, or it is not
-            known what moved contacts do to the load or to joints.
+        ArgumentError: If there are figures for another number of contacts or by name, or the effect
+            of moved contacts on the load or on joints is not known.
     """
     radii = each_of(
         "contact_position", uncertainty.contact_position, problem.contact_count, "contacts"
@@ -457,17 +457,17 @@ def moved_members(
 ) -> list[Member]:
     """Return members, drawn at random, with all contacts moved at random.
 
-    Normals stay, and so does how fast contacts slide.
+    Normals and sliding velocities stay.
 
     Args:
-        members: Those to draw from, with contacts at their nominal positions.
-        radii: (M,) m, how far each contact may be off within its tangent plane.
-        slopes: (3, 3M, L) what the Jacobian gains where contacts are moved along each world axis,
-            per m; None: nothing.
-        rng: What draws.
-        count: How many.
-        stiffness: (L,) of joints with feedback, N m/rad (N/m); None: there is none.
-        far: Whether contacts are as far off as they may be; else evenly spread.
+        members: Members to draw from, with contacts at their nominal positions.
+        radii: (M,) m, radius of each contact in its tangent plane.
+        slopes: (3, 3M, L) change of the Jacobian per m of motion of the contacts along each world
+            axis; None: none.
+        rng: Random number generator.
+        count: Number of members.
+        stiffness: (L,) stiffness of joints with feedback, N m/rad (N/m); None: no feedback.
+        far: Whether contacts are moved by their full radii; else uniformly within them.
     """
     drawn = []
     for number in rng.integers(len(members), size=count).tolist():

@@ -1,6 +1,7 @@
-"""How much rest bears: errors of the torques, and contacts that are not there.
+"""Robustness of rest as the only outcome: to errors of torques, and to missing contacts.
 
-Up to which multiple of a change of the load rest stays the only outcome, and where it fails.
+`load_bracket` brackets the multiple of a change of load or torques at which rest stops to be the
+only outcome.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ _WIDEST = 0.5
 _MOST_SPANS = 12
 _MOST_HALVINGS = 16
 _BEYOND = (1e-5, 1e-4, 1e-3)
-"""Of the load: so far beyond the last balanced multiple a verdict is asked for."""
+"""Steps beyond the last balanced multiple at which a verdict is made, over the load."""
 _NO_ERROR = 1e-3
-"""Of the largest torque: no actuator keeps its torque to less."""
+"""Over the largest torque: no actuator keeps its torque to a smaller error."""
 
 
 NOT_REACHED = "not reached: the time was over before"
@@ -42,17 +43,17 @@ NOT_REACHED = "not reached: the time was over before"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoadBracket(Brief):
-    """Where rest stops to be the only outcome along a change of load or torques.
+    """Bracket of the multiple of a change of load or torques at which rest fails.
 
     Attributes:
-        failing: The smallest multiple that was found to have a moving outcome, or none of rest;
+        failing: The smallest multiple found with a moving outcome, or without rest as an outcome;
             inf: none was found; NaN: it was not looked for.
         failure: The verdict at `failing`.
-        spans: Proofs for spans that follow each other from zero on.
+        spans: Proofs for adjacent spans of multiples from zero on.
         last_rest: The largest multiple of which rest is an outcome, or up to which was looked;
             None: a time limit ended the search before this bracket was reached.
-        complete: Whether the search came to its end; False: a time limit ended it before, and the
-            bracket may be wider than asked for, or was not reached.
+        complete: Whether the search was completed; False: a time limit ended it before, and the
+            bracket may be wider than requested, or was not reached.
     """
 
     failing: float
@@ -63,7 +64,7 @@ class LoadBracket(Brief):
 
     @property
     def reached(self) -> bool:
-        """Whether anything was looked at before the time was over; else all figures are NaN."""
+        """Whether the search began before the time was over; else all figures are NaN."""
         return self.last_rest is not None
 
     @property
@@ -95,7 +96,7 @@ class LoadBracket(Brief):
 def checked_limits(
     problem: QuasistaticProblem, precision: float, node_limit: int, time_limit: float | None
 ) -> Limits:
-    """Check what every search for brackets is given, and return its limits: their time begins now.
+    """Check the arguments of a search for brackets, and return its limits: their time begins now.
 
     Raises:
         ArgumentError: If it is no problem, one that slides or has no verdict, or an option is out
@@ -125,16 +126,16 @@ def load_bracket(
 ) -> LoadBracket:
     """Bracket the largest multiple of a change up to which rest stays the only outcome.
 
-    Motions are looked for first, at ever smaller multiples. Then spans from zero on are proven,
-    each as a whole; a span that is not proven is halved.
+    Motions are looked for first, by bisection over the multiples. Then spans from zero on are
+    proven, each as a whole; a span that is not proven is halved.
 
     Args:
         undisturbed: The verdict without the change: rest is the only outcome.
-        direction: (P + L,) what each multiple adds to wrench and torques.
-        most: Multiples up to this are looked at.
-        precision: Relative width of the bracket with which the search ends.
+        direction: (P + L,) change of wrench and torques per unit of the multiple.
+        most: Largest multiple that is looked at.
+        precision: Relative width of the bracket at which the search ends.
         limits: Sets of outcomes that each of the two trees of a span may look at, and the time.
-            What is proven when it is over stands.
+            Proofs that are complete by then are kept.
     """
     if limits.passed:
         return LoadBracket(np.nan, None, (), None, complete=False)
@@ -179,7 +180,7 @@ def _failing_multiple(
     ends: tuple[float, float],
     limits: Limits,
 ) -> tuple[float, StabilityVerdict | None]:
-    """Return a multiple that fails, with its verdict, near the one that the search found."""
+    """Return a failing multiple near the one that the search found, and its verdict."""
     possible, most = ends
     if high >= most:
         return np.inf, None
@@ -188,7 +189,7 @@ def _failing_multiple(
     for more in beyond:
         problem, torques = line.at(high + more)
         resolution = undisturbed.acceleration_resolution
-        # One limit for all loads: that of the undisturbed one.
+        # The acceleration limit of the undisturbed load holds for all loads.
         resolution *= undisturbed.problem.scales.force / problem.scales.force
         verdict = stability(
             problem, torques, time_limit=limits.seconds_left,
@@ -208,17 +209,17 @@ def _failing_multiple(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robustness(Brief):
-    """What torques bear of which rest is the only outcome. See the example of `robustness`.
+    """Errors that torques tolerate with rest as the only outcome. See the example of `robustness`.
 
     Attributes:
-        verdict: On the torques as they are. The rest is empty unless it is ``strong``.
-        less: L brackets: how much smaller each joint's torque may be, N m (N).
-        more: L brackets: how much larger.
-        all_less: By which share of themselves all torques together may be smaller.
+        verdict: Verdict on the given torques. Unless it is ``strong``, all else is empty.
+        less: L brackets: by how much each joint's torque may be smaller, N m (N).
+        more: L brackets: by how much it may be larger.
+        all_less: By which share all torques together may be smaller.
         all_more: By which share they may be larger.
         without: M verdicts without each contact; None where it is the only one.
-        complete: Whether all was looked at; False: `time_limit` ended the search before, and more
-            may be borne, and less be relied on, than is known. Brackets have it, too.
+        complete: Whether the search was completed; False: `time_limit` ended it before, and larger
+            errors may be tolerated, and fewer contacts needed. Brackets have it, too.
     """
 
     verdict: StabilityVerdict
@@ -272,7 +273,7 @@ class Robustness(Brief):
 
 
 def _error_range_text(less: LoadBracket, more: LoadBracket, scale: float, unit: str) -> str:
-    """Return what two brackets bear, and where they fail."""
+    """Return the range of a torque error that is tolerated, and where it fails, in words."""
     if not (less.reached or more.reached):
         return NOT_REACHED
     fails = [
@@ -296,21 +297,21 @@ def robustness(
     node_limit: int = 300,
     time_limit: float | None = None,
 ) -> Robustness:
-    """Tell how much torques of which rest is the only outcome bear.
+    """Return the errors that torques tolerate with rest as the only outcome.
 
     Errors of one joint's torque, and of all by one share, are bracketed like disturbances: up to
     one figure rest is proven to stay the only outcome, at another a verdict fails. Then each
-    contact is taken away: contacts that the rest relies on have to touch.
+    contact is removed in turn, which shows the contacts that rest relies on.
 
     Args:
         problem: At rest, with `object_inertia` and `joint_inertia`.
         torques: (L,) the motors' torques, N m (N).
-        precision: Relative width of the brackets with which the search ends.
+        precision: Relative width of the brackets at which the search ends.
         node_limit: Sets of outcomes that each tree of a bracket and each verdict without a contact
-            may look at; a tenth of what the other verdicts may, on the torques as they are and
-            where brackets end, since there are two brackets for each joint.
+            may look at; the default is a tenth of that of the other verdicts, on the given torques
+            and at the ends of brackets, since there are two brackets for each joint.
         time_limit: Seconds in all; None: any time. What is proven by then is returned, and
-            `complete` tells whether it is all.
+            `complete` tells whether the search was completed.
 
     Raises:
         ArgumentError: If an argument is wrong.
@@ -358,7 +359,7 @@ def robustness(
 def _verdict_without(
     verdict: StabilityVerdict, contact: int, node_limit: int, limits: Limits
 ) -> StabilityVerdict | None:
-    """Return the verdict without a contact, None where no other is left."""
+    """Return the verdict without a contact; None: no other is left."""
     problem = verdict.problem
     kept: NDArray[np.intp] = np.delete(np.arange(problem.contact_count), contact)
     if not len(kept):

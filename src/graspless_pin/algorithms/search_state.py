@@ -1,4 +1,4 @@
-"""What every search over modes keeps, and the loop of those that go best bound first."""
+"""The state of a search over modes, and the loop of best-first searches."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OPTIMALITY_TOLERANCE = 2e-8
 
 
 def optimality_tolerance(value: float) -> float:
-    """Return how far above an optimum a scaled value may be to count as equal to it."""
+    """Return the difference up to which scaled values count as equal to an optimum."""
     return (
         OPTIMALITY_TOLERANCE * max(1.0, abs(value)) if np.isfinite(value) else OPTIMALITY_TOLERANCE
     )
@@ -38,19 +38,19 @@ class SearchState:
         options: How the problem is solved.
         limits: When the search has to end.
         oracle: Finds modes for friction forces.
-        relaxation: Answer to the program without modes, once it was solved; of a given mode without
-            forces, to its own.
+        relaxation: Answer to the program without modes, once it was solved; for a given mode
+            without forces, to the program of that mode.
         best: Best answer that a feasible mode admits.
         found: The mode of the best answer; where a given mode has no forces, that mode.
-        near: A virtual motion that may be behind the next mode, too, scaled; None: none is known.
+        near: A virtual motion that may also fit the next mode, scaled; None: none is known.
         bound: Proven lower bound on the objective over all modes.
         infeasibility: Proof of infeasibility of the relaxation.
-        nodes: Nodes or modes looked at.
-        modes_examined: Modes solved or ruled out one by one.
-        force_programs: Programs in forces solved.
+        nodes: Number of nodes or modes visited.
+        modes_examined: Number of modes solved or excluded one by one.
+        force_programs: Number of programs in forces solved.
         unproven_bound: The lowest bound of programs that were left without a checked answer.
-        cover: Parts that together hold all modes with a motion behind them, whose programs bound
-            them; empty where the relaxation does.
+        cover: Parts that contain all feasible modes and whose programs bound them; empty where the
+            relaxation does.
     """
 
     formulation: Formulation
@@ -80,7 +80,7 @@ class SearchState:
 
     @property
     def unproven(self) -> bool:
-        """Whether a program without a checked answer may hold something better than the best."""
+        """Whether a program without a checked answer may have a better value than the best."""
         return self.unproven_bound < np.inf and not self.closed(self.unproven_bound)
 
     @property
@@ -109,7 +109,7 @@ class SearchState:
         return self.store_relaxation(self.solve(program.lb, program.ub))
 
     def store_relaxation(self, answer: Answer) -> Answer:
-        """Keep the answer to the relaxation, the first node, and what it proves; return it."""
+        """Store the relaxation's answer, the first node, with its bound and proof; return it."""
         self.relaxation = answer
         self.nodes += 1
         self.bound = answer.bound
@@ -118,15 +118,15 @@ class SearchState:
         return answer
 
     def offer(self, answer: Answer, found: FoundMode, admitted: FloatArray | None = None) -> bool:
-        """Keep what a feasible mode admits of an answer, if that is the best so far.
+        """Keep an answer without the friction that a feasible mode forbids, if it is the best.
 
-        The friction that the mode forbids is below the threshold of the oracle and is cut off;
-        where that breaks the balance the mode's own program is solved instead.
+        That friction is below the threshold of the oracle and is set to zero; where that breaks the
+        balance the mode's own program is solved instead.
 
         Args:
             answer: The answer.
             found: The mode.
-            admitted: What it admits of the answer's x, if that is known.
+            admitted: The answer's x without forbidden friction, if that is known.
 
         Returns:
             Whether the answer's own value was reached.
@@ -162,7 +162,7 @@ class SearchState:
         return self.best_value <= bound + optimality_tolerance(self.best_value)
 
     def ended(self, *, interrupted: bool = False) -> Status:
-        """Return what is known when the search has ended, by a limit or completed."""
+        """Return the status of a search that has ended, by a limit or completed."""
         if not interrupted and not self.unproven:
             return Status.INFEASIBLE_MODES if self.best is None else Status.OPTIMAL
         if self.best is not None:
@@ -170,13 +170,13 @@ class SearchState:
         return Status.NOT_FOUND_IN_LIMIT if interrupted else Status.UNVERIFIED
 
     def undecided(self) -> Status:
-        """Return what is known where no solver decided on a virtual motion."""
+        """Return the status of a search in which no solver decided on a virtual motion."""
         self.unproven_bound = -np.inf
         return self.ended()
 
 
 def unsolved(answer: Answer, infeasible: Status) -> Status:
-    """Return how a search ends whose first program has no solution, or none that is proven."""
+    """Return the status of a search whose first program has no solution, or no proven answer."""
     return Status.UNVERIFIED if answer.outcome is Outcome.FAILED else infeasible
 
 
@@ -184,18 +184,18 @@ class Fathomed(NamedTuple):
     """A node without children: its bound is no better than the best value, or it cannot be split.
 
     Attributes:
-        bound: What is proven of it.
+        bound: Proven lower bound of the node.
     """
 
     bound: float
 
 
 class Split(NamedTuple, Generic[Node]):
-    """A node is split.
+    """The children of a node.
 
     Attributes:
-        bound: What is proven of all children.
-        children: Nodes that hold all that it does; none: it holds nothing.
+        bound: Proven lower bound of all children.
+        children: Nodes whose union is the node; empty: nothing feasible is in it.
     """
 
     bound: float
@@ -212,13 +212,13 @@ def best_first(
 
     Args:
         state: The search to run.
-        root: What `expand` would return of the relaxation.
-        expand: Looks at a node with a proven bound, and fathoms or splits it.
+        root: The result of `expand` for the relaxation.
+        expand: Fathoms or splits a node, given its proven bound.
         closed: Whether nothing at or above a bound is of interest.
 
     Returns:
-        How it ended, and nodes that hold all there is and whose bounds were enough; none where a
-        limit ended it.
+        The status, and nodes that cover the search space with sufficient bounds; none where a limit
+        ended the search.
     """
     search = TreeSearch[Node](() if isinstance(root, Fathomed) else root.children, root.bound)
     # The lowest bound of fathomed nodes: no optimum in them lies below it.

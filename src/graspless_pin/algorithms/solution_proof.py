@@ -1,9 +1,8 @@
-"""The whole proof of a solution, found or not: what its document carries for those who check it.
+"""The whole proof of a solution, found or not, that its document states for a checker.
 
-It bounds and splits the parts of all modes that the search does (`mode_tree`), again, when a
-document is asked for: now that the bound is known it takes a small part of the search's time, and
-no solution has to keep the multipliers of every node. How the optimum was found plays no part in
-it.
+It bounds and splits parts of all modes (`mode_tree`) as the search does, anew for each document:
+with the bound known it takes a small part of the search's time, and no solution has to keep the
+multipliers of every node. It does not depend on how the optimum was found.
 """
 
 from __future__ import annotations
@@ -37,20 +36,20 @@ MOST_LEAVES = 1000
 """Proofs with more leaves are not written."""
 _BOUND_TOLERANCE = 1e-7
 _LEAST_MULTIPLIER = 1e-9
-"""Multipliers below this share of the largest are left out where the proof does without them."""
+"""Multipliers below this share of the largest are left out where the proof stays valid."""
 _LOST_VIOLATION = 1e-6
-"""By this share at most a smallest common violation may be less without them."""
+"""Largest share of the smallest common violation that may be lost without them."""
 
 
 @dataclass(eq=False)
 class ModeProver:
-    """Splits all modes until every part is closed by multipliers or a combination.
+    """Splits the set of all modes until multipliers or a kinematic combination close every part.
 
     Attributes:
         formulation: The program.
         rules: The reading of the virtual-sliding constraint.
         solver: The solver to ask first.
-        target: What no part's objective may stay below, scaled; inf: there are no forces.
+        target: Bound to prove for every part, scaled; inf: there are no forces.
     """
 
     formulation: Formulation
@@ -59,7 +58,7 @@ class ModeProver:
     target: float
 
     def __post_init__(self) -> None:
-        """Make what bounds and splits parts, and what finds conflicts in them."""
+        """Make the tree and the oracle."""
         self.tree = ModeTree(self.formulation, self.rules, for_proof=True)
         self.oracle = ModeOracle(self.formulation, self.rules)
 
@@ -68,8 +67,8 @@ class ModeProver:
 
         Args:
             root: The part; None: friction needs no virtual sliding at all.
-            known: Multipliers that may close it at once; where there are no forces, those that
-                the search has proven it with.
+            known: Multipliers that may close it at once; where there are no forces, those of the
+                proof of the search.
         """
         leaf = None if known is None else self._leaf(root, *known, refuting=np.isinf(self.target))
         if leaf is not None:
@@ -91,7 +90,7 @@ class ModeProver:
         return ModeProof(tuple(nodes))
 
     def _node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
-        """Return the node of a part with its children, or why there is none."""
+        """Return the proof node of a part with its children, or the reason why there is none."""
         excluded = None if part is None else self.tree.exclusion(part)
         if excluded is not None:
             return excluded, []
@@ -115,7 +114,7 @@ class ModeProver:
 
         Args:
             part: The part.
-            cutoff: A proven bound above it is enough; None: where the part is closed.
+            cutoff: A proven bound above it is enough; None: the value that closes a part.
         """
         if cutoff is None:
             tolerance = (
@@ -127,12 +126,12 @@ class ModeProver:
     def _leaf(
         self, part: ModePart | None, y: FloatArray, z: FloatArray, *, refuting: bool
     ) -> BoundLeaf | None:
-        """Return the leaf of a part, without multipliers that prove nothing; None: it is open.
+        """Return the leaf that closes a part, without needless multipliers; None: it stays open.
 
         Args:
             part: The part.
-            y: Of the balance.
-            z: Of the rows.
+            y: Multipliers of the balance.
+            z: Multipliers of the rows.
             refuting: Whether the multipliers prove that the part has no forces of interest.
         """
         program = self.formulation.program.bounded(*self.tree.bounds(part))
@@ -144,18 +143,18 @@ class ModeProver:
         return self._refuting(program, y, z) if refuting else None
 
     def _refuting(self, program: Program, y: FloatArray, z: FloatArray) -> BoundLeaf | None:
-        """Return the leaf of a program that has no solutions, however far; None: that is open."""
+        """Return the leaf of an infeasible program; None: the multipliers do not prove it."""
         proven = program.infeasibility_bound(y, z)
         if proven <= 0.0:
             return None
-        # Far limits make much of multipliers that are hardly there.
+        # Far limits amplify tiny multipliers.
         thin = _without_tiny_multipliers(z)
         enough = program.infeasibility_bound(y, thin) >= (1.0 - _LOST_VIOLATION) * proven
         return BoundLeaf(y, thin if enough else z, objective=False)
 
 
 def _without_tiny_multipliers(z: FloatArray) -> FloatArray:
-    """Return multipliers without those that are hardly there."""
+    """Return multipliers with negligible ones set to zero."""
     size = np.abs(z)
     return np.where(size > _LEAST_MULTIPLIER * size.max(initial=0.0), z, 0.0)
 
@@ -166,9 +165,9 @@ _OPEN = UNDECIDED | {Status.INFEASIBLE_STRONG}
 def proof_of(solution: TorqueSolution) -> SolutionProof:
     """Return the whole proof of a solution.
 
-    Where the relaxation proves the answer, the search has left the multipliers and mostly the
-    motion, and nothing is solved. Elsewhere the tree is made here: up to `MOST_LEAVES` programs;
-    beyond that the proof says what is missing.
+    Where the relaxation proves the answer, the search has kept the multipliers and mostly the
+    motion, and nothing is solved. Otherwise the tree is made here, with up to `MOST_LEAVES` leaves;
+    beyond that the proof states that it is incomplete.
 
     Args:
         solution: Found or not.
@@ -188,7 +187,7 @@ def proof_of(solution: TorqueSolution) -> SolutionProof:
 def written_multipliers(solution: TorqueSolution) -> DualVariables:
     """Return the multipliers of a found solution's own program as its document states them.
 
-    They prove their bound of forces whose friction has the signs of the solution's.
+    They prove a bound for all forces whose friction has the signs of the solution's.
     """
     formulation = formulate(solution.problem, solution.objective)
     forces = formulation.coordinates.scaled(solution.contact_forces)
@@ -239,13 +238,13 @@ def _has_modes(solution: TorqueSolution) -> bool:
 
 
 def motion_of(solution: TorqueSolution) -> FloatArray | None:
-    """Return the virtual motion behind a solution's mode: the search's, or one that is found here.
+    """Return a virtual motion of a solution's mode: that of the search, or one found here.
 
     Args:
         solution: Found, or infeasible in a given mode.
 
     Returns:
-        (P + L,) [V; theta_dot], m/s and rad/s; None where none is asked for, or there is none.
+        (P + L,) [V; theta_dot], m/s and rad/s; None where none is required, or there is none.
     """
     if solution.rules.by_direction:
         return solution.evidence.motion

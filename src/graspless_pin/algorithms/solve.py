@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from graspless_pin.holding.small_motions import RestModel
 
 THRESHOLD_FACTORS = (0.1, 10.0)
-"""The thresholds of virtual motions that an optimum is compared for, over the rule's own."""
+"""Factors on the threshold of virtual motions for which an optimum is compared."""
 _SAME_OPTIMUM = 1e-6
 
 ModeSearch = Callable[[SearchState], Status]
@@ -60,9 +60,9 @@ def solve_problem(
     Args:
         problem: Contacts, wrench, joints and limits.
         objective: What is optimised.
-        options: How.
+        options: How it is solved.
         mode: Solve this (B, S) only.
-        rest: What is known of rest beside the problem; None: nothing.
+        rest: Makes the verdicts of ``stability="strong"``; None: `stability` alone.
 
     Raises:
         ArgumentError: If an argument is none of its kind, or the mode not one of the problem; if
@@ -82,17 +82,17 @@ def solve_problem(
 def as_stable(
     best: TorqueSolution, options: SolveOptions, limits: Limits, rest: RestModel | None
 ) -> TorqueSolution:
-    """Return the best case, or the best torques found whose rest is as stable as is asked for.
+    """Return the best case, or under ``stability="strong"`` the best guaranteed torques found.
 
     Args:
         best: The best case, found or not.
-        options: What is asked for.
-        limits: Of the whole call.
-        rest: What is known of rest beside the problem; None: nothing.
+        options: The options of the solve.
+        limits: Limits of the whole call.
+        rest: See `solve_problem`.
     """
     if not options.strong:
         return best
-    # Loaded here: the best case needs no verdict, and goes without its search and solver.
+    # Loaded here: the best case needs no verdict, and so neither its search nor its solver.
     from graspless_pin.algorithms.guaranteed_torques import guaranteed
 
     def optimum(problem: QuasistaticProblem, objective: Objective) -> TorqueSolution:
@@ -108,7 +108,7 @@ def _best_case(
     limits: Limits,
     mode: SlidingMode | None = None,
 ) -> TorqueSolution:
-    """Return the optimum over all forces that statics leave open."""
+    """Return the optimum over all admissible contact forces."""
     gap = 0.0
     if options.rules.by_direction:
         if mode is not None:
@@ -131,7 +131,7 @@ def _best_case(
 
 @Derived
 def _with_round_cones(problem: QuasistaticProblem) -> QuasistaticProblem:
-    """Return the problem with round cones; a copy even so, as what is derived may not be itself."""
+    """Return the problem with round cones, always as a copy: a derived value may not be its key."""
     return problem.with_changes(cone="round")
 
 
@@ -191,15 +191,15 @@ def _search_in_mode(
 def threshold_optima(
     state: SearchState, search: ModeSearch, gap: float = 0.0
 ) -> tuple[float, float] | None:
-    """Return the optimum for a tenth and for ten times the threshold, if that changes it.
+    """Return the optima for a tenth and for ten times the threshold, if they differ.
 
-    Nothing is solved where the motion behind the mode is clearly fast enough and the search refused
-    none that a tenth of the threshold would admit: then all three are the same.
+    Nothing is solved where the motion of the mode is clearly fast enough and the search refused no
+    motion that a tenth of the threshold would admit: then all three optima are the same.
 
     Args:
         state: The search that has ended.
         search: Repeats it from a state whose formulation has another threshold.
-        gap: How near each of two optima is found, over the load or the optimum.
+        gap: Gap of each of the two optima, over the load or the optimum.
 
     Returns:
         Two optima, NaN where nothing is feasible; None where neither differs by more than 1e-6 of
@@ -228,11 +228,11 @@ def threshold_optima(
 
 
 def _is_slow(state: SearchState) -> bool:
-    """Whether the motion behind the best mode is slower than ten times the threshold."""
+    """Return whether the best mode has no motion as fast as ten times the threshold."""
     if state.best is None or state.found is None or state.found.is_clear:
         return False
     if state.rules.by_direction:
-        return True  # the search itself has looked
+        return True  # the search has looked for such a motion itself
     kinematics = state.formulation.kinematics
     try:
         slowest = kinematics.slowest(requirements_of(state.found.mode), state.rules.sign)
@@ -248,13 +248,13 @@ def solution_of(
     given_mode: SlidingMode | None = None,
     optima: tuple[float, float] | None = None,
 ) -> TorqueSolution:
-    """Return how a search ended as a solution.
+    """Return the solution of a search that has ended.
 
     Args:
-        status: How it ended.
-        state: What it found.
-        given_mode: The mode that alone was asked for.
-        optima: What `threshold_optima` found.
+        status: Its status.
+        state: Its final state.
+        given_mode: The mode that it was restricted to; None: all modes.
+        optima: The result of `threshold_optima`.
     """
     formulation, best = state.formulation, state.best
     certificate = Certificate(
@@ -289,7 +289,7 @@ def solution_of(
 
 
 def _evidence(state: SearchState) -> Evidence:
-    """Return what a search leaves of the proof of its answer."""
+    """Return the multipliers, forces and motion of a search that prove its answer."""
     first, best, coordinates = state.relaxation, state.best, state.formulation.coordinates
     relaxation = in_mode = added = forces = motion = None
     if first is not None and len(first.y):

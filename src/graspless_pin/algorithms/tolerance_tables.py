@@ -1,4 +1,4 @@
-"""How far each thing that is not known exactly may be off: records, and the table that they are."""
+"""Tolerances of given torques to deviations of each quantity: records, and their table."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ class Tolerance(Brief):
     See the example of `tolerances`.
 
     Attributes:
-        quantity: Which.
-        borne: Up to this all of it is borne: a share of mass, friction or torques, m, rad, N or
-            N m. Proven under plain Coulomb friction; under other rules what was tried. Inf where
-            feedback makes up for any.
-        failing: The smallest that was found to fail; inf where none was.
-        direction: (3,) unit vector of the change that fails there, world axes; of torques (L,);
-            None where there is but one.
-        contacts: The contacts at which it fails.
+        quantity: The quantity.
+        borne: Deviation up to which contact forces balance: a share of mass, friction or torques,
+            m, rad, N or N m. Proven under plain Coulomb friction; under other rules only tested.
+            Inf where feedback compensates any.
+        failing: The smallest deviation that was found to fail; inf: none was.
+        direction: (3,) unit vector of the deviation that fails, world axes; of torques (L,);
+            None where there is only one.
+        contacts: The contacts that limit the margin there.
         joints: The joints whose torque, with feedback, is at its limit there.
-        deflection: How far the joint that gives way most does so there to make the feedback, rad
-            (m); 0 without feedback, inf if any is borne, NaN where that was not worked out. Where
-            it is not small, contacts are elsewhere by then.
-        boundary: (K, 3) changes that are just borne, one in each direction that was looked at, in
-            the unit of `borne`; their hull is borne.
+        deflection: Largest deflection of a joint there that produces the feedback, rad (m); 0
+            without feedback, inf if any deviation is borne, NaN where it was not computed. Where it
+            is not small, contacts have moved by then.
+        boundary: (K, 3) largest balanced deviations, one in each direction that was looked at, in
+            the unit of `borne`; all of their convex hull is borne.
     """
 
     quantity: Quantity
@@ -57,9 +57,9 @@ class Tolerance(Brief):
     joints: tuple[int, ...] = ()
 
     def along(self, directions: ArrayLike) -> FloatArray:
-        """Return how large a change (K,) along each unit vector (K, 3) the hull of `boundary` has.
+        """Return (K,) the extent of the hull of `boundary` along each unit vector (K, 3).
 
-        Zero where the hull has nothing that way, as across the plane of a flat one.
+        Zero where the hull has no extent, as across the plane of a flat one.
 
         Args:
             directions: World axes.
@@ -87,20 +87,20 @@ class Tolerance(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tolerances(Brief):
-    """What given torques bear of everything that may be off, one at a time.
+    """Tolerances of given torques to deviations of all quantities, one at a time.
 
     See the example of `tolerances`.
 
     Attributes:
         problem: The problem.
         torques: (L,) N m (N).
-        each: One for each quantity that the problem tells of.
+        each: One tolerance for each quantity that the problem states.
         weight: (3,) the part of the load that counts as weight, N, world axes.
         feedback: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: torques are
             constant.
         coulomb: Whether contact forces are those of Coulomb friction, without virtual sliding.
         attainable: How far the same quantities may be off if torques are chosen for each; empty:
-            that was not asked.
+            not requested.
     """
 
     problem: QuasistaticProblem
@@ -115,15 +115,15 @@ class Tolerances(Brief):
         """Return the tolerance of a quantity.
 
         Raises:
-            ArgumentError: If the problem does not tell of it.
+            ArgumentError: If there is none of that quantity.
         """
         known = {str(one.quantity): one for one in self.each}
         return known[one_of(known, "quantity", str(quantity))]
 
     def __str__(self) -> str:
-        """Return a table: how much is borne, which way it fails first, and where.
+        """Return a table: the borne deviation, the direction that fails first, and where.
 
-        With attainable tolerances these stand beside, in the place of way and contacts.
+        Attainable tolerances replace the columns of direction and contacts.
         """
         headers, rows = self.table()
         omitted = ("direction", _WHERE) if self.attainable else ()
@@ -136,7 +136,7 @@ class Tolerances(Brief):
 
     @property
     def remark(self) -> str:
-        """What is to be said where some joint gives way so far that contacts move; else empty."""
+        """Remark where some joint deflects so far that contacts move; else empty."""
         return _ROUGH if any(one.deflection > _FAR for one in self.each) else ""
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -169,7 +169,7 @@ class Tolerances(Brief):
         return f"[{', '.join(f'{x:+.2f}' for x in one.direction.tolist())}]"
 
     def _figure_texts(self, one: Tolerance | AttainableTolerance) -> tuple[str, str]:
-        """Return how much is borne, and what is not, in the unit that people think in."""
+        """Return the borne and the failing deviation as text, in the usual unit of the quantity."""
         scale, unit = one.quantity.scale, one.quantity.unit
         if one.quantity is Quantity.JOINT:
             units = self.problem.joint_units
@@ -184,5 +184,5 @@ class Tolerances(Brief):
 
 
 def _three_digits(value: float) -> str:
-    """Return three digits, up to a million without a power of ten."""
+    """Return a value to three digits, up to a million without a power of ten."""
     return f"{float(f'{value:.3g}'):.6g}"

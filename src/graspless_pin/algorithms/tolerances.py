@@ -1,4 +1,4 @@
-"""How far each thing that is not known exactly may be off under given torques, in its own unit."""
+"""Tolerances of given torques: how far each uncertain quantity may be off, in its own unit."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ from graspless_pin.solution.active_limits import limiting_contacts
 from graspless_pin.tree_search import NO_LIMITS
 
 _AT_LIMIT = 1e-4
-"""Of a joint's torque: less room counts as none."""
+"""Over a joint's torque: less slack counts as none."""
 _CLOSE = 0.01
-"""Of a bracket: how near what is borne and what fails have to be."""
+"""Relative width of brackets at which a search ends."""
 _ROUNDS = 12
 _FINE = 2e-5
-"""Of a bracket, where a joint is to be seen at its limit."""
+"""The same where the joints at their limits have to be found."""
 _AROUND = 16
-"""Directions in the plane that are looked at first."""
+"""Number of first directions in the plane."""
 _CORNER_ROUNDS = 3
 _DOUBLINGS = 20
-"""Of an error of torques, from that of the torques' own size: what bears that bears any."""
+"""Doublings of a torque error of the torques' own size until it counts as unlimited."""
 _CERTAIN = 1e-6
-"""Of the load: a margin that is not below minus this is none that failed."""
+"""Over the load: margins above minus this count as feasible."""
 
 
 def tolerances(
@@ -63,11 +63,11 @@ def tolerances(
     attainable: bool = False,
     **options: Unpack[SolveKeywords],
 ) -> Tolerances:
-    """Tell how far mass, centre of mass, pushes, friction and torques may be off, each by itself.
+    """Return how far mass, centre of mass, pushes, friction and torques may be off, one at a time.
 
-    Torques stay as they are, contact forces are the best that there are. Loads and torques that are
-    borne are a convex set under plain Coulomb friction: rays into it give its boundary, and the
-    hull of their ends what is proven (Bretl and Lall, Testing Static Equilibrium for Legged Robots,
+    Torques stay as they are, contact forces are the best admissible ones. The loads and torques for
+    which they exist are a convex set under plain Coulomb friction: rays find its boundary, and the
+    hull of their ends is proven (Bretl and Lall, Testing Static Equilibrium for Legged Robots,
     2008). Friction and gravity's direction are found by bisection over `Uncertainty`.
 
     Args:
@@ -77,8 +77,8 @@ def tolerances(
         weight: Which part of the load is weight; None: all of the external wrench but a moment
             about its force.
         fingers: The finger of each joint that belongs to one, for a controller that names them.
-        quantities: Which to tell of; others take no time.
-        attainable: Whether to tell, too, how far each may be off if torques are chosen for it.
+        quantities: The quantities to look at; others take no time.
+        attainable: Whether to find, too, how far each may be off if torques are chosen for it.
         options: See `SolveOptions.parse`; `time_limit` is that of all attainable ones together.
 
     Raises:
@@ -108,7 +108,7 @@ def tolerances(
     given = finite_array("torques", torques, (problem.joint_count,))
     weight = weight_of_arrays(problem) if weight is None else weight
     stiffness = joint_stiffness(problem, feedback, fingers)
-    options.pop("time_limit", None)  # of the attainable ones
+    options.pop("time_limit", None)  # it limits the attainable ones alone
     search = _ToleranceSearch(problem, given, stiffness, SolveOptions.parse(**options), options)
     if search.is_unbalanced(0.0 * search.rest.external_wrench):
         raise NoSolutionError("No contact forces balance the load under these torques.")
@@ -122,7 +122,7 @@ def tolerances(
 
 
 class _ToleranceSearch:
-    """Rays into the set of loads that torques bear, and bisections beside them."""
+    """Rays into the set of loads that contact forces balance, and bisections of other figures."""
 
     def __init__(
         self,
@@ -139,11 +139,11 @@ class _ToleranceSearch:
         self.convex = how.rules.static_friction is StaticFriction.COULOMB
 
     def tolerances_of(self, weight: Weight, wanted: Collection[Quantity]) -> list[Tolerance]:
-        """Return the tolerances of those wanted that the problem tells of, as `Quantity` has them.
+        """Return the tolerances of the wanted quantities, where the problem has them.
 
         Args:
             weight: Which part of the load is weight.
-            wanted: Which.
+            wanted: The wanted quantities.
         """
         still, down, problem = np.zeros(3), weight.down, self.problem
         nominal = weight.wrench(0.0, still, down)
@@ -190,7 +190,7 @@ class _ToleranceSearch:
         return [task() for quantity, task in tasks.items() if quantity in wanted]
 
     def is_unbalanced(self, load: FloatArray) -> bool:
-        """Whether no contact forces balance a load beside that which there is."""
+        """Return whether no contact forces balance a load on top of the problem's own."""
         return not solve_problem(self._problem_under(load), Margin(), self.how).found
 
     def _problem_under(self, load: FloatArray) -> QuasistaticProblem:
@@ -200,7 +200,7 @@ class _ToleranceSearch:
         return np.concatenate([wrench, np.zeros(self.rest.passive_count - len(wrench))])
 
     def _multiples(self, loads: FloatArray) -> FloatArray:
-        """Return how many times each load is borne."""
+        """Return (K,) the largest balanced multiple of each load (K, Q); inf for a zero load."""
         length = self.rest.scales.length
         directions = loads / passive_levers(self.rest.passive_units, length)
         times, sizes = np.full(len(loads), np.inf), np.linalg.norm(directions, axis=1)
@@ -214,11 +214,11 @@ class _ToleranceSearch:
         return times
 
     def _fields_at_end(self, load: FloatArray) -> dict[str, Any]:
-        """Return `contacts`, `joints` and `deflection` of a load that is just borne."""
+        """Return `contacts`, `joints` and `deflection` at a load that is just balanced."""
         return self._limit_fields(self._problem_under((1.0 - _CERTAIN) * load))
 
     def _limit_fields(self, problem: QuasistaticProblem) -> dict[str, Any]:
-        """Return `contacts`, `joints` and `deflection` of a problem that is just feasible."""
+        """Return `contacts`, `joints` and `deflection` at a problem that is just feasible."""
         found = solve_problem(problem, Margin(), self.how)
         if not found.found:
             return {"deflection": 0.0 if self.stiffness is None else np.nan}
@@ -247,10 +247,10 @@ class _ToleranceSearch:
     def _error_tolerance(
         self, quantity: Quantity, errors: FloatArray, most: float = np.inf
     ) -> Tolerance:
-        """Return how many times the torques may be off by any of (k, L) errors.
+        """Return the tolerance to multiples of any of (k, L) torque errors.
 
-        Rays tell it without feedback. With it a motor's limit counts, and bounds what the motor is
-        commanded, not what it makes of that: such an error is no load, and found by bisection.
+        By rays without feedback. With feedback, limits bound the commands and not the torques that
+        motors produce: such an error is no load, and its multiple is found by bisection.
         """
         if self.stiffness is None:
             return self._error_ray_tolerance(quantity, errors, most)
@@ -269,7 +269,7 @@ class _ToleranceSearch:
         if np.isinf(high):
             return self._unlimited_tolerance(quantity, most)
         found: dict[str, Any] = {}
-        # What is just borne may be infeasible by as little as counts as none.
+        # The end of the bracket may be infeasible within the tolerance.
         for inside in (_CERTAIN, 0.1 * _CLOSE, _CLOSE):
             one = members((1.0 - inside) * low)[worst]
             found = self._limit_fields(under_commands(one, self.torques, self.directions))
@@ -282,7 +282,7 @@ class _ToleranceSearch:
     def _error_ray_tolerance(
         self, quantity: Quantity, errors: FloatArray, most: float
     ) -> Tolerance:
-        """Return how many times errors (k, L) that are loads on the joints are borne."""
+        """Return the tolerance to multiples of errors (k, L) that are loads on the joints."""
         made = [under_commands(self.member, self.torques + one) for one in errors]
         loads = np.array([one.external_wrench for one in made]) - self.rest.external_wrench
         times = self._multiples(loads)
@@ -296,12 +296,12 @@ class _ToleranceSearch:
         return Tolerance(quantity, least, least, **fields)
 
     def _ball_tolerance(self, quantity: Quantity, axes: FloatArray, loads: FloatArray) -> Tolerance:
-        """Return how large a change may be in any direction.
+        """Return the tolerance to a change in any direction.
 
         Args:
-            quantity: Which.
+            quantity: The quantity.
             axes: (k, 3) orthonormal directions of the change.
-            loads: (k, Q) what one unit along each makes.
+            loads: (k, Q) load of a unit change along each.
         """
         rays = polygon(_AROUND) if len(axes) == 2 else _cube_directions()
         times, balanced = self._multiples(rays @ loads), 0.0
@@ -315,12 +315,12 @@ class _ToleranceSearch:
         for _ in range(_ROUNDS):
             least = float(times.min())
             if not least > _CERTAIN * float(times.max()):
-                break  # one way nothing at all is borne
+                break  # in one direction no change is balanced
             sides = ConvexHull(times[:, None] * rays).equations
             balanced = float(-sides[:, -1].max())
             if balanced >= (1.0 - _CLOSE) * least:
                 break
-            # The nearest sides of the hull: what is beyond them was not looked at.
+            # The nearest sides of the hull: further rays go through them.
             nearest = np.argsort(-sides[:, -1])[:8]
             nearest = nearest[-sides[nearest, -1] < (1.0 - _CLOSE) * least]
             add_rays(np.unique(sides[nearest, :-1].round(9), axis=0))
@@ -340,7 +340,7 @@ class _ToleranceSearch:
     def _bisected_tolerance(
         self, quantity: Quantity, of: str, weight: Weight, most: float
     ) -> Tolerance:
-        """Return how large one figure of an `Uncertainty` may be."""
+        """Return the tolerance to one figure of an `Uncertainty`."""
 
         def members(figure: float) -> tuple[Member, ...]:
             return members_of(self.problem, Uncertainty(**{of: figure}), weight)
@@ -350,7 +350,7 @@ class _ToleranceSearch:
             return self._unlimited_tolerance(quantity, most)
         fields: dict[str, Any] = {}
         if quantity is Quantity.TILT:
-            # The set has a polygon for the circle of tilts: what fails in it may be outside.
+            # The set has a polygon around the circle of tilts: what fails may be outside it.
             rays = polygon(_AROUND) @ np.linalg.svd(weight.down[None])[2][1:]
             _, high, worst = self._bracket(
                 lambda tilt: self._tilted_members(weight, tilt, rays), low, most
@@ -361,12 +361,12 @@ class _ToleranceSearch:
         return Tolerance(quantity, low, high, **fields)
 
     def _unlimited_tolerance(self, quantity: Quantity, most: float) -> Tolerance:
-        """Return the tolerance of what is borne up to its largest: no forces were looked at."""
+        """Return the tolerance of a quantity without a failing value up to its largest."""
         bend = np.inf if np.isinf(most) else np.nan
         return Tolerance(quantity, most, np.inf, deflection=0.0 if self.stiffness is None else bend)
 
     def _tilted_members(self, weight: Weight, tilt: float, rays: FloatArray) -> list[Member]:
-        """Return members whose gravity is tilted towards each of (K, 3) directions across it."""
+        """Return members with gravity tilted towards each of (K, 3) directions normal to it."""
         still, count = np.zeros(3), self.problem.contact_count
         right = np.zeros(self.problem.joint_count)
         return [
@@ -386,11 +386,11 @@ class _ToleranceSearch:
         most: float,
         close: float = 0.5 * _CLOSE,
     ) -> tuple[float, float, int]:
-        """Bisect between a figure that is borne and the largest, to a share of what fails.
+        """Bisect between a feasible figure and the largest, to a share of the failing one.
 
         Returns:
-            A figure that is borne; one at which a member has no forces, inf where none fails; and
-            the number of that member.
+            A feasible figure; one at which a member has no forces, inf where none fails; and the
+            number of that member.
         """
         high = float(np.nextafter(most, 0.0))
         fails, worst = self._worst_member(members(high))
@@ -403,7 +403,7 @@ class _ToleranceSearch:
         return low, high, worst
 
     def _worst_member(self, members: Sequence[Member]) -> tuple[bool, int]:
-        """Return whether a member has no forces, and the number of that with the least margin."""
+        """Return whether any member has no forces, and the number of that of least margin."""
         margins = member_margins(
             members, self.torques, self.how, NO_LIMITS, directions=self.directions
         )
@@ -412,9 +412,10 @@ class _ToleranceSearch:
 
 
 def _possible_corners(ends: FloatArray) -> FloatArray:
-    """Return where sides of a convex region in the plane may meet, beyond its known ends (K, 2).
+    """Return possible corners of a convex region in the plane between its known points (K, 2).
 
-    Between two neighbouring ends meet the lines through each and the end before or after it.
+    Between two neighbours a corner may be where the lines through each of them and its other
+    neighbour meet.
     """
     around = ends[np.argsort(np.arctan2(ends[:, 1], ends[:, 0]))]
     before, first, second, after = (np.roll(around, k, axis=0) for k in (1, 0, -1, -2))

@@ -1,4 +1,4 @@
-"""The members of an uncertain set that prove something of it: the vertices of its boxes."""
+"""The members of an uncertain set that stand for all of it: the vertices of its boxes."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from graspless_pin.problem.scales import coordinate_units
 from graspless_pin.records import Brief, Record, changed
 
 MOST_MEMBERS = 20_000
-"""Corners that a set may have before its hull."""
+"""Largest number of corners of a set, before the convex hull of its loads is taken."""
 MOST_ERRORS = 8
-"""Errors of torques beside balls of which all corners are looked at: no hull makes them fewer."""
+"""Largest number of torque errors beside balls whose corners are enumerated: no hull drops any."""
 _SIDES = 12
-"""Of the polygon around the circle of gravity's tilt: it is 3.5 % wider at its corners."""
+"""Sides of the polygon around the circle of gravity's tilt: 3.5 % wider at its corners."""
 _SAME = 1e-9
-"""Of the load: directions in which loads differ by less are none."""
+"""Over the load: loads that differ by less in a direction are the same in it."""
 _OF_LOAD = "scales", "strictness", "limit_tolerances"
-"""What is derived from a problem's load."""
+"""Attributes that are derived from a problem's load."""
 _MOST_DIMENSIONS = 6
-"""Of loads whose hull is taken; in more, it has nearly all of them."""
+"""Largest dimension of loads whose hull is taken; in more, nearly all loads are its vertices."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Weight(Record, Brief):
-    """Which part of a problem's load and torques is whose weight.
+    """The parts of a problem's load and torques that are weight.
 
     Attributes:
         force: (3,) N, the object's weight.
-        steady: (3,) N, what else is proportional to its mass, and does not turn with gravity.
+        steady: (3,) N, further force in proportion to its mass, which does not turn with gravity.
         lever: (3,) m, from the reference point to the centre of mass.
         axes: (3, 3) columns: the axes of `Uncertainty.center_of_mass` in the world's.
-        other: (6, 3) times a unit vector along gravity: the wrench of what else weighs.
+        other: (6, 3) times a unit vector along gravity: the wrench of other weight.
         links: (L, 3) times that vector: the torques that carry the links; None: not known.
         mass: kg, the object's; NaN: not known.
     """
@@ -67,8 +67,8 @@ class Weight(Record, Brief):
         """Return the (..., 6) wrench of all weight under gravity along another vector.
 
         Args:
-            mass: (...,) share by which the object's is larger.
-            off: (..., 3) m, how far its centre of mass is off, in `axes`.
+            mass: (...,) share by which the object's mass is larger.
+            off: (..., 3) m, displacement of its centre of mass, in `axes`.
             down: (..., 3) gravity over its nominal size, world axes.
         """
         pull = self.pull(mass, down)
@@ -85,7 +85,7 @@ _NO_WEIGHT = Weight(np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3), np.zeros((
 
 
 def weight_of_arrays(problem: QuasistaticProblem) -> Weight:
-    """Return the weight where a problem's external wrench is all that is known: it counts as such.
+    """Return the weight of a problem without a scene: all of its external wrench counts.
 
     Raises:
         ArgumentError: If the problem is not one of one free object, or has no force.
@@ -103,17 +103,17 @@ def weight_of_arrays(problem: QuasistaticProblem) -> Weight:
 def known_weight(
     problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None
 ) -> Weight:
-    """Return the weight that is given, or all of the external wrench where one is needed."""
+    """Return the given weight; None: all of the external wrench, where a weight is needed."""
     if weight is not None:
         return weight
     return weight_of_arrays(problem) if uncertainty.is_of_load else _NO_WEIGHT
 
 
 def mass_share(uncertainty: Uncertainty, weight: Weight) -> float:
-    """Return by which share an object's mass may be smaller or larger.
+    """Return the share by which an object's mass may be smaller or larger.
 
     Raises:
-        ArgumentError: If it may be by kilograms and is not known, or it may vanish.
+        ArgumentError: If kilograms are given and the mass is not known, or it may vanish.
     """
     if uncertainty.mass_offset == 0.0:
         return uncertainty.mass
@@ -135,21 +135,21 @@ def mass_share(uncertainty: Uncertainty, weight: Weight) -> float:
 def members_of(
     problem: QuasistaticProblem, uncertainty: Uncertainty, weight: Weight | None = None
 ) -> tuple[Member, ...]:
-    """Return the members of a set of which all others are means, once each.
+    """Return the members of a set whose convex combinations are all others, once each.
 
     Wrench and torques are multi-affine in mass, centre of mass, gravity's vector and pushes, so
-    that those of a product of polytopes lie in the hull of its corners' (a polygon stands around
-    the circle of tilts). Of static friction the lower end counts: each cone contains it. Kinetic
-    coefficients of several contacts are intervals each by itself, of which corners are enough: with
-    the others fixed, those for which forces exist are an interval. Balls are left out.
+    their values on a product of polytopes lie in the hull of those at its corners (a polygon stands
+    around the circle of tilts). Static friction has its lower end, whose cone all others contain.
+    Kinetic coefficients are one interval for each contact, and corners are enough: with the others
+    fixed, those for which forces exist are an interval. Balls are left out.
 
     Args:
         problem: The nominal one.
-        uncertainty: What is not known of it.
+        uncertainty: The set.
         weight: Which part of its load is weight; None: all of its external wrench.
 
     Raises:
-        ArgumentError: If the set has too many corners, or asks for what the problem does not tell.
+        ArgumentError: If the set has too many corners, or needs data that the problem lacks.
     """
     count, joints = problem.contact_count, problem.joint_count
     weight = known_weight(problem, uncertainty, weight)
@@ -172,7 +172,7 @@ def members_of(
     base = problem
     if friction.any() or effort.any():
         base = problem.with_changes(
-            friction=less, torque_limits=_scaled_limits(problem, 1.0 - effort)
+            friction=less, torque_limits=_scale_limits(problem, 1.0 - effort)
         )
     kinetic_ends, factor_ends = ends.pop("friction"), ends.pop("torque")
     picked = np.indices([*map(len, ends.values())]).reshape(len(ends), -1)
@@ -182,7 +182,7 @@ def members_of(
     mass = mass[:, 0]
     wrench, carried = _changed_loads(problem, weight, mass, off, down, np.hstack([force, moment]))
     points = np.hstack([wrench, carried - offset])
-    if uncertainty.center_of_mass_radius > 0.0:  # equal loads may differ in what weighs
+    if uncertainty.center_of_mass_radius > 0.0:  # equal loads may differ in their weight
         points = np.hstack([points, weight.pull(mass, down)])
     kept = _hull(problem, points)
     found: list[Member] = []
@@ -208,7 +208,7 @@ def under_load(
     Args:
         problem: The problem.
         wrench: (P,) N and N m.
-        carried: (L,) what carries the links, N m (N).
+        carried: (L,) torques that carry the links, N m (N).
     """
     return changed(
         problem, *_OF_LOAD,
@@ -223,14 +223,14 @@ def member_at(
     factor: FloatArray,
     offset: FloatArray,
 ) -> Member:
-    """Return a problem with what a corner says is off of it, as a member.
+    """Return the member of a problem with the deviations of a corner.
 
     Args:
         problem: The nominal one.
         weight: Which part of its load is weight.
-        corner: What is off of the load; of kinetic friction it only tells.
+        corner: Deviations of the load; its kinetic friction enters the member's words alone.
         factor: (L,) shares by which joints make more torque than is commanded.
-        offset: (L,) what is added to it, N m (N).
+        offset: (L,) torque errors on top, N m (N).
     """
     loaded = under_load(problem, *_load_of_corner(problem, weight, corner))
     words = _member_words(problem, weight, corner, math.nan, factor, offset)
@@ -243,14 +243,14 @@ def scaled_member(
     uncertainty: Uncertainty,
     scaled: Callable[[str, ArrayLike], FloatArray],
 ) -> Member:
-    """Return a corner of a set as the set with other figures has it; others stay as they are.
+    """Return a member with the figures of another set; one that is no corner stays as it is.
 
     Args:
         member: The member.
         weight: Which part of its load is weight.
-        uncertainty: The set; of loads that are no corners of its boxes only the tilt is asked for.
-        scaled: Returns a figure of the set, by its name, as the other set has it; signs of a
-            corner's figures stay.
+        uncertainty: The set of the member.
+        scaled: Returns the figure in the other set, by name and value in this one; the signs of a
+            corner's figures are kept.
     """
     before, problem = member.corner, member.problem
     if before is None:
@@ -267,7 +267,7 @@ def scaled_member(
         ring = int(along > cos(0.5 * uncertainty.tilt))
         (height, reach), (_, whole) = _rings(tilt)[ring], _rings(uncertainty.tilt)[ring]
         down = height * weight.down + reach / whole * (down - along * weight.down)
-    # Static friction counts with its lower end, kinetic friction with both.
+    # Static friction has its lower end, kinetic friction either end.
     off = np.where(problem.is_sliding, before.kinetic, -friction)
     more = scaled("friction", off)
     corner = Corner(
@@ -279,7 +279,7 @@ def scaled_member(
     load, known = (_load_of_corner(problem, weight, one) for one in (corner, before))
     changed_problem = problem.with_changes(
         friction=problem.friction / (1.0 + off) * (1.0 + more),
-        torque_limits=_scaled_limits(problem, shares),
+        torque_limits=_scale_limits(problem, shares),
         external_wrench=problem.external_wrench + (load[0] - known[0]),
         gravity_torques=problem.gravity_torques + (load[1] - known[1]),
     )
@@ -288,10 +288,8 @@ def scaled_member(
     return Member(changed_problem, 1.0 + factor, offset, words, corner)
 
 
-def _scaled_limits(
-    problem: QuasistaticProblem, shares: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return torque limits times shares (L,), also above 1; those beyond zero stay.
+def _scale_limits(problem: QuasistaticProblem, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return torque limits times shares (L,), also above 1; those that exclude zero stay.
 
     Raises:
         ArgumentError: If nothing is left between them.
@@ -311,7 +309,7 @@ def _scaled_limits(
 def _load_of_corner(
     problem: QuasistaticProblem, weight: Weight, corner: Corner
 ) -> tuple[FloatArray, FloatArray]:
-    """Return wrench (P,), and what carries the links (L,), with a corner's figures off."""
+    """Return wrench (P,) and torques that carry the links (L,) with a corner's deviations."""
     push = np.concatenate([corner.force, corner.moment])
     return _changed_loads(problem, weight, corner.mass, corner.center_of_mass, corner.down, push)
 
@@ -324,7 +322,7 @@ def _changed_loads(
     down: FloatArray,
     push: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return wrenches (..., P), and what carries the links (..., L), with (...,) figures off."""
+    """Return wrenches (..., P) and torques that carry the links (..., L) with deviations (...,)."""
     wrench = problem.external_wrench + np.zeros((*np.shape(mass), 1))
     if problem.passive_count == 6:
         nominal = weight.wrench(0.0, np.zeros(3), weight.down)
@@ -338,9 +336,9 @@ def _changed_loads(
 def errors_of(
     problem: QuasistaticProblem, uncertainty: Uncertainty
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (L,) shares and (L,) N m (N) by which torques of joints may be off.
+    """Return (L,) shares and (L,) offsets, N m (N), by which torques of joints may be off.
 
-    Errors of joints that bear no contact are left out: they move no contact force.
+    Errors of joints that move no contact are zero: they change no contact force.
 
     Raises:
         ArgumentError: If there are some for another number of joints, or by name.
@@ -352,11 +350,11 @@ def errors_of(
 
 
 def part_of_corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> Uncertainty:
-    """Return the part of a set whose corners are looked at; in the rest forces may be affine.
+    """Return the part of a set whose corners are enumerated; forces are affine in the rest.
 
-    That is all but balls where it has few corners. Errors of torques are left out first, then
-    forces and moments along axes. A radius of the centre of mass stays: it tells of which loads the
-    hull is taken.
+    That is all but balls if there are few corners. Else torque errors are left out first, then
+    forces and moments along axes. A radius of the centre of mass stays, as it decides of which
+    loads the hull is taken.
 
     Args:
         problem: The nominal one.
@@ -373,13 +371,13 @@ def part_of_corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> Un
 
 
 def nominal_member(problem: QuasistaticProblem) -> Member:
-    """Return a problem as it is, as a member."""
+    """Return the member without deviations."""
     ones = np.ones(problem.joint_count)
     return Member(problem, ones, np.zeros_like(ones), "nominal")
 
 
 def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
-    """Return which loads (K, P + L) are corners of the hull of all; forces may stand behind."""
+    """Return the indices of loads (K, P + L) on the hull of all; further columns are forces."""
     sizes = coordinate_units(problem.scales, problem.passive_units)
     further = np.full(loads.shape[1] - len(sizes), problem.scales.force)
     idle = np.zeros(loads.shape[1], dtype=bool)
@@ -392,7 +390,7 @@ def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
     if rank == 1:
         kept = kept[[int(points.argmin()), int(points.argmax())]]
     elif 1 < rank <= _MOST_DIMENSIONS and len(points) > rank + 1:
-        # Loaded here: scenes have an `Uncertainty`, and are loaded without.
+        # Loaded here: scenes import this module without needing it.
         from scipy.spatial import ConvexHull, QhullError
 
         with suppress(QhullError):  # nearly flat: all of them serve as well
@@ -401,16 +399,16 @@ def _hull(problem: QuasistaticProblem, loads: FloatArray) -> list[int]:
 
 
 def gravities(weight: Weight, tilt: float) -> FloatArray:
-    """Return corners of a frustum around gravity's unit vector tilted to all sides, (K, 3).
+    """Return (K, 3) corners of a frustum around all tilted unit vectors of gravity.
 
     Its slanting faces touch the unit sphere where gravity is tilted most.
 
     Args:
-        weight: What weighs.
-        tilt: rad, to all sides.
+        weight: Which part of the load is weight.
+        tilt: Largest tilt to all sides, rad.
 
     Raises:
-        ArgumentError: If nothing weighs, or it is not known what the links' weight does.
+        ArgumentError: If the object has no weight, or the links' weight is not known.
     """
     down = weight.down
     if tilt == 0.0:
@@ -427,7 +425,7 @@ def gravities(weight: Weight, tilt: float) -> FloatArray:
 
 
 def _rings(tilt: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return how far along gravity, and how far across it, both ends of that frustum are."""
+    """Return (height along gravity, radius) of both ends of that frustum."""
     return (cos(tilt), sin(tilt)), (1.0, tan(0.5 * tilt))
 
 
@@ -440,7 +438,7 @@ def _box_corners(halves: FloatArray) -> FloatArray:
 
 
 def _corner_counts(problem: QuasistaticProblem, uncertainty: Uncertainty) -> dict[str, int]:
-    """Return by figure how many corners a set has, without its balls."""
+    """Return the number of corners of each figure of a set, without its balls."""
     friction = each_of("friction", uncertainty.friction, problem.contact_count, "contacts")
     factors, offsets = errors_of(problem, uncertainty)
     boxes = {
@@ -454,7 +452,7 @@ def _corner_counts(problem: QuasistaticProblem, uncertainty: Uncertainty) -> dic
 
 
 def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
-    """Refuse sets with too many corners, before any of them is made."""
+    """Refuse sets with too many corners, before these are made."""
     counts = _corner_counts(problem, uncertainty)
     corners = prod(counts.values())
     if corners > MOST_MEMBERS:

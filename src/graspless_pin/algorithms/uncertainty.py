@@ -1,4 +1,4 @@
-"""What is not known exactly of a problem, by how much, and the units that people think in."""
+"""Uncertain sets of problems: figures that are not known exactly, and their usual units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from graspless_pin.records import Brief
 from graspless_pin.suggestions import names_in_words
 
 RADII = ("center_of_mass_radius", "force_radius", "moment_radius")
-"""Of balls, which have no vertices."""
+"""The figures that are radii of balls, which have no vertices."""
 _WORDS = {
     "mass": ("mass", 100.0, "%"), "mass_offset": ("mass", 1.0, "kg"),
     "center_of_mass": ("centre of mass", 100.0, "cm"),
@@ -32,37 +32,38 @@ _WORDS = {
     "torque": ("torques", 100.0, "%"), "torque_offset": ("torques", 1.0, "N m"),
     "effort": ("effort limits", 100.0, "%"),
 }  # fmt: skip
-"""Of each figure: what it is of, what it is multiplied by where it is printed, and the unit."""
+"""By figure: the quantity in words, the factor to the printed unit, and that unit."""
 _SIGNS = {"effort": "-", **dict.fromkeys((*RADII, "contact_position"), "up to ")}
 
 Figures = FloatArray | Mapping[str, float]
-"""One figure, one for each contact or joint, or some by name."""
+"""One figure, one for each contact or joint, or figures by name."""
 PairFigures = Figures | Mapping[str, float | Mapping[str, float]]
-"""Or some by pair of names."""
+"""The same, or figures by pair of names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Uncertainty(Brief):
-    """By how much a load, friction and motors may differ from what a problem says, each by itself.
+    """Bounds on how much load, friction and motors may differ from a problem, independently.
 
     Attributes:
-        mass: The object's may be smaller or larger by this share.
-        mass_offset: kg by which it may, beside that share; in scenes, which tell the mass.
-        center_of_mass: (3,) m, how far it may be off along each axis, of the object in a scene
-            and of the world for arrays.
-        tilt: rad, how far gravity may be off its direction, to all sides, links included.
+        mass: Share by which the object's mass may be smaller or larger.
+        mass_offset: kg by which it may be so on top of that share; for scenes, which have a mass.
+        center_of_mass: (3,) m, how far the centre of mass may be off along each axis, of the object
+            in a scene and of the world for arrays.
+        tilt: rad, how far gravity may be tilted, to all sides, links included.
         force: (3,) N that may push along each world axis, either way, on the nominal centre of
             mass.
-        moment: (3,) N m about each world axis.
-        center_of_mass_radius: m, how far it may be off in any direction, beside that.
-        force_radius: N on the centre of mass in any direction, beside `force`.
-        moment_radius: N m about any axis, beside `moment`.
+        moment: (3,) N m about each world axis, either way.
+        center_of_mass_radius: m, how far the centre of mass may be off in any direction, on top of
+            `center_of_mass`.
+        force_radius: N on the centre of mass in any direction, on top of `force`.
+        moment_radius: N m about any axis, on top of `moment`.
         contact_position: m, how far contacts may be off within their tangent planes: one, or (M,),
             or in a scene by hand link, support, ``hand``, ``supports`` or ``default``. Such members
             are sampled.
         friction: Shares by which coefficients may be smaller or larger: one, or (M,), or in a scene
             by hand link, support, material, pair of materials (``{"rubber": {"steel": 0.1}}``),
-            ``hand``, ``supports`` or ``default``; of others nothing is off.
+            ``hand``, ``supports`` or ``default``; others are exact.
         torque: Shares by which joints may make less or more torque than commanded: one, or (L,), or
             in a scene by joint, finger or ``default``.
         torque_offset: N m (N) that may be added to each joint's torque, either way: likewise.
@@ -117,7 +118,7 @@ class Uncertainty(Brief):
         torque_offset: ArrayLike | Mapping[str, float] = 0.0,
         effort: ArrayLike | Mapping[str, float] = 0.0,
     ) -> None:
-        """Check the figures and copy them: see the attributes; one number stands for all axes."""
+        """Check and copy the figures: see the attributes; one number stands for all axes."""
         vars(self).update(
             mass=_checked_share("mass", real_number("mass", mass, 0.0)),
             mass_offset=real_number("mass_offset", mass_offset, 0.0),
@@ -165,7 +166,7 @@ class Uncertainty(Brief):
 
     @property
     def has_balls(self) -> bool:
-        """Whether some of it is a ball, which has no vertices."""
+        """Whether any figure is the radius of a ball, which has no vertices."""
         return any(getattr(self, name) > 0.0 for name in RADII)
 
     def scaled(self, share: float) -> Uncertainty:
@@ -180,7 +181,7 @@ class Uncertainty(Brief):
         materials: Sequence[str] = (),
         made: str = "",
     ) -> None:
-        """Refuse figures of joints, fingers, bodies and materials that are not there.
+        """Refuse figures of unknown joints, fingers, bodies and materials.
 
         Args:
             joints: Names of joints.
@@ -236,7 +237,7 @@ def _scaled_figures(figures: Mapping[str, Any], share: float) -> dict[str, Any]:
 
 
 def _flat_figures(figures: Mapping[str, Any]) -> dict[str, float]:
-    """Return figures by name, or ``one on other`` of pairs."""
+    """Return all figures by name, pairs by ``one on other``."""
     pairs = {name: one for name, one in figures.items() if isinstance(one, Mapping)}
     alone = {name: one for name, one in figures.items() if name not in pairs}
     of_pairs = {f"{a} on {b}": one for a, each in pairs.items() for b, one in each.items()}
@@ -262,7 +263,7 @@ def _checked_amounts(name: str, value: Any, *, shares: bool = False, pairs: bool
 
 
 def _nonnegative_array(name: str, value: ArrayLike, count: int | None) -> FloatArray:
-    """Return figures that are not negative: so many, or where one is given one for all."""
+    """Return an array of `count` nonnegative figures; a single one is repeated."""
     given = finite_array(name, value, () if np.ndim(value) == 0 else (count,))
     if (given < 0.0).any():
         raise ArgumentError(name, f"is {given.min():.4g}; it must not be negative")
@@ -277,7 +278,7 @@ def _checked_share(name: str, value: float) -> float:
 
 
 def figures_in(figures: Figures) -> list[float]:
-    """Return all figures, whatever they are of."""
+    """Return all figures as a list, without their names."""
     named = isinstance(figures, Mapping)
     return list(figures.values()) if named else np.ravel(figures).tolist()
 
@@ -316,12 +317,12 @@ class Quantity(StrEnum):
 
     @property
     def unit(self) -> str:
-        """The unit that people think in; that of `Tolerance` is SI, or a share."""
+        """The usual unit; that of `Tolerance` is SI, or a share."""
         return _UNITS[self][1]
 
     @property
     def scale(self) -> float:
-        """How many of that unit one of `Tolerance` is."""
+        """Factor from the unit of `Tolerance` to the usual one."""
         return _UNITS[self][0]
 
 
@@ -332,7 +333,7 @@ _UNITS = {
     Quantity.TORQUE_MORE: (100.0, "%"), Quantity.TORQUE_LESS: (100.0, "%"),
     Quantity.JOINT: (1.0, "N m"),
 }  # fmt: skip
-"""What a figure is multiplied by where it is shown, and the unit then."""
+"""By quantity: the factor to the shown unit, and that unit."""
 
 
 def polygon(count: int) -> FloatArray:

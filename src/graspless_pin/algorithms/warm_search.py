@@ -1,12 +1,12 @@
-"""Searches that begin with what an earlier, similar problem ended with.
+"""Searches that begin with the result of an earlier, similar problem.
 
-The first node of every search is the relaxation. The earlier one's active constraints are mostly
-active again: then no solver is asked. Where its friction has no motion behind it, the earlier
-mode's own program comes next: in a neighbouring state it is mostly as good, and then two programs
-are all. Otherwise its value is what branch and bound has to beat, so that the answer never depends
-on what the search began with, but where several sets of forces are equally good.
+The first node of every search is the relaxation. The earlier active constraints are mostly active
+again: then no solver is needed. Where no mode admits its friction, the earlier mode's own program
+comes next: in a neighbouring state it is mostly as good, and then two programs are enough.
+Otherwise its value is a first cutoff for branch and bound, so the optimum never depends on the
+start; only the forces may, where several are optimal.
 
-What was learned of states serves in others with the same contacts, and is kept by these.
+Warm starts apply to states with the same contacts, and are stored by contacts.
 """
 
 from __future__ import annotations
@@ -59,17 +59,17 @@ def solve_from(
     start: WarmStart = COLD_START,
     rest: RestModel | None = None,
 ) -> tuple[TorqueSolution, WarmStart]:
-    """Solve a problem as `solve_problem` does, trying first what was best before.
+    """Solve a problem as `solve_problem` does, beginning with a warm start.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         objective: What is optimised.
         options: How the problem is solved.
-        start: What a similar problem with the same contacts left behind.
+        start: Warm start of a similar problem with the same contacts.
         rest: See `solve_problem`.
 
     Returns:
-        The solution, and what it leaves behind.
+        The solution, and the warm start for the next problem.
     """
     if options.rules.by_direction:
         return solve_problem(problem, objective, options, rest=rest), start
@@ -100,12 +100,12 @@ def reaches_margin(
         problem: Contacts, wrench, joints and limits.
         margin: The margin to reach, N.
         options: How the problem is solved.
-        start: What a similar problem with the same contacts left behind.
+        start: Warm start of a similar problem with the same contacts.
         rest: See `solve_problem`.
 
     Returns:
-        Whether it is reached, None if a limit ended the search before a proof; and what that leaves
-        behind: if it is reached, the mode that reaches it.
+        Whether it is reached, None if a limit ended the search before a proof; and the warm start
+        for the next problem, with the mode that reaches it, if any.
 
     Raises:
         ArgumentError: If the margin is negative.
@@ -149,9 +149,9 @@ class _WarmState(SearchState):
     """A search with a warm start.
 
     Attributes:
-        start: What a similar problem left behind.
-        without_mode: What is active at the optimum of the relaxation, once it was solved.
-        in_mode: That of the earlier mode's program.
+        start: Warm start of a similar problem.
+        without_mode: Active set at the optimum of the relaxation, once it was solved.
+        in_mode: Active set at that of the earlier mode's program, once it was solved.
     """
 
     start: WarmStart = COLD_START
@@ -164,7 +164,7 @@ class _WarmState(SearchState):
         self.near = self.start.motion
 
     def solve_relaxation(self) -> Answer:
-        """Return the relaxation's answer, by the earlier one's active set where that tells it."""
+        """Return the relaxation's answer, by the earlier active set where that is optimal."""
         program = self.formulation.program
         answer, self.without_mode = self.solve_near(program.lb, program.ub, self.start.relaxation)
         return self.store_relaxation(answer)
@@ -172,7 +172,7 @@ class _WarmState(SearchState):
     def solve_near(
         self, lb: FloatArray, ub: FloatArray, active: ActiveSet | None
     ) -> tuple[Answer, ActiveSet | None]:
-        """Solve the program under bounds, by a solver only where an optimum nearby does not tell.
+        """Solve the program under bounds by an active set; where that fails, by a solver.
 
         Args:
             lb: (n,) lower bounds.
@@ -189,7 +189,7 @@ class _WarmState(SearchState):
         return answer, active_set_of(program, answer) if answer.outcome is Outcome.SOLVED else None
 
     def next_start(self) -> WarmStart:
-        """Return what the search leaves behind; what it did not come to stays as it began."""
+        """Return the warm start for the next search; parts that were not reached are kept."""
         start, problem = self.start, self.formulation.problem
         mode = start.mode if self.mode is None else self.mode
         loops_apply = mode is not None and self.in_mode is None and mode.own_signs.all()
@@ -230,7 +230,7 @@ def _keep_relaxation_if_admitted(state: _WarmState) -> None:
 
 
 def _keep_optimum_of_start_mode(state: _WarmState) -> None:
-    """Keep the optimum of the earlier mode, if the problem has it and a motion stands behind it."""
+    """Keep the optimum of the earlier mode, if it is a feasible mode of the problem."""
     mode = state.start.mode
     if mode is None or not _is_mode_of_problem(state, mode):
         return
@@ -244,7 +244,7 @@ def _keep_optimum_of_start_mode(state: _WarmState) -> None:
 
 
 def _is_mode_of_problem(state: SearchState, mode: SlidingMode) -> bool:
-    """Whether the problem has a mode: its contacts, those that it must select and may select."""
+    """Return whether a mode has the problem's contacts, with those that it must and may select."""
     problem, selection = state.formulation.problem, mode.selection
     if len(selection) != problem.contact_count:
         return False
@@ -261,8 +261,8 @@ class ContactStarts:
     """Warm starts for the same contacts, tried in the order of their success.
 
     Attributes:
-        for_loops: As the loops take them, that which served last first.
-        misses: How many states in a row the loops did not find, or were not asked for since.
+        for_loops: The starts in compiled form, the one that served last first.
+        misses: Number of successive states that the loops did not find, or were not tried on since.
     """
 
     def __init__(self) -> None:
@@ -275,13 +275,13 @@ class ContactStarts:
 
     @property
     def best(self) -> WarmStart:
-        """What served last, or was learned since."""
+        """The start that served last, or was learned since."""
         return self._starts[0] if self._starts else COLD_START
 
     def optimum(
         self, problem: QuasistaticProblem, objective: Objective, options: SolveOptions
     ) -> WarmOptimum | None:
-        """Return the optimum that something learned leads to; None: nothing does.
+        """Return the optimum that one of the starts leads to; None: none does.
 
         Args:
             problem: The problem.
@@ -303,7 +303,7 @@ class ContactStarts:
         options: SolveOptions,
         rest: RestModel | None = None,
     ) -> TorqueSolution:
-        """Solve a problem by a search that begins with what served last, and learn from it.
+        """Solve a problem by a search from the best start, and store its warm start.
 
         Args:
             problem: See `optimum`.
@@ -332,31 +332,31 @@ class ContactStarts:
         return solution_of_optimum(problem, objective, options.rules, found)
 
     def learn(self, learned: WarmStart) -> None:
-        """Keep what a search has left behind."""
+        """Store the warm start that a search has left."""
         others = [start for start in self._starts if start.structure is not None]
         self._learned = learned
         self._starts = (learned, *others[: MOST_STARTS - 1])
 
     def new_for_loops(self) -> WarmStart | None:
-        """Return what a search has learned since the last time; None: nothing."""
+        """Return the warm start learned since the last call; None: none."""
         new = None if self._learned is self._last else self._learned
         self._last = self._learned
         return new
 
     def is_due(self) -> bool:
-        """Return whether to ask the loops: of contacts that they often miss, now and then only."""
+        """Return whether to try the loops; for contacts that they often miss, only now and then."""
         if self.misses < _MOST_MISSES or self.misses % _MOST_MISSES == 0:
             return True
         self.misses += 1
         return False
 
     def count(self, found: int) -> None:
-        """Take note of how many states the loops found before one was not."""
+        """Record how many states the loops found before the first miss."""
         self.misses = 0 if found else self.misses + 1
 
 
 class StartsByContacts:
-    """What was learned, by contacts. Threads may share it."""
+    """Warm starts by contacts. Threads may share them."""
 
     def __init__(self) -> None:
         """Begin with nothing learned."""
@@ -365,11 +365,11 @@ class StartsByContacts:
     def for_contacts(
         self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
     ) -> ContactStarts:
-        """Return what is learned of the contacts of a problem.
+        """Return the warm starts for the contacts of a problem.
 
         Args:
-            bodies: What the object touches.
-            problem: The problem; which contacts slide counts, too.
+            bodies: The bodies that the object touches.
+            problem: The problem; contacts that slide are told apart, too.
             objective: What is optimised.
         """
         key = objective.algorithm or objective, bodies, problem.is_sliding.tobytes()

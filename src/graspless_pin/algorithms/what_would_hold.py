@@ -1,4 +1,4 @@
-"""What would make rest the only outcome: the smallest changes of each kind, tried one by one."""
+"""Changes that make rest the only outcome: the smallest of each kind, tried one by one."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.tree_search import Limits
 
 _TORQUE_SHARES = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Of torques or of the load, by which torques grow, tried one after the other."""
+"""Increases of torques, over the torques or the load, tried one after the other."""
 _WITHIN = 1.0 - 1e-12
-"""Of the room that limits leave: rounding puts no torque beyond them."""
+"""Share of the range of limits that is used, so that rounding puts no torque beyond them."""
 _MOST_FRICTION = 4.0
 _CHANGE_BISECTIONS = 6
 
@@ -33,10 +33,10 @@ class HoldingChange:
     """A change with which rest is the only outcome. See the example of `what_would_hold`.
 
     Attributes:
-        words: The change.
-        problem: With the change.
-        torques: (L,) motors' torques with it, N m (N).
-        verdict: On these: rest is the only outcome.
+        words: The change in words.
+        problem: The problem with the change.
+        torques: (L,) motors' torques with the change, N m (N).
+        verdict: The verdict on these torques: rest is the only outcome.
     """
 
     words: str
@@ -80,16 +80,16 @@ def what_would_hold(
 ) -> HoldingChanges:
     """Find changes with which rest is the only outcome, each tried by a verdict.
 
-    Of each kind the smallest that was found: larger torques of the same proportions; a preload, the
+    The smallest that was found of each kind: larger torques of the same proportions; a preload, the
     torques of the largest margin without load, on top; other torques (`maximize_margin` with
     ``stability="strong"``); more friction at one contact or at all, up to four times as much; one
-    joint, or all joints behind one contact, under position control.
+    joint, or all joints that move one contact, under position control.
 
     Args:
         problem: At rest, with `object_inertia` and `joint_inertia`.
         torques: (L,) the motors' torques, of which rest is not the only outcome, N m (N).
-        node_limit: Sets of outcomes that each verdict may look at; a third of what one alone may,
-            since many changes are tried.
+        node_limit: Sets of outcomes that each verdict may look at; the default is a third of that
+            of a single verdict, since many changes are tried.
         time_limit: Seconds in all; None: any time. What was found by then is returned.
 
     Returns:
@@ -192,7 +192,7 @@ def _larger_torques(
     words: Callable[[float], str],
     limits: Limits,
 ) -> HoldingChange | None:
-    """Try shares of torques (L,) on top, as far as the joints' limits let them grow."""
+    """Try shares of torques (L,) on top, as far as the joints' limits allow."""
     moved = direction != 0.0
     ends = np.where(direction > 0.0, problem.upper_torque, problem.lower_torque)
     most = _WITHIN * float(((ends - tau)[moved] / direction[moved]).min(initial=np.inf))
@@ -202,7 +202,7 @@ def _larger_torques(
 
 
 def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | None:
-    """Return a change; None: it is out of the limits, or a verdict does not prove rest with it."""
+    """Return a change if a verdict proves rest with it; None: not proven, or beyond limits."""
     problem, torques = changed
     beyond = (torques < problem.lower_torque) | (torques > problem.upper_torque)
     if limits.passed or beyond.any():
@@ -219,7 +219,7 @@ def _smallest(
     words: Callable[[float], str],
     limits: Limits,
 ) -> HoldingChange | None:
-    """Return the smallest change found: the first size that holds, halved towards the last."""
+    """Return the smallest change: the first size that holds, bisected towards the one before."""
     too_small = 0.0
     for size in sizes:
         found = _tried(change(size), words(size), limits)

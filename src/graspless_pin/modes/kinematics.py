@@ -1,6 +1,6 @@
-"""Kinematic feasibility of virtual sliding: is there a virtual motion behind (B, S)? Eq. (22).
+"""Kinematic feasibility of virtual sliding: does a virtual motion realise (B, S)? Eq. (22).
 
-And the listing of all kinematically feasible virtual-sliding modes (B, S).
+Also lists all kinematically feasible virtual-sliding modes (B, S).
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ from graspless_pin.problem.quasistatic import contact_map
 from graspless_pin.tree_search import Limits, TreeSearch
 
 THRESHOLD = 1e-6
-"""A sliding counts if it is at least this share of all contact velocities of its motion."""
+"""Slowest sliding that counts, over the length of all contact velocities of its motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """The motions that leave some contacts touching.
+    """The virtual motions in which the selected contacts keep touching.
 
     Attributes:
-        still: (k, r) rows that vanish.
-        basis: (r, d) orthonormal basis of the motions on which they do.
-        tangential: (s, 2, d) tangential rows of the selected contacts on that basis.
+        still: (k, r) rows of the velocities that vanish.
+        basis: (r, d) orthonormal basis of their null space.
+        tangential: (s, 2, d) tangential rows of the selected contacts in that basis.
     """
 
     still: FloatArray
@@ -67,16 +67,16 @@ class VirtualKinematics:
     """Relative contact velocities of all virtual motions [V; theta_dot] of one problem.
 
     A motion counts for a mode if the selected contacts keep touching and every sliding that the
-    rule asks for is at least the threshold times the length of all contact velocities of the
-    motion: no unit, frame, length or order of contacts changes that. Searches work in coordinates y
-    of unit contact velocities, |y| being their length.
+    rule requires is at least the threshold times the length of all contact velocities of the
+    motion. This does not depend on units, frames, lengths or the order of contacts. Searches use
+    coordinates y whose length |y| is that of all contact velocities.
 
     Attributes:
         rows: (M, 3, P + L) maps from the scaled motion to the velocity of the object relative to
             the other body along n, t1, t2: [W^T, J] [V; -theta_dot] of eq. (22), columns scaled to
             a common size.
         scale: (P + L,) factors from a scaled motion to [V; theta_dot] in m/s and rad/s.
-        nearest: Witnesses by guess, which need no search.
+        nearest: Guesses witnesses by least squares, without a search.
         threshold: The slowest sliding that counts.
         undecided_near: Whether a motion was refused that a tenth of the threshold may admit.
     """
@@ -94,9 +94,9 @@ class VirtualKinematics:
 
     @cached_property
     def _map_factors(self) -> tuple[FloatArray, FloatArray]:
-        """Q and R P^T of the map: contact velocities of motions that contacts notice, and of which.
+        """Q (3M, r) and R P^T (r, P + L) of the scaled map, by QR with column pivoting.
 
-        Pivots tell the rank as singular values do, in a third of their time for many contacts.
+        Pivots give the rank as singular values do, in a third of the time for many contacts.
         """
         rows = self.rows.reshape(-1, self.rows.shape[2])
         found: Any = qr(rows, mode="economic", pivoting=True, check_finite=False)
@@ -109,17 +109,17 @@ class VirtualKinematics:
 
     @cached_property
     def seen(self) -> FloatArray:
-        """(M, 3, r) contact velocities along n, t1, t2 of each coordinate of y; orthonormal."""
+        """(M, 3, r) contact velocities along n, t1, t2 per coordinate of y; orthonormal columns."""
         return self._map_factors[0].reshape(len(self.rows), 3, -1)
 
     @cached_property
     def _fastest_contact_speed(self) -> float:
-        """The fastest that a contact moves in a motion y of length 1, by a bound for its rows."""
+        """Upper bound on the speed along n, t1 or t2 of any contact in a motion with |y| = 1."""
         return float(np.linalg.norm(self.seen, axis=2).max())
 
     @cached_property
     def _shortest_motions(self) -> FloatArray:
-        """(P + L, r) the shortest scaled motion behind each coordinate of y."""
+        """(P + L, r) the shortest scaled motion for each coordinate of y."""
         Q, R = np.linalg.qr(self._map_factors[1].T)
         return Q @ solve_triangular(R.T, np.eye(len(R)), lower=True, check_finite=False)
 
@@ -131,15 +131,15 @@ class VirtualKinematics:
     ) -> Witness | Conflict:
         """Find a virtual motion that meets all requirements, or prove that there is none.
 
-        The slowest required sliding of a motion of unit contact velocities is at most the length of
-        any combination of the required rows with nonnegative weights of sum 1, and the shortest
-        combination is that motion: one nonnegative least-squares problem finds both.
+        The slowest required sliding of a motion with |y| = 1 is at most the length of any convex
+        combination of the required rows. The shortest combination is, up to its length, the motion
+        that attains this bound: one nonnegative least-squares problem finds both.
 
         Args:
             requirements: At most one per contact.
             rule: How a zero sign is read, and whether both components must move.
             importance: (number of requirements, 2) positive; a conflict is sought among the
-                signs of most importance. None: any conflict will do, and what is found is kept.
+                signs of most importance. None: any conflict will do, and the result is cached.
         """
         if importance is not None:
             return self._witness_or_conflict(requirements, rule, importance)
@@ -165,7 +165,7 @@ class VirtualKinematics:
     def _nudged_motion(
         self, y: FloatArray, basis: FloatArray, found: Sliding, rule: SignRule
     ) -> FloatArray:
-        """Return a motion with a little of a fixed generic one, within half of its slack."""
+        """Return y plus a fixed generic motion that uses up at most half of its slack."""
         # Rows that may be zero leave no room to nudge the motion.
         if rule is SignRule.NONZERO and np.isfinite(found.slowest):
             return y
@@ -179,9 +179,10 @@ class VirtualKinematics:
         return self.slowest(requirements, rule) >= self.threshold
 
     def slowest(self, requirements: Sequence[Requirement], rule: SignRule) -> float:
-        """Return the slowest required sliding of the best motion; below the threshold: none counts.
+        """Return the largest attainable value of the slowest required sliding.
 
-        It is relative to the length of all contact velocities; inf where nothing has to slide.
+        Relative to the length of all contact velocities; inf where nothing has to slide. Below the
+        threshold no motion counts.
         """
         contacts, signs = _contacts_and_signs(requirements)
         return self._fastest(contacts, signs, rule)[1].slowest
@@ -189,7 +190,7 @@ class VirtualKinematics:
     def counts(
         self, velocities: FloatArray, requirements: Sequence[Requirement], rule: SignRule
     ) -> bool:
-        """Return whether contact velocities meet requirements by the rule for motions.
+        """Return whether contact velocities meet the requirements, threshold included.
 
         Args:
             velocities: (M, 3) along n, t1, t2.
@@ -213,12 +214,12 @@ class VirtualKinematics:
         return still and bool((along[~zero] >= clear).all())
 
     def touching(self, contacts: tuple[int, ...]) -> Touching:
-        """Return the motions y that leave contacts touching."""
+        """Return the motions y in which the contacts keep touching."""
         signs = np.zeros((len(contacts), 2), dtype=int)
         return self._touching_motions(contacts, signs, SignRule.STRICT)
 
     def scaled_motion(self, y: FloatArray) -> FloatArray:
-        """Return the (P + L,) scaled motion of coordinates y of contact velocities."""
+        """Return the (P + L,) scaled motion of the coordinates y."""
         return self._shortest_motions @ y
 
     def _fastest(
@@ -228,9 +229,9 @@ class VirtualKinematics:
         rule: SignRule,
         importance: FloatArray | None = None,
     ) -> tuple[Touching, Sliding]:
-        """Return the motion that slides fastest where it is slowest.
+        """Return the motion that maximises the slowest required sliding, and its subspace.
 
-        Where none is as fast as the threshold, the weights prove that.
+        Where that stays below the threshold, the weights prove it.
         """
         touching = self._touching_motions(contacts, signs, rule)
         moving, strict = signed_rows(touching.tangential, signs, rule)
@@ -249,7 +250,7 @@ class VirtualKinematics:
     def _touching_motions(
         self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
     ) -> Touching:
-        """Return the motions on which the selected contacts stay touching, kept between calls."""
+        """Return the motions in which the selected contacts keep touching; cached."""
         zeros: tuple[int, ...] = ()
         if rule is SignRule.EXACT:
             zeros = tuple(np.flatnonzero(signs.ravel() == 0).tolist())
@@ -263,7 +264,7 @@ class VirtualKinematics:
             least = RANK_TOLERANCE * max((1.0, *values[:1].tolist()))
             basis = right[np.count_nonzero(values > least) :].T
             tangential = own[:, 1:] @ basis
-            # A row that vanishes there must vanish exactly, or rounding passes for a direction.
+            # A row that vanishes on the basis is set to zero: rounding is no direction.
             squares = np.einsum("lij,lij->li", tangential, tangential)
             tangential[squares < RANK_TOLERANCE**2] = 0.0
             known = self._touching[contacts, zeros] = Touching(matrix, basis, tangential)
@@ -271,11 +272,10 @@ class VirtualKinematics:
 
 
 def kinematics_of(problem: QuasistaticProblem) -> VirtualKinematics:
-    """Return the virtual motions of a problem: those of the last one if they are the same.
+    """Return the virtual motions of a problem; the last ones of this thread if they are equal.
 
-    Loads, friction and limits do not change them, and what was found out about them stays. Where a
-    motion near the threshold was refused they are made anew: whether one was is asked of each
-    problem by itself.
+    Loads, friction and limits do not change them, so cached results stay valid. Where a motion near
+    the threshold was refused they are made anew, as `undecided_near` belongs to a single problem.
     """
     made, last = VirtualKinematics(problem), getattr(_OF_THREAD, "last", None)
     if (
@@ -294,7 +294,7 @@ _OF_THREAD = local()
 
 
 def _scaled_contact_map(of_frames: FloatArray, passive: int) -> tuple[FloatArray, FloatArray]:
-    """Return the map (M, 3, P + L) with columns of one size, and (P + L,) factors of motions."""
+    """Return the map (M, 3, P + L) with unit columns, and (P + L,) the factors of motions."""
     size = np.sqrt(np.einsum("lij,lij->j", of_frames, of_frames))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     signed = scale.copy()
@@ -321,7 +321,7 @@ def enumerate_modes(
     """Yield every feasible virtual-sliding mode, lazily, depth first over the contacts.
 
     A restriction of a feasible mode to fewer contacts is feasible, so partial modes without a
-    virtual motion are cut at once and the work grows with the number of feasible modes.
+    virtual motion are pruned at once and the work grows with the number of feasible modes.
 
     Under ``exact`` a zero component is a sign of its own; under ``nonzero`` the signs are those of
     a closed quadrant that holds a nonzero sliding.
@@ -333,8 +333,8 @@ def enumerate_modes(
             are selected in every mode.
         maximal: Only modes that no feasible mode extends. Those are enough for an optimum: a
             larger mode allows every force of a smaller one.
-        node_limit: Partial modes whose virtual motion may be asked for; None: any number.
-        time_limit: Seconds from the first mode that is asked for; None: no limit.
+        node_limit: Partial modes whose feasibility may be decided; None: any number.
+        time_limit: Seconds from the request for the first mode; None: no limit.
 
     Raises:
         ArgumentError: If a rule is not known or lists no modes, or a limit is out of range.
@@ -381,9 +381,9 @@ def feasible_modes(
     Args:
         problem: The contacts and joints.
         kinematics: Their virtual motions.
-        rules: That list modes.
+        rules: The rules on signs and sliding contacts.
         maximal: Only modes that no feasible mode extends.
-        is_over: Tells after so many partial modes whether the listing has to end.
+        is_over: Whether the listing has to end, given the number of partial modes decided.
 
     Raises:
         OverrunError: Where it has to end before the last mode.
@@ -398,7 +398,7 @@ def feasible_modes(
         asked += 1
         return kinematics.feasible(requirements, rules.sign)
 
-    # A node: how many candidates are decided, and what is required of them.
+    # A node: the number of decided candidates, and the requirements at those selected.
     search = TreeSearch[tuple[int, tuple[Requirement, ...]]]([(0, ())])
     for _, (depth, requirements) in search:
         if depth == len(candidates):
@@ -421,7 +421,7 @@ def feasible_modes(
 def _extensions(
     requirements: tuple[Requirement, ...], candidates: list[int], rules: Rules
 ) -> Iterator[Sequence[Requirement]]:
-    """Yield requirements with one more selected contact, or a sign in the place of a zero."""
+    """Yield the requirements with one more selected contact, or with one zero sign replaced."""
     chosen = {requirement.contact for requirement in requirements}
     for contact in candidates:
         if contact not in chosen:
@@ -438,7 +438,7 @@ def sign_pairs(rule: SignRule, known: tuple[int, int] = (0, 0)) -> list[tuple[in
 
     Args:
         rule: The rule.
-        known: Signs that are fixed, 0 where one is open.
+        known: The fixed signs, 0 where a sign is open.
     """
     values = (1, 0, -1) if rule is SignRule.EXACT else (1, -1)
     first, second = ((sign,) if sign else values for sign in known)
@@ -446,7 +446,7 @@ def sign_pairs(rule: SignRule, known: tuple[int, int] = (0, 0)) -> list[tuple[in
 
 
 def requirements_of(mode: SlidingMode) -> tuple[Requirement, ...]:
-    """Return what a mode asks of the virtual motion, contact by contact."""
+    """Return the requirements of a mode on the virtual motion, one for each selected contact."""
     return tuple(
         Requirement(int(contact), (int(mode.signs[contact, 0]), int(mode.signs[contact, 1])))
         for contact in np.flatnonzero(mode.selection)
@@ -454,7 +454,7 @@ def requirements_of(mode: SlidingMode) -> tuple[Requirement, ...]:
 
 
 def mode_of(problem: QuasistaticProblem, requirements: tuple[Requirement, ...]) -> SlidingMode:
-    """Return the mode that selects the contacts of the requirements with their signs."""
+    """Return the mode with the contacts and signs of the requirements."""
     selection = np.zeros(problem.contact_count, dtype=bool)
     signs = np.zeros((problem.contact_count, 2), dtype=np.int8)
     for requirement in requirements:

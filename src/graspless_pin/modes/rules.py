@@ -1,6 +1,6 @@
 """The rules that the paper leaves open, as enums, and the virtual-sliding mode (B, S).
 
-Besides, what is asked of virtual motions, and the two answers: a witness or a conflict.
+Also the requirements on virtual motions, and the two answers to them: a witness or a conflict.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Rules:
     Attributes:
         sign: The rule on the signs of a virtual sliding.
         sliding: The rule on contacts in actual sliding.
-        static_friction: Whether the constraint holds at all.
+        static_friction: Whether the constraint applies at all.
     """
 
     sign: SignRule = SignRule.STRICT
@@ -174,7 +174,7 @@ class SlidingMode:
 
     @classmethod
     def unchecked(cls, selection: NDArray[np.bool_], signs: NDArray[np.int8]) -> Self:
-        """Return a mode of arrays that are right by construction; they become read-only."""
+        """Return a mode of arrays that are valid by construction; they become read-only."""
         return unchecked(cls, selection=read_only(selection), signs=read_only(signs))
 
     @cached_property
@@ -184,7 +184,7 @@ class SlidingMode:
 
     @cached_property
     def own_signs(self) -> NDArray[np.int8]:
-        """(s, 2) their signs."""
+        """(s, 2) signs of the selected contacts."""
         return self.signs[self.selection]
 
     def __eq__(self, other: object) -> bool:
@@ -233,13 +233,13 @@ def required_contacts(problem: QuasistaticProblem, rules: Rules) -> NDArray[np.b
 
 
 class Requirement(NamedTuple):
-    """What is asked of the virtual sliding at one selected contact.
+    """The signs that the virtual sliding at one selected contact must have.
 
     Attributes:
         contact: Index of the contact.
-        signs: s_l1, s_l2 in {-1, 0, 1}; what 0 asks depends on the sign rule: under ``exact`` the
-            component is zero; under ``strict`` and ``nonzero`` it is not looked at, and neither
-            is, under ``nonzero``, whether the contact moves at all.
+        signs: s_l1, s_l2 in {-1, 0, 1}; the meaning of 0 depends on the sign rule: under ``exact``
+            the component is zero; under ``strict`` and ``nonzero`` it is unconstrained, and under
+            ``nonzero`` the contact then need not move at all.
     """
 
     contact: int
@@ -248,16 +248,16 @@ class Requirement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Conflict:
-    """A certificate, like Farkas', that no virtual motion meets some requirements.
+    """A certificate of Farkas' type that no virtual motion meets some requirements.
 
     Attributes:
-        signs: (contact, component, sign) items that take part with a positive weight.
-        contacts: Contacts that take part only by being selected (normal velocity zero, or
+        signs: (contact, component, sign) items with a positive weight.
+        contacts: Contacts that enter only by being selected (normal velocity zero, or
             tangential velocity zero under ``exact``).
         combination: (M, 3) weights of the contact velocities along n, t1, t2. Those of the items
-            have their signs and a sum of 1 (under ``nonzero``: the smaller of each contact's two);
-            the part of them that any motion can see is shorter than the threshold, so no motion of
-            unit contact velocities slides as fast as the threshold in all items.
+            have their signs and a sum of 1 (under ``nonzero``: the smaller of each contact's two).
+            Projected onto the contact velocities of all motions it is shorter than the threshold,
+            so no motion of unit contact velocities slides as fast as the threshold in all items.
     """
 
     signs: tuple[tuple[int, int, int], ...]
@@ -266,18 +266,18 @@ class Conflict:
 
     @property
     def involved(self) -> frozenset[int]:
-        """All contacts that take part."""
+        """All contacts with a weight in the combination."""
         return frozenset([*self.contacts, *(contact for contact, _, _ in self.signs)])
 
 
 @dataclass(frozen=True, eq=False)
 class Blocked:
-    """A proof that requirements let a selected contact slide neither way along one tangent.
+    """A proof that requirements leave a selected contact no sign along one tangent.
 
     Attributes:
         contact: Index of the contact.
         component: 0 for t1, 1 for t2.
-        conflicts: One for each sign that was left to the component.
+        conflicts: One for each sign that the component could still have.
     """
 
     contact: int
@@ -286,7 +286,7 @@ class Blocked:
 
     @property
     def involved(self) -> frozenset[int]:
-        """All contacts that take part."""
+        """The contact itself and all contacts of the conflicts."""
         return frozenset([self.contact]).union(*(one.involved for one in self.conflicts))
 
 
@@ -297,8 +297,8 @@ class Witness:
     Attributes:
         coordinates: (r,) y of the motion, see `VirtualKinematics.scaled_motion`.
         velocities: (M, 3) relative velocity of the object at each contact along n, t1, t2, to
-            scale. Those of the motion nudged within its slack in a fixed generic direction, so that
-            a component that can move does not vanish by symmetry.
+            scale. The motion is perturbed within its slack in a fixed generic direction, so that a
+            component that can move does not vanish by symmetry.
         slowest: The slowest required sliding over the length of all contact velocities; inf where
             nothing has to slide.
     """

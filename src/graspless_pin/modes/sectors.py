@@ -1,7 +1,7 @@
-"""Virtual motions that slide in given sectors of directions, or why there are none.
+"""Virtual motions that slide in given sectors of directions, or a proof that there are none.
 
-The rule of directions asks friction to oppose the virtual sliding exactly. A sector is an interval
-of angles about a contact's normal: friction opposes the directions in it, the sliding is in it.
+Under the rule ``direction`` friction opposes the virtual sliding exactly. A sector is an interval
+of angles about a contact's normal: the sliding lies in it, and friction opposes its directions.
 """
 
 from __future__ import annotations
@@ -22,38 +22,38 @@ from graspless_pin.modes.virtual_motions import (
 from graspless_pin.problem.checks import FloatArray
 
 WIDEST = np.deg2rad(80.0)
-"""Half of the widest sector: beyond a half-plane a sector is no convex cone."""
+"""Half the width of the widest sector: beyond a half-plane a sector is no convex cone."""
 _LEAST_SECTOR_WIDTH = 1e-12
 """Narrower sectors are rounding, rad."""
 
 
 class Sector(NamedTuple):
-    """Directions from an angle less half the width to as much more, from t1 towards t2, rad."""
+    """Directions at angles from middle - half to middle + half, from t1 towards t2, rad."""
 
     middle: float
     half: float
 
     @property
     def edges(self) -> FloatArray:
-        """(2, 2) unit vectors along its first and its last direction, as columns."""
+        """(2, 2) unit vectors along the first and the last direction, as columns."""
         first, last = self.middle - self.half, self.middle + self.half
         return np.array([[np.cos(first), np.cos(last)], [np.sin(first), np.sin(last)]])
 
     @property
     def halves(self) -> tuple[Sector, Sector]:
-        """Its two halves."""
+        """The two halves of the sector."""
         half = 0.5 * self.half
         return Sector(self.middle - half, half), Sector(self.middle + half, half)
 
     def clipped(self, angle: float, half: float) -> Self:
-        """Return what it shares with a sector about an angle, if only the nearest direction."""
+        """Return the intersection with the sector (angle, half); else the nearest direction."""
         offset = (angle - self.middle + np.pi) % (2.0 * np.pi) - np.pi
         low = min(max(offset - half, -self.half), self.half)
         high = max(min(offset + half, self.half), -self.half)
         return self._replace(middle=self.middle + 0.5 * (low + high), half=0.5 * (high - low))
 
     def remainders(self, part: Sector) -> list[Sector]:
-        """Return its pieces on both sides of a part of it."""
+        """Return the pieces of the sector on both sides of a part of it."""
         low, high = self.middle - self.half, self.middle + self.half
         ends = (low, part.middle - part.half), (part.middle + part.half, high)
         return [
@@ -62,7 +62,7 @@ class Sector(NamedTuple):
 
 
 def other_directions(part: Sector) -> list[Sector]:
-    """Return sectors of equal width that are all directions but those of one sector."""
+    """Return sectors of equal width that cover all directions outside one sector."""
     remaining = np.pi - part.half
     count = int(np.ceil(remaining / WIDEST))
     half = remaining / count
@@ -71,15 +71,15 @@ def other_directions(part: Sector) -> list[Sector]:
 
 
 Sectors = Mapping[int, Sector | None]
-"""Sectors by selected contact; None: it may slide any way."""
+"""Sector by selected contact; None: it may slide in any direction, or not at all."""
 
 
 class Exclusion(NamedTuple):
-    """A proof that no motion slides in all sectors: what they ask has a vanishing combination.
+    """A proof that no motion slides in all sectors: a combination of their rows vanishes.
 
     Attributes:
-        directed: Contacts whose sectors take part.
-        touching: Contacts that take part by being selected; those of `directed` are among them.
+        directed: Contacts whose sectors have a weight in the combination.
+        touching: Contacts that enter by being selected; includes those of `directed`.
     """
 
     directed: frozenset[int]
@@ -87,30 +87,30 @@ class Exclusion(NamedTuple):
 
 
 class SectorMotions:
-    """Virtual motions of one problem that slide in sectors, by the rule for what counts as one.
+    """Virtual motions of one problem that slide in sectors at the threshold or faster.
 
     Attributes:
         kinematics: The virtual motions.
-        programs: How many feasibility problems were solved so far.
+        programs: Number of feasibility problems solved so far.
     """
 
     def __init__(self, kinematics: VirtualKinematics) -> None:
-        """Take the virtual motions."""
+        """Store the virtual motions."""
         self.kinematics = kinematics
         self.programs = 0
 
     def find(self, sectors: Sectors) -> FloatArray | Exclusion:
-        """Return a motion that slides in all sectors, or why none does.
+        """Return a motion that slides in all sectors, or a proof that none does.
 
-        What is asked is a little less than the rule where a sector is wide: the sliding along its
-        middle, over the cosine of half its width, is held against the threshold. So an exclusion is
-        a proof; what a motion really does is told by `directions`.
+        For wide sectors the condition is weaker than the rule: the sliding along the middle,
+        divided by the cosine of half the width, must reach the threshold. So an exclusion is a
+        proof, while a motion has to be checked with `directions`.
 
         Args:
             sectors: Of the selected contacts, which keep touching.
 
         Returns:
-            (P + L,) the motion, scaled, zero where nothing is asked; or an exclusion.
+            (P + L,) the motion, scaled, zero without sectors; or an exclusion.
 
         Raises:
             UndecidedMotionError: If no solver decides.
@@ -142,9 +142,9 @@ class SectorMotions:
         return Exclusion(ruled, ruled | carrying)
 
     def directions(self, motion: FloatArray) -> dict[int, float]:
-        """Angles of the sliding at the contacts that a motion may be behind the friction of.
+        """Return the angles of the sliding, rad, at contacts that touch and slide fast enough.
 
-        These touch all along it and slide fast enough to count.
+        Only at these contacts the motion can justify friction.
 
         Args:
             motion: (P + L,) scaled.
@@ -157,7 +157,7 @@ class SectorMotions:
         return {one: float(angles[one]) for one in np.flatnonzero(counts).tolist()}
 
     def opposes(self, motion: FloatArray, angles: Mapping[int, float]) -> bool:
-        """Return whether a motion slides at given angles, by the rule for motions.
+        """Return whether a motion slides at the given angles, at the threshold or faster.
 
         Args:
             motion: (P + L,) scaled.
@@ -173,7 +173,7 @@ class SectorMotions:
 
 
 def _sector_rows(sector: Sector | None) -> FloatArray:
-    """(3, 2) inward normals of a sector's sides, and its middle over the cosine of half of it."""
+    """(3, 2) inward normals of both sides, and the middle over the cosine of half the width."""
     middle, half = sector if sector is not None else (0.0, 0.0)
     angles = np.array([middle - half + 0.5 * np.pi, middle + half - 0.5 * np.pi, middle])
     rows = np.column_stack([np.cos(angles), np.sin(angles)])

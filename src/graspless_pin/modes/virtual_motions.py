@@ -1,7 +1,7 @@
-"""Virtual motions that slide: nearest to wanted slidings, or fastest where they slide slowest.
+"""Virtual motions that slide: nearest to wanted slidings, or with the fastest slowest sliding.
 
-The first are witnesses by guess, each of them checked. Of the others, weights prove where none is
-fast enough: a combination of contact velocities that all but vanishes proves a conflict.
+The former are guessed witnesses, each of them checked. The latter come with weights: where no
+motion is fast enough, a combination of contact velocities that nearly vanishes proves a conflict.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from graspless_pin.problem.checks import FloatArray, all_finite, read_only
 # lets four corner contacts whose normals differ by rounding share a motion.
 RANK_TOLERANCE = 1e-8
 MOST_KEPT = 4096
-"""Sets of contacts for which something is kept."""
+"""Number of sets of contacts for which results are cached."""
 
 CLEARLY = 10.0
-"""How many times faster than the threshold a sliding is that needs no search."""
+"""Slidings this many times faster than the threshold need no search."""
 GUESSES = 4
-# Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
-# rounding and far below what a motion needs.
+# Regularises rank-deficient rows; answers are checked. Relative to squared rows of unit size: far
+# above their rounding and far below what a motion needs.
 _DAMPING = 1e-12
 _DAMPING_CORRECTIONS = 2
 
@@ -50,22 +50,22 @@ class _ContactMotion(NamedTuple):
     motion: FloatArray
 
     def completed_signs(self, signs: FloatArray) -> FloatArray:
-        """Return the signs, with those of the sliding in the place of zeros."""
+        """Return the signs (2 s,), with those of the sliding in the place of zeros."""
         if np.logical_and.reduce(signs):
             return signs
         return np.where(signs != 0.0, signs, np.where(self.sliding < 0.0, -1.0, 1.0))
 
 
 def witness_criteria(clear: float) -> tuple[float, int, float, float]:
-    """Return what the compiled `witness` judges motions by; ``clear`` as in `NearestMotions`."""
+    """Return the tolerances of the compiled `witness`; ``clear`` as in `NearestMotions`."""
     return _DAMPING, _DAMPING_CORRECTIONS, RANK_TOLERANCE, clear**2
 
 
 class NearestMotions:
-    """Damped least squares over the motions that keep contacts touching, kept between calls."""
+    """Damped least squares over the motions that keep contacts touching, with a cache."""
 
     def __init__(self, rows: FloatArray, clear: float) -> None:
-        """Take the map of `VirtualKinematics`.
+        """Store the map of `VirtualKinematics`.
 
         Args:
             rows: (M, 3, P + L) from the scaled motion to velocities along n, t1, t2.
@@ -78,16 +78,16 @@ class NearestMotions:
     def guessed_witness(
         self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Look for a witness without a search: near a motion, then nearest to wanted slidings.
+        """Guess a witness: first near a given motion, then nearest to wanted slidings.
 
         Args:
             contacts: s contacts that must touch and slide along both tangents.
-            signs: (2 s,) signs of their sliding, 0 where any will do.
+            signs: (2 s,) signs of their sliding, 0 where either will do.
             near: (P + L,) a motion that may be close to one; None: none is known.
 
         Returns:
             (2 s,) the signs completed by a motion that slides with all of them, a witness under
-            every rule, and (P + L,) that motion; None says nothing.
+            every rule, and (P + L,) that motion; None: none was found, there may be one.
         """
         if not contacts:
             return signs, np.zeros(self._rows.shape[2])
@@ -109,7 +109,7 @@ class NearestMotions:
     def witness_near(
         self, contacts: tuple[int, ...], signs: NDArray[np.int8], near: FloatArray
     ) -> FloatArray | None:
-        """Return a motion near another one, if it slides with signs none of which is open.
+        """Return the motion nearest to another one that keeps touching, if it has the signs.
 
         Args:
             contacts: s contacts that must touch and slide along both tangents.
@@ -117,7 +117,7 @@ class NearestMotions:
             near: (P + L,) the other motion.
 
         Returns:
-            (P + L,) a witness under every rule; None says nothing.
+            (P + L,) a witness under every rule; None: none was found, there may be one.
         """
         if not contacts:
             return near
@@ -127,7 +127,7 @@ class NearestMotions:
         return seen.motion if self._clearly_slides(seen, signs.ravel()) else None
 
     def _clearly_slides(self, seen: _ContactMotion, signs: FloatArray | NDArray[np.int8]) -> bool:
-        """Return whether a motion keeps the contacts touching and clearly slides with all signs."""
+        """Return whether a motion keeps touching and is clearly fast enough with all signs."""
         least = float(np.minimum.reduce(seen.sliding * signs))
         if not least > 0.0:
             return False
@@ -136,7 +136,7 @@ class NearestMotions:
         return least * least >= self._clear**2 * size and apart <= RANK_TOLERANCE**2 * size
 
     def _squared_length(self, motion: FloatArray) -> float:
-        """Square of the length of all contact velocities of a motion."""
+        """Return the squared length of all contact velocities of a motion."""
         velocities = self._rows.reshape(-1, len(motion)).dot(motion)
         return float(velocities.dot(velocities))
 
@@ -153,10 +153,10 @@ class NearestMotions:
         return _ContactMotion(tangential.dot(motion), normal.dot(motion), motion)
 
     def _motion_map(self, contacts: tuple[int, ...]) -> FloatArray:
-        """(3 s + P + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
+        """(3 s + P + L, 2 s) map of wanted slidings to tangential, normal velocities and motion.
 
-        Of the motions that keep the contacts touching, that with the nearest slidings, up to a
-        little damping in place of the ranks: what comes out is checked.
+        The motion is the one with the nearest slidings among those that keep the contacts touching.
+        A little damping replaces rank decisions, so the result has to be checked.
         """
         known = self._known_maps.get(contacts)
         if known is None:
@@ -165,7 +165,7 @@ class NearestMotions:
             back = _damped_pseudo_inverse(normal)
             projected = tangential - (tangential @ back) @ normal
             motion = _damped_pseudo_inverse(projected)
-            # Again, to take away what damping and rounding left.
+            # Iterative refinement against damping and rounding.
             for _ in range(_DAMPING_CORRECTIONS):
                 motion -= back @ (normal @ motion)
             known = np.concatenate([tangential @ motion, normal @ motion, motion])
@@ -175,15 +175,15 @@ class NearestMotions:
     def sliding(
         self, contacts: tuple[int, ...], wanted: FloatArray
     ) -> tuple[FloatArray | None, FloatArray]:
-        """Sliding, nearest to what is wanted, of a motion that keeps all the contacts touching.
+        """Return the sliding nearest to a wanted one among motions that keep contacts touching.
 
         Args:
             contacts: s contacts.
             wanted: (s, 2) sliding along t1 and t2.
 
         Returns:
-            (s, 2), 0 where it is too slow to count as a sliding; None if none was found; and the
-            (P + L,) motion.
+            (s, 2) sliding, 0 where it is too slow to count; None if the motion found does not keep
+            the contacts touching; and the (P + L,) motion.
         """
         sliding, apart, motion = self._unpacked(self._motion_map(contacts) @ wanted.ravel())
         size = self._squared_length(motion)
@@ -193,14 +193,14 @@ class NearestMotions:
         return fast.reshape(-1, 2), motion
 
     def _unpacked(self, found: FloatArray) -> _ContactMotion:
-        """Return what a product of `_motion_map` says."""
+        """Return the parts of a product of `_motion_map` with wanted slidings."""
         count = (len(found) - self._rows.shape[2]) // 3
         return _ContactMotion(found[: 2 * count], found[2 * count : 3 * count], found[3 * count :])
 
 
 def _damped_pseudo_inverse(rows: FloatArray) -> FloatArray:
-    """Pseudo-inverse of rows that may depend on each other, nearly: zeros if that fails too."""
-    # LAPACK's own function: around such small matrices, numpy's costs several times their solution.
+    """Damped pseudo-inverse of rows that may be dependent; zeros if the factorisation fails."""
+    # LAPACK directly: for such small matrices numpy's overhead is several times the solution.
     _, solved, failed = _posv(_damped_gram(rows), rows)
     return np.zeros_like(rows.T) if failed else solved.T
 
@@ -213,21 +213,21 @@ def _damped_gram(rows: FloatArray) -> FloatArray:
 
 
 TAKES_PART = 1e-9
-"""Weights below this share of the largest one count as none."""
+"""Weights below this share of the largest one count as zero."""
 _THRESHOLD_TIE = 1.001
-"""A motion that is this close to the threshold, and that no solver brings to it, does not count."""
+"""Motions that no solver brings to the threshold do not count if they are within this factor."""
 _LARGEST_MOTION = 1e6
-# What the sum of the weights is worth beside the velocities: less where more digits are needed.
+# Weights of the row for the sum in the least-squares system: small ones give more digits.
 _SUM_WEIGHTS = (1.0, 1e-3, 1e-5)
 
 
 class Sliding(NamedTuple):
-    """The motion that slides fastest where it is slowest, in coordinates of contact velocities.
+    """The motion with the fastest slowest sliding, in coordinates y of contact velocities.
 
     Attributes:
         motion: (r,) the motion; zero where nothing has to slide.
         slowest: The slowest required sliding over the length of the motion.
-        weights: (k,) weights of the rows whose combination is the motion, of sum 1.
+        weights: (k,) weights of sum 1 of the rows whose combination is the motion.
     """
 
     motion: FloatArray
@@ -238,13 +238,13 @@ class Sliding(NamedTuple):
 def fastest_sliding(
     moving: FloatArray, strict: FloatArray, scale: FloatArray | None, threshold: float
 ) -> Sliding:
-    """Return the motion that slides fastest where it is slowest.
+    """Return the motion that maximises the slowest required sliding.
 
     Args:
         moving: (k, r) rows of the required sliding.
         strict: (k,) 1 for rows that must be positive, 0 for those that must not be negative.
-        scale: (k,) how early each row is to be taken where several choices prove a conflict; None:
-            all alike.
+        scale: (k,) priority of each row where several choices of rows prove a conflict; None: all
+            equal.
         threshold: The slowest sliding that counts; where none is as fast, the weights prove it.
 
     Raises:
@@ -259,8 +259,8 @@ def _shortest_combination(
 ) -> Sliding | None:
     """Return the shortest combination of rows by nonnegative least squares; None where that fails.
 
-    The answer is checked: a wrong one has been seen on degenerate rows. A short combination proves
-    itself, and so does a motion that slides as fast as the threshold in all rows.
+    The answer is checked, as wrong ones occur on degenerate rows. Two kinds are their own proof: a
+    combination below the threshold, and a motion that reaches the threshold in all rows.
     """
     from scipy.optimize import nnls
 
@@ -300,7 +300,7 @@ def _shortest_combination(
 
 
 def _equal_sliding(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
-    """Return the motion that slides equally in all rows that take part, where that is faster."""
+    """Return the motion with equal sliding in all rows with a weight, where that is faster."""
     part = found.weights > TAKES_PART * found.weights.max()
     solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
     evened = _sliding_of_motion(moving, strict, solved.astype(np.float64), found.weights)
@@ -310,7 +310,7 @@ def _equal_sliding(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sl
 def _sliding_of_motion(
     moving: FloatArray, strict: FloatArray, motion: FloatArray, weights: FloatArray
 ) -> Sliding:
-    """How fast a motion slides where it is slowest; not at all if it slides a wrong way."""
+    """Return a motion with its slowest required sliding; 0 where it slides the wrong way."""
     size = vector_length(motion)
     if not 0.0 < size < np.inf:
         return Sliding(motion, 0.0, weights)
@@ -356,10 +356,10 @@ def _fastest_by_program(moving: FloatArray, strict: FloatArray, threshold: float
 def signed_rows(
     tangential: FloatArray, signs: NDArray[np.int_], rule: SignRule
 ) -> tuple[FloatArray, FloatArray]:
-    """Rows that must be positive (strictness 1) or not negative (0): signed components first.
+    """Return rows that must be positive (strictness 1) or not negative (0), and the strictness.
 
-    Under ``nonzero`` the components of a contact need only be nonnegative each and positive
-    together, so a strict row for their sum follows for each contact with two signs.
+    Signed components come first. Under ``nonzero`` the components of a contact must be nonnegative
+    and their sum positive, so one strict row follows for each contact with two signs.
     """
     signed = signs[:, :, None] * tangential
     nonzero = signs != 0
@@ -376,7 +376,7 @@ def _ones(count: int) -> FloatArray:
 
 
 def vector_length(motion: FloatArray) -> float:
-    """Return the length of a vector (n,): as `numpy.linalg.norm` does, in an eighth of its time."""
+    """Return the length of a vector (n,), in an eighth of the time of `numpy.linalg.norm`."""
     return math.sqrt(motion.dot(motion))
 
 
@@ -389,7 +389,7 @@ def conflict_of(
     weights: FloatArray,
     threshold: float,
 ) -> Conflict:
-    """Name the requirements whose combination all but vanishes.
+    """Return the conflict whose combination of requirements nearly vanishes.
 
     Args:
         seen: (M, 3, r) contact velocities of all motions along n, t1, t2.
@@ -397,15 +397,15 @@ def conflict_of(
         signs: (s, 2) their required signs.
         rule: How a zero sign is read.
         still: (k, r) rows that vanish on the selected contacts.
-        weights: Of the required rows, see `signed_rows`.
+        weights: Weights of the required rows, see `signed_rows`.
         threshold: The slowest sliding that counts.
     """
     moving, strict = signed_rows(seen[list(contacts), 1:], signs, rule)
-    # Rows that must be positive stay whatever the others weigh.
+    # Strict rows are compared with each other only, so that the largest of them always stays.
     most = np.where(strict > 0.0, (weights * strict).max(), weights.max())
     weights = np.where(weights > TAKES_PART * most, weights, 0.0)
     weights /= float(weights @ strict)
-    # Each weighted row stands for one component, or for both of a contact (their sum).
+    # Each row belongs to one component, or to both of a contact (their sum).
     pairs, values = signs.tolist(), weights.tolist()
     given = [(k, m) for k, pair in enumerate(pairs) for m in (0, 1) if pair[m]]
     share = [[0.0, 0.0] for _ in contacts]
@@ -415,7 +415,7 @@ def conflict_of(
     for k, weight in zip(both, values[len(given) :], strict=False):
         share[k] = [own + weight for own in share[k]]
     items = tuple([(contacts[k], m, pairs[k][m]) for k, m in given if share[k][m] > 0.0])
-    # The rest of the combination is carried by rows that vanish: a basic solution names few.
+    # Rows that vanish balance the rest of the combination; a basic solution needs few of them.
     carried = balancing_weights(still, -(weights @ moving), threshold).tolist()
     owners, places = list(contacts), [0] * len(contacts)
     if rule is SignRule.EXACT:
@@ -434,7 +434,7 @@ def conflict_of(
 
 
 def balancing_weights(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
-    """Weights of rows that vanish which make up for the rest of a combination, few if possible."""
+    """Return weights of the vanishing rows whose combination is `rest`, few if possible."""
     from scipy.optimize import nnls
 
     try:
