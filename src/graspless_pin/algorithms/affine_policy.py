@@ -273,10 +273,10 @@ class _AffineProgram:
             sides = self._sides(group, np.zeros(len(self.scale.joint_scale)))
             for number, columns in enumerate(slopes):
                 parts = [effects.at(int(columns[0]))]
-                for made in np.flatnonzero(self.error_numbers == number):
+                for error_index in np.flatnonzero(self.error_numbers == number):
                     error = np.zeros((len(sides), 1))
-                    error[passive:, 0] = -self.shared[:, self.joints[made]]
-                    parts.append(Entries.of(error).at(int(self.errors[made])))
+                    error[passive:, 0] = -self.shared[:, self.joints[error_index]]
+                    parts.append(Entries.of(error).at(int(self.errors[error_index])))
                 self.conic.equal(parts, sides[:, number])
 
     def _lengths(
@@ -305,9 +305,9 @@ class _AffineProgram:
                 self.conic.cones([diagonal(sizes, -1.0)], np.zeros(count), inside)
                 continue
             parts = [inside[0]]
-            made = self.error_numbers == own[0]
-            if of_commands and made.any():
-                parts.append(Entries(self.joints[made], self.errors[made], -np.ones(1)))
+            erring = self.error_numbers == own[0]
+            if of_commands and erring.any():
+                parts.append(Entries(self.joints[erring], self.errors[erring], -np.ones(1)))
             for sign in (1.0, -1.0):
                 signed = [one.at(0, times=sign) for one in parts]
                 self.conic.below([*signed, diagonal(sizes, -1.0)], np.zeros(count))
@@ -368,15 +368,15 @@ class _AffineProgram:
     def _checked_policy(self, x: FloatArray, z: FloatArray) -> ForcePolicy | None:
         """Return the policy of a solver's answer, projected on the equalities; None: it fails."""
         joints, D = self.scale.joint_scale, self.unknowns.count
-        at = np.array([x[one] for one in self.f0])
+        base = np.array([x[one] for one in self.f0])
         first, passive = self.groups[0], self.wrenches.shape[1]
         balance = first.effects[:passive]
-        at[0] += np.linalg.lstsq(balance, self.wrenches[0] - balance @ at[0])[0]
-        start = self.shared @ (first.torque @ at[0] + self.carried[0])
+        base[0] += np.linalg.lstsq(balance, self.wrenches[0] - balance @ base[0])[0]
+        start = self.shared @ (first.torque @ base[0] + self.carried[0])
         errors = np.zeros(len(joints))
         errors[self.joints] = x[self.errors]
-        slopes = np.zeros((len(self.groups), at.shape[1], D))
-        forces = np.zeros((len(at), self.corners[0].problem.contact_count, 3))
+        slopes = np.zeros((len(self.groups), base.shape[1], D))
+        forces = np.zeros((len(base), self.corners[0].problem.contact_count, 3))
         spread = np.zeros((*forces.shape, D))
         active: list[tuple[float, int, FloatArray]] = []
         for number, group in enumerate(self.groups):
@@ -386,17 +386,17 @@ class _AffineProgram:
                 if corner:
                     commands = start - self.shared @ self.carried[corner]
                     sides = np.concatenate([self.wrenches[corner], commands])
-                    at[corner] += group.inverse @ (sides - group.effects @ at[corner])
-                forces[corner] = group.forces(at[corner])
+                    base[corner] += group.inverse @ (sides - group.effects @ base[corner])
+                forces[corner] = group.forces(base[corner])
                 spread[corner] = np.stack([group.forces(one) for one in slopes[number].T], axis=-1)
                 active += self._binding_members(corner, group.rows @ slopes[number], z)
-        made = np.zeros((len(joints), D))
-        made[self.joints, self.error_numbers] = (joints * errors)[self.joints]
-        found = ForcePolicy(
+        deviations = np.zeros((len(joints), D))
+        deviations[self.joints, self.error_numbers] = (joints * errors)[self.joints]
+        policy = ForcePolicy(
             tuple(self.corners), self.unknowns, read_only(forces), read_only(spread),
-            read_only(made), self.directions, _distinct(active),
+            read_only(deviations), self.directions, _distinct(active),
         )  # fmt: skip
-        return found if self._is_valid_policy(found, at, slopes) else None
+        return policy if self._is_valid_policy(policy, base, slopes) else None
 
     def _binding_members(
         self, corner: int, rows: FloatArray, z: FloatArray
@@ -407,21 +407,21 @@ class _AffineProgram:
         worst = self.unknowns.worst(rows[counts])
         return [(float(weights[one]), corner, d) for one, d in zip(counts, worst, strict=True)]
 
-    def _is_valid_policy(self, found: ForcePolicy, at: FloatArray, slopes: FloatArray) -> bool:
+    def _is_valid_policy(self, policy: ForcePolicy, base: FloatArray, slopes: FloatArray) -> bool:
         """Return whether a policy keeps all constraints, evaluated anew for the worst d."""
         least = self.objective.required_margin - PRIMAL_TOLERANCE * self.scale.force_scale
-        if not found.residual() <= PRIMAL_TOLERANCE or found.least_margin < least:
+        if not policy.residual() <= PRIMAL_TOLERANCE or policy.least_margin < least:
             return False
         for group, slope in zip(self.groups, slopes, strict=True):
             # Only these rows hold the signs that a mode requires of friction.
-            off = at[group.corners] @ group.rows.T - group.sides
-            if (off + self.unknowns.sizes_of(group.rows @ slope)).max() > PRIMAL_TOLERANCE:
+            violations = base[group.corners] @ group.rows.T - group.sides
+            if (violations + self.unknowns.sizes_of(group.rows @ slope)).max() > PRIMAL_TOLERANCE:
                 return False
         tolerance = PRIMAL_TOLERANCE * self.scale.joint_scale
-        for number in found.driven:
-            problem, deviation = self.corners[number].problem, found.rooms[number] - tolerance
-            beyond = found.commands[number] + deviation > problem.upper_torque
-            if (beyond | (found.commands[number] - deviation < problem.lower_torque)).any():
+        for number in policy.driven:
+            problem, deviation = self.corners[number].problem, policy.rooms[number] - tolerance
+            beyond = policy.commands[number] + deviation > problem.upper_torque
+            if (beyond | (policy.commands[number] - deviation < problem.lower_torque)).any():
                 return False
         return True
 

@@ -88,7 +88,7 @@ def largest_served(
         relative: The same over the larger size; the wider of the two counts.
         limits: When to stop.
     """
-    (low, high), of = sizes, sizes[1]
+    (low, high), failed_size = sizes, sizes[1]
     best: RobustSolution | None = None
     halves = False
 
@@ -101,7 +101,7 @@ def largest_served(
             trial = low
             while high - trial > 0.5 * allowed_gap():
                 middle = 0.5 * (trial + high)
-                refuted = _is_conflict_refuted(failed, middle / of)
+                refuted = _is_conflict_refuted(failed, middle / failed_size)
                 trial, high = (trial, middle) if refuted else (middle, high)
             if high - low <= allowed_gap():
                 break
@@ -114,8 +114,8 @@ def largest_served(
         elif found.status is Status.NOT_FOUND_IN_LIMIT and limits.passed:
             break
         else:
-            high, of, failed = trial, trial, found
-    return ServedSize(low, high, best, tuple(smaller_conflict(failed, high / of)))
+            high, failed_size, failed = trial, trial, found
+    return ServedSize(low, high, best, tuple(smaller_conflict(failed, high / failed_size)))
 
 
 def smaller_conflict(failed: RobustSolution, share: float) -> list[Member]:

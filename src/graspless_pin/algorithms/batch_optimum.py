@@ -233,12 +233,12 @@ def prepared_starts(
     """Return starts in compiled form; None in the place of a start that does not fit."""
     structure, prepared = structure_of(problem), []
     for start in starts:
-        known = _last_prepared(start)
-        own, active = known[0]
+        last = _last_prepared(start)
+        own, active = last[0]
         if own is not loops:
             fits = start.structure is not None and start.structure.has_rows_of(structure)
             active = _compiled_start(loops, start) if fits else None
-            known[0] = loops, active
+            last[0] = loops, active
         prepared.append(active)
     return prepared
 

@@ -374,16 +374,16 @@ class _DirectionSearch:
         }
         # First contacts with a sector, then the largest friction: these children bound highest.
         order = sorted(size, key=lambda one: (one not in node.sectors, -size[one]))
-        children, rest = [], node
+        children, remainder = [], node
         for contact in order:
             own, part = node.sectors.get(contact), sectors.get(contact)
             if contact not in node.sectors:
-                children.append(replace(rest, released=rest.released | {contact}))
+                children.append(replace(remainder, released=remainder.released | {contact}))
             if contact in exclusion.directed and part is not None:
                 others = other_directions(part) if own is None else own.remainders(part)
-                children += [rest.with_sector(contact, other) for other in others]
+                children += [remainder.with_sector(contact, other) for other in others]
                 own = part
-            rest = rest.with_sector(contact, own)
+            remainder = remainder.with_sector(contact, own)
         return children
 
     def _sliding_children(self, node: _Node, contact: int) -> list[_Node]:

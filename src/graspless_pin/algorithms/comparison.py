@@ -247,14 +247,14 @@ def smallest_factor(
 
     if objective.required_margin == 0.0 and is_feasible(0.0):
         return MinimumFriction(0.0, proven)
-    tried = [1.0, _LARGEST_FACTOR]
+    factors = [1.0, _LARGEST_FACTOR]
     if problem.is_sliding.any():
         # With the factor 1, so that a problem that is feasible as it is is not missed.
-        tried = sorted(
+        factors = sorted(
             {1.0, *np.geomspace(1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR, _FACTORS_SCANNED).tolist()}
         )
     low = 0.0
-    for top in tried:
+    for top in factors:
         if is_feasible(top):
             break
         low = top

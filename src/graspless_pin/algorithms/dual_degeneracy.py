@@ -261,10 +261,10 @@ class OptimalSet:
         point = self._si_point(_Point(x, y, z, effect + y @ program.A + z @ program.G), unit=1.0)
         own = np.zeros(self.solution.problem.joint_count)
         own[joint] = 1.0
-        found = dict(point.multipliers)
-        found["torque_upper"] = found["torque_upper"] + own
+        named = dict(point.multipliers)
+        named["torque_upper"] = named["torque_upper"] + own
         sign = self._formulation.objective.sign
-        return replace(point, multipliers={name: sign * one for name, one in found.items()})
+        return replace(point, multipliers={name: sign * one for name, one in named.items()})
 
     def _si_point(self, point: _Point, unit: float | None = None) -> OptimalPoint:
         """Return a point in SI units; the solution's own signs decide the active sides of rows.
@@ -280,7 +280,7 @@ class OptimalSet:
         sides[sides == 0.0] = 1.0  # of equal limits
         own = np.concatenate([self._own_point.y, sides]), self._own_point.reduced + columns
         program = formulation.program
-        found = marginals(
+        multipliers = marginals(
             (program.blocks, program.bounded_blocks),
             (np.concatenate([y, z]), reduced),
             abs(formulation.signed_unit) if unit is None else unit,
@@ -289,7 +289,7 @@ class OptimalSet:
         return OptimalPoint(
             forces=formulation.coordinates.forces(x),
             value=formulation.signed_unit * formulation.program.value(x),
-            multipliers=found,
+            multipliers=multipliers,
         )
 
 

@@ -303,13 +303,13 @@ def _smaller_margins(solution: TorqueSolution, searches: ChangeSearches) -> list
 def _combined_changes(solution: TorqueSolution, searches: ChangeSearches) -> list[Suggestion]:
     """Return single changes combined with weaker demands; if none helps, all at once."""
     coulomb = replace(solution.rules, static_friction=_COULOMB)
-    beside = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
+    variants = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
     if solution.required_margin > 0.0:
         free = replace(solution, objective=solution.objective.with_figure("required_margin", 0.0))
-        both = replace(free, rules=coulomb)
-        beside.insert(0, ("with no required margin", free))
-        beside.append(("with no required margin and static_friction='coulomb'", both))
-    for words, weaker in beside:
+        weakest = replace(free, rules=coulomb)
+        variants.insert(0, ("with no required margin", free))
+        variants.append(("with no required margin and static_friction='coulomb'", weakest))
+    for words, weaker in variants:
         found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker, searches)]
         if found:
             return found

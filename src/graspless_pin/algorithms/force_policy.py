@@ -84,10 +84,10 @@ class Unknowns(Brief):
             d: (D,) figures.
             signs: Signs of the commands of the joints with errors, one for each of them.
         """
-        problem, at, of = corner.problem, corner.corner or self.nominal, self.of_errors
+        problem, at, erring = corner.problem, corner.corner or self.nominal, self.of_errors
         factors, offsets = corner.factors.copy(), corner.offsets.copy()
-        factors[self.joints[of]] += self.shares[self.joints[of]] * d[of] * signs
-        offsets[self.joints[of]] += self.offsets[self.joints[of]] * d[of]
+        factors[self.joints[erring]] += self.shares[self.joints[erring]] * d[erring] * signs
+        offsets[self.joints[erring]] += self.offsets[self.joints[erring]] * d[erring]
         wrench = problem.external_wrench + self.loads[number] @ d
         off, force, moment = np.split(self.moved @ d, 3)
         moved = replace(
@@ -167,17 +167,17 @@ def unknowns_of(
 
 
 def extreme_members(
-    corners: Sequence[Member], unknowns: Unknowns, of: Sequence[int] | None = None
+    corners: Sequence[Member], unknowns: Unknowns, numbers: Sequence[int] | None = None
 ) -> list[Member]:
     """Return members of the corners at both ends of some unknowns, or at random extreme d.
 
     Args:
         corners: The corners.
         unknowns: The figures d.
-        of: Numbers of unknowns, one at a time; None: all at once, drawn from a seeded generator.
+        numbers: Unknowns, one at a time; None: all at once, drawn from a seeded generator.
     """
     drawn = np.random.default_rng(0).choice([-1.0, 1.0], (_DRAWN, unknowns.count))
-    ends = unknowns.worst(drawn) if of is None else np.eye(unknowns.count)[of]
+    ends = unknowns.worst(drawn) if numbers is None else np.eye(unknowns.count)[numbers]
     return [
         unknowns.member(number, corner, sign * d)
         for (number, corner), d, sign in product(enumerate(corners), ends, (1.0, -1.0))
@@ -301,15 +301,15 @@ class ForcePolicy(Brief):
     @property
     def _largest_limit_share(self) -> float:
         """The largest share of a joint's limit that is commanded in any member."""
-        most = 0.0
+        largest = 0.0
         for number in self.driven:
             problem, nominal = self.corners[number].problem, self.commands[number]
             limits = (problem.upper_torque, nominal), (-problem.lower_torque, -nominal)
             for limit, torque in limits:
-                there = np.isfinite(limit) & (limit > 0.0)
-                shares = (torque + self.rooms[number])[there] / limit[there]
-                most = max(most, float(shares.max(initial=0.0)))
-        return most
+                limited = np.isfinite(limit) & (limit > 0.0)
+                shares = (torque + self.rooms[number])[limited] / limit[limited]
+                largest = max(largest, float(shares.max(initial=0.0)))
+        return largest
 
     def residual(self) -> float:
         """Return the residual of balance and shared commands over the load, for the worst d.
@@ -323,12 +323,12 @@ class ForcePolicy(Brief):
         flat = self.forces.reshape(len(wrenches), -1)
         off = np.abs(flat @ problem.W.T + wrenches)
         off += unknowns.sizes_of(problem.W @ self._flat_slopes + unknowns.loads)
-        apart = np.abs((self.commands - self.commands[0]) @ shared.T)
-        apart = (apart + unknowns.sizes_of(shared @ self.added)) @ np.abs(shared)
+        mismatch = np.abs((self.commands - self.commands[0]) @ shared.T)
+        mismatch = (mismatch + unknowns.sizes_of(shared @ self.added)) @ np.abs(shared)
         needed = unknowns.shares * self.largest_commands + unknowns.offsets
-        lacks = (needed - self.errors.sum(axis=1)) / units[problem.passive_count :]
-        worst = float((np.hstack([off, apart]) / units).max())
-        return max(worst, float(lacks.max(initial=0.0)))
+        shortfalls = (needed - self.errors.sum(axis=1)) / units[problem.passive_count :]
+        worst = float((np.hstack([off, mismatch]) / units).max())
+        return max(worst, float(shortfalls.max(initial=0.0)))
 
     def critical(self, count: int) -> list[Member]:
         """Return the members with the largest multipliers, and as many others far from each other.

@@ -96,10 +96,10 @@ class Formulation:
                 x[tangent[contact]] = -sector.edges @ x[tangent[contact]]
         return answer.moved(x, answer.value, answer.residual)
 
-    def capped(self, column: str, most: float) -> Formulation:
+    def capped(self, column: str, limit: float) -> Formulation:
         """Return the formulation with an upper bound on an added column, given by its name."""
         ub = self.program.ub.copy()
-        ub[self.program.column(column)] = most
+        ub[self.program.column(column)] = limit
         return replace(self, program=self.program.bounded(self.program.lb, ub))
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
@@ -210,21 +210,21 @@ def formulate(
         ArgumentError: If the objective cannot be hashed.
     """
     shared = shared_parts(problem)
-    known = shared.programs
+    programs = shared.programs
     try:
-        made = known.get(objective)
+        scaled = programs.get(objective)
     except TypeError as error:
         raise ArgumentError(
             "objective",
             f"is a {type(objective).__name__} that cannot be hashed ({error}); make it a frozen "
             "dataclass whose fields are numbers, texts or tuples of them, or one with eq=False",
         ) from None
-    if made is None:
-        made = scaled_program(problem, objective, shared.coordinates)
-        if len(known) >= _PROGRAMS_PER_PROBLEM:
-            known.pop(next(iter(known)), None)
-        known[objective] = made
-    coordinates, program, unit = made
+    if scaled is None:
+        scaled = scaled_program(problem, objective, shared.coordinates)
+        if len(programs) >= _PROGRAMS_PER_PROBLEM:
+            programs.pop(next(iter(programs)), None)
+        programs[objective] = scaled
+    coordinates, program, unit = scaled
     return Formulation(
         problem, objective, coordinates, program, shared.kinematics, objective.cutoff,
         objective.sign * unit, layers,

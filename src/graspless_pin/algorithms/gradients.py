@@ -430,16 +430,16 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     members = robust.members[: len(robust.contact_forces)]
     directions = feedback_torques(members[0].problem, robust.feedback)
     points = [found.values, *(gradients_at(robust.solution, one) for one in found.alternatives)]
-    at = [forces, *(one.forces for one in found.alternatives)]
+    point_forces = [forces, *(one.forces for one in found.alternatives)]
 
     def figure_slopes(name: str, place: int | None, figure: float) -> list[float]:
         if figure == 0.0 or name == "contact_position":
             return [np.nan] * len(points)
 
         def joined_with(times: float) -> QuasistaticProblem:
-            def scaled(of: str, value: ArrayLike) -> FloatArray:
+            def scaled(figure_name: str, value: ArrayLike) -> FloatArray:
                 figures = np.array(value, dtype=float)
-                if of == name:
+                if figure_name == name:
                     figures[... if place is None else place] *= times
                 return figures
 
@@ -450,7 +450,7 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
         ends = joined_with(1.0 - _STEP), joined_with(1.0 + _STEP)
         return [
             _optimum_change(one, own, *ends) / (2.0 * _STEP * figure)
-            for one, own in zip(points, at, strict=True)
+            for one, own in zip(points, point_forces, strict=True)
         ]
 
     values: dict[str, FloatArray] = {}

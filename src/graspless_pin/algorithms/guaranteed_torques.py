@@ -174,9 +174,9 @@ class _Search:
             cuts, last = list[tuple[FloatArray, float]](), self.best.torques
             for _ in range(_STEPS):
                 met = [half_space(problem, one, share) for one in counterexamples(verdict, _OTHERS)]
-                known = len(cuts)
+                count = len(cuts)
                 cuts += [one for one in met if np.abs(one[0] * scale).max(initial=0.0) > _STILL]
-                if len(cuts) == known:
+                if len(cuts) == count:
                     break
                 normals, sides = (np.array(part) for part in zip(*cuts, strict=True))
                 inside = InsideHalfSpaces(normals, sides, _DEPTH, objective.required_margin)
@@ -199,15 +199,15 @@ class _Search:
 
     def improved_torques(self, found: TorqueSolution, verdict: StabilityVerdict) -> Tried:
         """Return guaranteed torques nearer to the best case's, by bisection of the line to them."""
-        known, unproven = found.torques, self.best.torques
+        proven, unproven = found.torques, self.best.torques
         for _ in range(_HALVINGS):
-            middle = 0.5 * (known + unproven)
+            middle = 0.5 * (proven + unproven)
             candidate = self._solution_at(middle)
-            asked = None if candidate is None else self.ask_verdict(candidate)
-            if candidate is None or asked is None or not self.rest.is_kept(asked):
+            judged = None if candidate is None else self.ask_verdict(candidate)
+            if candidate is None or judged is None or not self.rest.is_kept(judged):
                 unproven = middle
             else:
-                known, found, verdict = middle, candidate, asked
+                proven, found, verdict = middle, candidate, judged
         return found, verdict
 
     @cached_property
@@ -277,8 +277,8 @@ def stable_torques(
     program, coordinates = formulation.program, formulation.coordinates
     margin = [one.at for one in program.bounded_blocks if one.name == "margin"]
     low = program.lb.copy()
-    for at in margin:
-        low[at] = np.maximum(low[at], 0.0)
+    for columns in margin:
+        low[columns] = np.maximum(low[columns], 0.0)
     program = program.bounded(low, program.ub)
     basis = coordinates.force_scale * coordinates.basis.T
     offsets = [(motion, np.zeros((problem.contact_count, 3))) for motion in motions]
@@ -293,12 +293,12 @@ def stable_torques(
             break
         forces = coordinates.forces(x)
         torques = problem.gravity_torques + problem.jacobian.T @ forces.ravel()
-        known = len(offsets)
+        count = len(offsets)
         for motion in motions:
             worst = extreme_forces(motion, whole, torques, forces, worst=True)
             if motion.fastest(motion.stiffness(worst))[0] > 0.0:
                 offsets.append((motion, worst - forces))
-        if len(offsets) == known:
+        if len(offsets) == count:
             break
     return torques
 

@@ -201,8 +201,8 @@ def far_members(
     ])  # fmt: skip
     from_mean = np.linalg.norm(points - points.mean(axis=0), axis=1)
     chosen = far_apart(points, range(held), most, from_mean)
-    rest = [member for number, member in enumerate(members) if number not in set(chosen)]
-    return [members[number] for number in chosen], rest
+    others = [member for number, member in enumerate(members) if number not in set(chosen)]
+    return [members[number] for number in chosen], others
 
 
 def without_forces(solution: TorqueSolution, status: Status) -> TorqueSolution:
@@ -246,11 +246,11 @@ def minimal_conflict(
         found = solve_problem(together, objective, limits.within(coulomb))
         return found.status is Status.INFEASIBLE_FORCES
 
-    order, kept = _conflict_order(refuted, members), _FEW
+    order, count = _conflict_order(refuted, members), _FEW
     order = [*fixed, *(one for one in order if one not in fixed)]
-    while kept < len(order) and not are_refuted(sorted(order[:kept])) and not limits.passed:
-        kept *= 2
-    conflict = sorted(order[:kept])
+    while count < len(order) and not are_refuted(sorted(order[:count])) and not limits.passed:
+        count *= 2
+    conflict = sorted(order[:count])
     for number in tuple(conflict):
         fewer = [one for one in conflict if one != number]
         if fewer and number not in fixed and not limits.passed and are_refuted(fewer):

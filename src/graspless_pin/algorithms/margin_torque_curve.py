@@ -101,18 +101,18 @@ def lower_envelope(piece: Piece, curve: list[Piece]) -> list[Piece]:
     return [part.restricted(a, b) for part, a, b in zip(merged, begins, ends, strict=True)]
 
 
-def _envelope_of_two(one: Piece, other: Piece) -> list[Piece]:
+def _envelope_of_two(piece: Piece, other: Piece) -> list[Piece]:
     """Return the lower envelope of two pieces over the same margins; of equal ones the first."""
-    slack = SAME_TORQUE * max(1.0, abs(one.slope), abs(other.slope))
-    before, after = other.t_a - one.t_a, other.t_b - one.t_b
+    slack = SAME_TORQUE * max(1.0, abs(piece.slope), abs(other.slope))
+    before, after = other.t_a - piece.t_a, other.t_b - piece.t_b
     if min(before, after) >= -slack:
-        return [one]
+        return [piece]
     if max(before, after) <= slack:
         return [other]
     # Farther than SAME_MARGIN from both ends: slack is at least two widths of either slope.
-    crossing = one.a + (one.b - one.a) * before / (before - after)
-    first, second = (one, other) if before > 0.0 else (other, one)
-    return [first.restricted(one.a, crossing), second.restricted(crossing, one.b)]
+    crossing = piece.a + (piece.b - piece.a) * before / (before - after)
+    first, second = (piece, other) if before > 0.0 else (other, piece)
+    return [first.restricted(piece.a, crossing), second.restricted(crossing, piece.b)]
 
 
 def joined_pieces(pieces: list[Piece]) -> list[Piece]:

@@ -209,13 +209,13 @@ class ModeTree:
         )
         items = _split_items(part, combinations, opened, size)
         children: list[ModePart | None] = []
-        rest: ModePart | None = part
+        remainder: ModePart | None = part
         for contact, component, sign in items:
-            if rest is None:
+            if remainder is None:
                 break
             pairs = _pairs_with(component, sign)
-            children.append(rest.only(contact, ~pairs))
-            rest = rest.only(contact, pairs)
+            children.append(remainder.only(contact, ~pairs))
+            remainder = remainder.only(contact, pairs)
         kept = [child for child in children if child is not None]
         return ConflictSplit(tuple(items), combinations, opened), kept
 

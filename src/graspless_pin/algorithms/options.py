@@ -244,7 +244,7 @@ _FIGURES = {
 def figure_types() -> dict[str, Any]:
     """Return the annotated type of each figure of all objectives, by its key."""
     hints = {
-        name: get_type_hints(one.make, include_extras=True) for name, one in OBJECTIVES.items()
+        name: get_type_hints(named.make, include_extras=True) for name, named in OBJECTIVES.items()
     }
     return {
         key: hints[name][argument.name]
@@ -323,8 +323,8 @@ def users_of(key: str, algorithm: str) -> list[str]:
 
 def asked_by(objective: Objective) -> tuple[str, dict[str, Any]] | None:
     """Return name and figures by which an objective can be requested; None: it has no name."""
-    for name, one in OBJECTIVES.items():
-        if type(objective) is one.make:
+    for name, named in OBJECTIVES.items():
+        if type(objective) is named.make:
             figures = _FIGURES[name].items()
             return name, {key: getattr(objective, figure.name) for key, figure in figures}
     return None

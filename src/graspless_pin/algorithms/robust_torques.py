@@ -241,12 +241,14 @@ def solve_robust(
         return found
     tried, covered = drawn(_SAMPLES), found.coverage
     found = replace(found, coverage=Coverage.SAMPLED)
-    lacks = _margin_deficits(
+    deficits = _margin_deficits(
         found.solution, objective, options, found.members, tried, directions, limits
     )
     if limits.passed:
         return replace(found, solution=without_forces(found.solution, Status.NOT_FOUND_IN_LIMIT))
-    return replace(found, samples=Samples(len(tried), int((lacks == 0.0).sum()), _SOLVED, covered))
+    return replace(
+        found, samples=Samples(len(tried), int((deficits == 0.0).sum()), _SOLVED, covered)
+    )
 
 
 def torques_for_members(
@@ -284,19 +286,19 @@ def torques_for_members(
         solution, coverage = best_torques(
             chosen, objective, limits.within(options), directions, mode
         )
-        lacks = np.zeros(len(others))
+        deficits = np.zeros(len(others))
         if solution.found:
-            lacks = _margin_deficits(
+            deficits = _margin_deficits(
                 solution, objective, options, chosen, others, directions, limits
             )
-        lacking = np.flatnonzero(lacks)
+        unserved = np.flatnonzero(deficits)
         if limits.passed and others and solution.found:
             solution = without_forces(solution, Status.NOT_FOUND_IN_LIMIT)
             break
-        if not len(lacking):
+        if not len(unserved):
             break
-        worst = np.sort(lacks[lacking])[-_MORE:].min()
-        joining = {number for number in lacking if lacks[number] >= worst}  # with all equal ones
+        worst = np.sort(deficits[unserved])[-_MORE:].min()
+        joining = {number for number in unserved if deficits[number] >= worst}  # and equal ones
         served = [member for number, member in enumerate(others) if number not in joining]
         candidates = [*chosen, *(others[number] for number in sorted(joining))]
         kept_count = len(chosen)
@@ -366,13 +368,13 @@ def _margin_deficits(
     needed = solution.margin if objective.maximizes else objective.required_margin
     problem = chosen[0].problem
     forces = solution.contact_forces[: problem.contact_count]
-    lacks = needed - member_margins(
+    deficits = needed - member_margins(
         others, chosen[0].commanded(problem.J.T @ forces.ravel()), options, limits,
         directions=directions, torque_limits=_limits_for_feedback(problem, solution, objective),
         mode=of_member(solution.given_mode, chosen[0]),  # a proof in one mode needs that mode
         enough=needed,
     )  # fmt: skip
-    return np.where(lacks > 0.5 * AS_GOOD * problem.scales.force, lacks, 0.0)
+    return np.where(deficits > 0.5 * AS_GOOD * problem.scales.force, deficits, 0.0)
 
 
 def _limits_for_feedback(

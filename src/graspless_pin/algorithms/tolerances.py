@@ -226,10 +226,10 @@ class _ToleranceSearch:
         contacts = tuple(sorted({contact for many in limits.values() for contact in many}))
         if self.stiffness is None:
             return {"contacts": contacts}
-        rest, made = found.problem, found.torques
-        slack = np.minimum(rest.upper_torque - made, made - rest.lower_torque)
-        full = slack <= _AT_LIMIT * np.maximum(np.abs(made), self.problem.scales.joints)
-        added, soft = np.abs(made - self.torques), self.stiffness > 0.0
+        rest, torques = found.problem, found.torques
+        slack = np.minimum(rest.upper_torque - torques, torques - rest.lower_torque)
+        full = slack <= _AT_LIMIT * np.maximum(np.abs(torques), self.problem.scales.joints)
+        added, soft = np.abs(torques - self.torques), self.stiffness > 0.0
         return {
             "contacts": contacts,
             "joints": tuple(np.flatnonzero(full & soft).tolist()),
@@ -283,8 +283,8 @@ class _ToleranceSearch:
         self, quantity: Quantity, errors: FloatArray, most: float
     ) -> Tolerance:
         """Return the tolerance to multiples of errors (k, L) that are loads on the joints."""
-        made = [under_commands(self.member, self.torques + one) for one in errors]
-        loads = np.array([one.external_wrench for one in made]) - self.rest.external_wrench
+        problems = [under_commands(self.member, self.torques + one) for one in errors]
+        loads = np.array([one.external_wrench for one in problems]) - self.rest.external_wrench
         times = self._multiples(loads)
         worst = int(times.argmin())
         least = float(times[worst])
@@ -338,12 +338,12 @@ class _ToleranceSearch:
         )
 
     def _bisected_tolerance(
-        self, quantity: Quantity, of: str, weight: Weight, most: float
+        self, quantity: Quantity, name: str, weight: Weight, most: float
     ) -> Tolerance:
         """Return the tolerance to one figure of an `Uncertainty`."""
 
         def members(figure: float) -> tuple[Member, ...]:
-            return members_of(self.problem, Uncertainty(**{of: figure}), weight)
+            return members_of(self.problem, Uncertainty(**{name: figure}), weight)
 
         low, high, _ = self._bracket(members, 0.0, most)
         if np.isinf(high):
@@ -420,14 +420,14 @@ def _possible_corners(ends: FloatArray) -> FloatArray:
     around = ends[np.argsort(np.arctan2(ends[:, 1], ends[:, 0]))]
     before, first, second, after = (np.roll(around, k, axis=0) for k in (1, 0, -1, -2))
     size = float(np.abs(ends).max())
-    side, other, chord = first - before, second - after, second - first
-    turn = _cross_products(side, other)
+    side, after_side, chord = first - before, second - after, second - first
+    turn = _cross_products(side, after_side)
     meet = np.abs(turn) > _CERTAIN * size**2
-    share = np.divide(_cross_products(chord, other), turn, out=np.zeros_like(turn), where=meet)
-    found = first + share[:, None] * side
-    meet &= (_cross_products(first, found) > 0.0) & (_cross_products(found, second) > 0.0)
-    beyond = _cross_products(found - first, chord) > _CLOSE * size * np.linalg.norm(chord, axis=1)
-    return found[meet & beyond]
+    share = np.divide(_cross_products(chord, after_side), turn, out=np.zeros_like(turn), where=meet)
+    corners = first + share[:, None] * side
+    meet &= (_cross_products(first, corners) > 0.0) & (_cross_products(corners, second) > 0.0)
+    beyond = _cross_products(corners - first, chord) > _CLOSE * size * np.linalg.norm(chord, axis=1)
+    return corners[meet & beyond]
 
 
 def _cross_products(first: FloatArray, second: FloatArray) -> FloatArray:

@@ -181,10 +181,10 @@ class _WarmState(SearchState):
         """
         cutoff = min(self.best_value, self.formulation.cutoff)
         program = self.formulation.program.bounded(lb, ub, cutoff)
-        known = None if active is None else solved_on(program, active, cutoff)
-        if known is not None:
+        solved = None if active is None else solved_on(program, active, cutoff)
+        if solved is not None:
             self.force_programs += 1
-            return known
+            return solved
         answer = self.solve(lb, ub)
         return answer, active_set_of(program, answer) if answer.outcome is Outcome.SOLVED else None
 
@@ -373,7 +373,7 @@ class StartsByContacts:
             objective: What is optimised.
         """
         key = objective.algorithm or objective, bodies, problem.is_sliding.tobytes()
-        known = self._starts_by_contacts.get(key)
-        if known is None:
-            known = self._starts_by_contacts[key] = ContactStarts()
-        return known
+        starts = self._starts_by_contacts.get(key)
+        if starts is None:
+            starts = self._starts_by_contacts[key] = ContactStarts()
+        return starts

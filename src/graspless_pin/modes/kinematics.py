@@ -199,19 +199,19 @@ class VirtualKinematics:
         """
         contacts, signs = _contacts_and_signs(requirements)
         size = float(np.linalg.norm(velocities))
-        here = velocities[list(contacts)]
-        rest, clear = RANK_TOLERANCE * size, self.threshold * size
-        along = signs * here[:, 1:]
+        own = velocities[list(contacts)]
+        rounding, least = RANK_TOLERANCE * size, self.threshold * size
+        along = signs * own[:, 1:]
         if not contacts:
             return True
-        if size == 0.0 or np.abs(here[:, 0]).max() > rest:
+        if size == 0.0 or np.abs(own[:, 0]).max() > rounding:
             return False
         if rule is SignRule.NONZERO:
             both = (signs != 0).all(axis=1)
-            return bool((along >= -rest).all() and (along[both].sum(axis=1) >= clear).all())
+            return bool((along >= -rounding).all() and (along[both].sum(axis=1) >= least).all())
         zero = signs == 0
-        still = rule is not SignRule.EXACT or bool((np.abs(here[:, 1:][zero]) <= rest).all())
-        return still and bool((along[~zero] >= clear).all())
+        still = rule is not SignRule.EXACT or bool((np.abs(own[:, 1:][zero]) <= rounding).all())
+        return still and bool((along[~zero] >= least).all())
 
     def touching(self, contacts: tuple[int, ...]) -> Touching:
         """Return the motions y in which the contacts keep touching."""
@@ -254,8 +254,8 @@ class VirtualKinematics:
         zeros: tuple[int, ...] = ()
         if rule is SignRule.EXACT:
             zeros = tuple(np.flatnonzero(signs.ravel() == 0).tolist())
-        known = self._touching.get((contacts, zeros))
-        if known is None:
+        cached = self._touching.get((contacts, zeros))
+        if cached is None:
             own = self.seen[list(contacts)]
             matrix = own[:, 0]
             if zeros:
@@ -267,8 +267,8 @@ class VirtualKinematics:
             # A row that vanishes on the basis is set to zero: rounding is no direction.
             squares = np.einsum("lij,lij->li", tangential, tangential)
             tangential[squares < RANK_TOLERANCE**2] = 0.0
-            known = self._touching[contacts, zeros] = Touching(matrix, basis, tangential)
-        return known
+            cached = self._touching[contacts, zeros] = Touching(matrix, basis, tangential)
+        return cached
 
 
 def kinematics_of(problem: QuasistaticProblem) -> VirtualKinematics:
@@ -293,13 +293,13 @@ def kinematics_of(problem: QuasistaticProblem) -> VirtualKinematics:
 _OF_THREAD = local()
 
 
-def _scaled_contact_map(of_frames: FloatArray, passive: int) -> tuple[FloatArray, FloatArray]:
+def _scaled_contact_map(contact_rows: FloatArray, passive: int) -> tuple[FloatArray, FloatArray]:
     """Return the map (M, 3, P + L) with unit columns, and (P + L,) the factors of motions."""
-    size = np.sqrt(np.einsum("lij,lij->j", of_frames, of_frames))
+    size = np.sqrt(np.einsum("lij,lij->j", contact_rows, contact_rows))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     signed = scale.copy()
     np.negative(signed[passive:], out=signed[passive:])  # the map takes -theta_dot
-    return of_frames * signed, scale
+    return contact_rows * signed, scale
 
 
 def _contacts_and_signs(

@@ -132,8 +132,8 @@ class SectorMotions:
         weights = np.where(found.weights > TAKES_PART * found.weights.max(), found.weights, 0.0)
         weights = weights.reshape(len(directed), 3)
         whole = rows @ kinematics.seen[[contacts[place] for place in directed], 1:]
-        rest = -np.einsum("ki,kir->r", weights, whole)
-        carry = np.abs(balancing_weights(touching.still, rest, kinematics.threshold))
+        residual = -np.einsum("ki,kir->r", weights, whole)
+        carry = np.abs(balancing_weights(touching.still, residual, kinematics.threshold))
         least = TAKES_PART * max(1.0, carry.max(initial=0.0))
         ruled = frozenset(
             contacts[place] for place, own in zip(directed, weights, strict=True) if own.any()

@@ -158,19 +158,19 @@ class NearestMotions:
         The motion is the one with the nearest slidings among those that keep the contacts touching.
         A little damping replaces rank decisions, so the result has to be checked.
         """
-        known = self._known_maps.get(contacts)
-        if known is None:
+        cached = self._known_maps.get(contacts)
+        if cached is None:
             rows = self._rows[list(contacts)]
             normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, self._rows.shape[2])
-            back = _damped_pseudo_inverse(normal)
-            projected = tangential - (tangential @ back) @ normal
+            inverse = _damped_pseudo_inverse(normal)
+            projected = tangential - (tangential @ inverse) @ normal
             motion = _damped_pseudo_inverse(projected)
             # Iterative refinement against damping and rounding.
             for _ in range(_DAMPING_CORRECTIONS):
-                motion -= back @ (normal @ motion)
-            known = np.concatenate([tangential @ motion, normal @ motion, motion])
-            self._known_maps[contacts] = known
-        return known
+                motion -= inverse @ (normal @ motion)
+            cached = np.concatenate([tangential @ motion, normal @ motion, motion])
+            self._known_maps[contacts] = cached
+        return cached
 
     def sliding(
         self, contacts: tuple[int, ...], wanted: FloatArray
@@ -192,10 +192,10 @@ class NearestMotions:
         fast = np.where(sliding**2 >= self._clear**2 * size, sliding, 0.0)
         return fast.reshape(-1, 2), motion
 
-    def _unpacked(self, found: FloatArray) -> _ContactMotion:
+    def _unpacked(self, whole: FloatArray) -> _ContactMotion:
         """Return the parts of a product of `_motion_map` with wanted slidings."""
-        count = (len(found) - self._rows.shape[2]) // 3
-        return _ContactMotion(found[: 2 * count], found[2 * count : 3 * count], found[3 * count :])
+        count = (len(whole) - self._rows.shape[2]) // 3
+        return _ContactMotion(whole[: 2 * count], whole[2 * count : 3 * count], whole[3 * count :])
 
 
 def _damped_pseudo_inverse(rows: FloatArray) -> FloatArray:
@@ -299,12 +299,12 @@ def _shortest_combination(
     return None if best is None or best.slowest < threshold else best
 
 
-def _equal_sliding(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
+def _equal_sliding(moving: FloatArray, strict: FloatArray, sliding: Sliding) -> Sliding:
     """Return the motion with equal sliding in all rows with a weight, where that is faster."""
-    part = found.weights > TAKES_PART * found.weights.max()
+    part = sliding.weights > TAKES_PART * sliding.weights.max()
     solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
-    evened = _sliding_of_motion(moving, strict, solved.astype(np.float64), found.weights)
-    return evened if evened.slowest > found.slowest else found
+    equal = _sliding_of_motion(moving, strict, solved.astype(np.float64), sliding.weights)
+    return equal if equal.slowest > sliding.slowest else sliding
 
 
 def _sliding_of_motion(
@@ -433,16 +433,16 @@ def conflict_of(
     return Conflict(items, others, read_only(combination))
 
 
-def balancing_weights(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
-    """Return weights of the vanishing rows whose combination is `rest`, few if possible."""
+def balancing_weights(still: FloatArray, target: FloatArray, threshold: float) -> FloatArray:
+    """Return weights of the vanishing rows whose combination is `target`, few if possible."""
     from scipy.optimize import nnls
 
     try:
-        halves, _ = nnls(np.concatenate((still.T, -still.T), axis=1), rest)
+        halves, _ = nnls(np.concatenate((still.T, -still.T), axis=1), target)
         if all_finite((halves,)):
-            found: FloatArray = halves[: len(still)] - halves[len(still) :]
-            if vector_length(found @ still - rest) < threshold:
-                return found
+            weights: FloatArray = halves[: len(still)] - halves[len(still) :]
+            if vector_length(weights @ still - target) < threshold:
+                return weights
     except RuntimeError:
         pass
-    return np.linalg.lstsq(still.T, rest)[0].astype(np.float64)
+    return np.linalg.lstsq(still.T, target)[0].astype(np.float64)
