@@ -162,8 +162,8 @@ def best_policy(
         limits: When to stop.
 
     Returns:
-        The best policy of all modes, and the numbers of unknowns whose loads no forces balance, as
-        along a motion that no contact resists: constant torques are right for one load only there.
+        The best policy of all modes, and the numbers of unknowns that no forces balance in the last
+        one, as along a motion that no contact resists: constant torques fit one load only there.
     """
     policies, free = list[ForcePolicy](), list[int]()
     for mode in modes:
@@ -180,7 +180,7 @@ class _AffineProgram:
     """The conic program of affine forces in one mode, and the policy that its solution states.
 
     Attributes:
-        free: Numbers of unknowns whose loads no forces balance, see `best_policy`.
+        free: Numbers of unknowns that no forces balance, see `best_policy`.
     """
 
     def __init__(
@@ -233,7 +233,7 @@ class _AffineProgram:
         return np.vstack([group.loads, self.shared @ commands])
 
     def _unbalanced(self, group: CornerGroup) -> list[int]:
-        """Return the numbers of unknowns whose loads no forces balance."""
+        """Return the numbers of unknowns that no forces balance."""
         sides = self._sides(group, (self.unknowns.offsets > 0.0).astype(float))
         residual = np.abs(sides - group.effects @ (group.inverse @ sides)).max(axis=0, initial=0.0)
         tolerance = CANCELS * max(1.0, np.abs(sides).max(initial=0.0))
@@ -394,7 +394,7 @@ class _AffineProgram:
         deviations[self.joints, self.error_numbers] = (joints * errors)[self.joints]
         policy = ForcePolicy(
             tuple(self.corners), self.unknowns, read_only(forces), read_only(spread),
-            read_only(deviations), self.directions, _distinct(active),
+            read_only(deviations), self.directions, _distinct_members(active),
         )  # fmt: skip
         return policy if self._is_valid_policy(policy, base, slopes) else None
 
@@ -426,7 +426,9 @@ class _AffineProgram:
         return True
 
 
-def _distinct(active: list[tuple[float, int, FloatArray]]) -> tuple[tuple[int, FloatArray], ...]:
+def _distinct_members(
+    active: list[tuple[float, int, FloatArray]],
+) -> tuple[tuple[int, FloatArray], ...]:
     """Return distinct members (corner, d), those with the largest sums of multipliers first."""
     if not active:
         return ()

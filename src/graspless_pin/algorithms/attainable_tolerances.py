@@ -228,13 +228,13 @@ class AttainableTolerance(Brief):
     One vector of torques serves all up to `borne`. See the example of `tolerances`.
 
     Attributes:
-        quantity: Which.
-        borne: In the unit of `Tolerance.borne`. Proven under plain Coulomb friction.
-        failing: From here on no torques were found; inf where there is no such size.
-        torques: (L,) torques that bear `borne`, N m (N); with feedback those of the nominal
-            problem.
+        quantity: The quantity.
+        borne: Largest size that torques serve, in the unit of `Tolerance.borne`. Proven under plain
+            Coulomb friction.
+        failing: Size from which on no torques were found; inf: there is none.
+        torques: (L,) torques for `borne`, N m (N); with feedback those of the nominal problem.
         conflict: Members that no torques serve together at `failing`; empty: it is not proven.
-        in_time: Whether the search went to its end; else torques may bear more than `borne`.
+        in_time: Whether the search was completed; else torques may serve more than `borne`.
         free_motion: (P + L,) a motion [V; theta_dot] that no contact resists, along which these
             members need different torques; None: there is none, or feedback adds what they differ
             by.

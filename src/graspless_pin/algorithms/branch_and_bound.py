@@ -29,7 +29,7 @@ from graspless_pin.algorithms.search_state import (
     Split,
     best_first,
     optimality_tolerance,
-    unsolved,
+    unsolved_status,
 )
 from graspless_pin.errors import ArgumentError, OverrunError, UndecidedMotionError
 from graspless_pin.modes.kinematics import feasible_modes
@@ -56,7 +56,7 @@ def branch_and_bound(state: SearchState) -> Status:
     """Find the optimum over all feasible modes with a proven bound, starting at the relaxation."""
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
-        return unsolved(answer, Status.INFEASIBLE_FORCES)
+        return unsolved_status(answer, Status.INFEASIBLE_FORCES)
     tree = ModeTree(state.formulation, state.rules)
 
     def expand(part: ModePart, before: float) -> Fathomed | Split[ModePart]:
@@ -140,7 +140,7 @@ def search_exhaustively(state: SearchState) -> Status:
     """
     answer, limits = state.relax(), state.limits
     if answer.outcome is not Outcome.SOLVED:
-        return unsolved(answer, Status.INFEASIBLE_FORCES)
+        return unsolved_status(answer, Status.INFEASIBLE_FORCES)
     found = state.oracle.mode_for(answer.x)
     state.modes_examined = 1
     if isinstance(found, FoundMode) and state.offer(answer, found):
@@ -214,7 +214,7 @@ def search_directions(state: SearchState) -> Status:
         )
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
-        return unsolved(answer, Status.INFEASIBLE_FORCES)
+        return unsolved_status(answer, Status.INFEASIBLE_FORCES)
     search = _DirectionSearch(state)
     try:
         return search.run(answer)
@@ -325,7 +325,7 @@ class _DirectionSearch:
         still = [one for one in self.always if one not in self.motions.directions(motion)]
         if still:
             return Split(bound, self._sliding_children(node, still[0]))
-        self._keep(answer, motion, sliding_angles)
+        self._keep_if_better(answer, motion, sliding_angles)
         return Fathomed(bound)
 
     def _sliding_angles(self, x: FloatArray) -> dict[int, float]:
@@ -412,7 +412,7 @@ class _DirectionSearch:
         sectors = {one: Sector(angles[one], 0.0) if one in angles else None for one in self._cones}
         answer = self._solve(sectors)
         if answer.outcome is Outcome.SOLVED:
-            self._keep(answer, motion, self._sliding_angles(answer.x))
+            self._keep_if_better(answer, motion, self._sliding_angles(answer.x))
 
     def _try_nearest_motion(self, x: FloatArray, sliding_angles: dict[int, float]) -> None:
         """Keep the best answer along the least-squares motion to the friction in x."""
@@ -425,8 +425,10 @@ class _DirectionSearch:
         if sliding is not None:
             self._keep_best_along(motion, sliding_angles)
 
-    def _keep(self, answer: Answer, motion: FloatArray, sliding_angles: dict[int, float]) -> None:
-        """Keep an answer and the motion behind it, if it is the best so far."""
+    def _keep_if_better(
+        self, answer: Answer, motion: FloatArray, sliding_angles: dict[int, float]
+    ) -> None:
+        """Keep an answer with its motion, if it is the best so far."""
         state, kinematics = self.state, self.motions.kinematics
         if answer.value >= state.best_value:
             return

@@ -270,7 +270,7 @@ class GuaranteedDisturbance(Brief):
 
         NaN where rest is not the only outcome without disturbance, and where `reached` is False.
         """
-        return self._figures("guaranteed")
+        return self._bracket_figures("guaranteed")
 
     @property
     def failing(self) -> FloatArray:
@@ -279,7 +279,7 @@ class GuaranteedDisturbance(Brief):
         inf where none was found up to `largest`, NaN where `reached` is False. Between `guaranteed`
         and this nothing is decided.
         """
-        return self._figures("failing")
+        return self._bracket_figures("failing")
 
     @property
     def possible(self) -> FloatArray:
@@ -287,7 +287,7 @@ class GuaranteedDisturbance(Brief):
 
         At most `largest`: the best case. Beyond it rest is no outcome.
         """
-        return self._figures("possible")
+        return self._bracket_figures("possible")
 
     @property
     def complete(self) -> NDArray[np.bool_]:
@@ -295,19 +295,21 @@ class GuaranteedDisturbance(Brief):
 
         Then the other figures are those proven and found by then.
         """
-        return self._figures("complete", without=self.verdict.status is not Stability.UNDECIDED)
+        return self._bracket_figures(
+            "complete", without=self.verdict.status is not Stability.UNDECIDED
+        )
 
     @property
     def reached(self) -> NDArray[np.bool_]:
         """(K,) whether a direction was searched; where not, its other figures are NaN."""
-        return self._figures("reached", without=False)
+        return self._bracket_figures("reached", without=False)
 
     @property
     def failures(self) -> tuple[StabilityVerdict | None, ...]:
         """K verdicts at `failing`; None where that is inf."""
         return tuple(one.failure for one in self.brackets) or (None,) * len(self.directions)
 
-    def _figures(self, name: str, *, without: float | bool = np.nan) -> NDArray[Any]:
+    def _bracket_figures(self, name: str, *, without: float | bool = np.nan) -> NDArray[Any]:
         """Return (K,) an attribute of all brackets; `without` in all entries if there are none."""
         found = [getattr(one, name) for one in self.brackets]
         return read_only(np.array(found or [without] * len(self.directions)))

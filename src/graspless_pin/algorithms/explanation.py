@@ -100,7 +100,7 @@ class ChangeSearches:
     """The searches for changes that help, under one common limit.
 
     Attributes:
-        limits: Of all of them.
+        limits: Limits of all of them.
         cut_short: Whether one of them was ended by a limit, or not begun.
     """
 

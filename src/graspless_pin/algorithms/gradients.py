@@ -55,7 +55,7 @@ class Gradients(Brief):
         friction: (M,) per unit of each coefficient.
         external_wrench: (P,) per N of force and N m of moment.
         jacobian: (3M, L) per unit of each entry.
-        gravity_torques: (L,) per N m of what the motors bear besides the contacts.
+        gravity_torques: (L,) per N m of the motors' torques besides those of contacts.
         upper_torque: (L,) per N m of each upper limit.
         lower_torque: (L,) per N m of each lower limit.
         max_normal_force: (M,) per N of each normal-force limit.

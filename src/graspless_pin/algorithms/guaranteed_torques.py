@@ -100,7 +100,7 @@ def guaranteed(
     found = [
         one
         for one in map(
-            search.first_guaranteed, (search.half_space_torques(verdict), search.guesses())
+            search.first_guaranteed, (search.half_space_torques(verdict), search.support_guesses())
         )
         if one
     ]
@@ -189,7 +189,7 @@ class _Search:
                 yield candidate
                 verdict = self.tried[-1][1]
 
-    def guesses(self) -> Iterator[TorqueSolution]:
+    def support_guesses(self) -> Iterator[TorqueSolution]:
         """Yield optima with less friction at the supports."""
         shares = (1.0, *_SHARES) if self.motions else _SHARES
         for weaker, aim in weaker_supports(self.best.problem, self.best.objective, shares):

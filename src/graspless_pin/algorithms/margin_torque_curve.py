@@ -306,7 +306,7 @@ class MarginTorqueCurve(Brief):
         torques: (K, 2) largest |torque| there, in `torque_unit`.
         modes: K modes whose optimum each piece is; None with Coulomb friction.
         problem: The problem.
-        scale: What the torques are measured by.
+        scale: Measure of the torques: their size, or their share of the limits.
     """
 
     status: Status
@@ -323,7 +323,7 @@ class MarginTorqueCurve(Brief):
 
     @property
     def torque_unit(self) -> str:
-        """Unit of the torques in words: which joint is the largest may change along the curve."""
+        """Unit of the torques in words; the joint of the largest may change along the curve."""
         if self.scale is TorqueScale.LIMITS:
             return "share of the limit"
         return units_text(self.problem.joint_units)

@@ -170,14 +170,14 @@ class ModeTree:
         if not part.selected.any():
             return None
         wanted = part.requirements()
-        # Under `exact` a sign of 0 counts as open, unless the part decides all contacts.
+        # Under `exact` a sign of 0 counts as open, unless the part decides all selected contacts.
         rule = self.rules.sign
         if rule is SignRule.EXACT and not all(part.decides(one.contact) for one in wanted):
             rule = SignRule.STRICT
         verdict = self.formulation.kinematics.solve(wanted, rule)
         if not isinstance(verdict, Conflict):
             return None
-        return KinematicLeaf(self._sharpened(verdict, wanted, rule))
+        return KinematicLeaf(self._sharpened_combination(verdict, wanted, rule))
 
     def split(
         self, part: ModePart, x: FloatArray, found: Conflict | Blocked | None
@@ -204,7 +204,9 @@ class ModeTree:
             conflicts, opened = (found,), None
         chosen = set(np.flatnonzero(part.selected).tolist())
         combinations = tuple(
-            self._sharpened(one, [Requirement(c, (0, 0)) for c in one.involved | chosen], rule)
+            self._sharpened_combination(
+                one, [Requirement(c, (0, 0)) for c in one.involved | chosen], rule
+            )
             for one in conflicts
         )
         items = _split_items(part, combinations, opened, size)
@@ -241,12 +243,12 @@ class ModeTree:
         children = [part.only(contact, pair) for pair in _PAIRS]
         return ContactSplit(contact), [child for child in children if child is not None]
 
-    def _sharpened(
+    def _sharpened_combination(
         self, conflict: Conflict, wanted: list[Requirement], rule: SignRule
     ) -> FloatArray:
         """Return the combination of a conflict, its residual reduced by least squares."""
         kinematics = self.formulation.kinematics
-        seen, v = kinematics.seen, conflict.combination
+        seen, v = kinematics.velocity_map, conflict.combination
         if not self.for_proof:
             return v
         still = np.zeros(v.shape, dtype=bool)

@@ -125,13 +125,13 @@ def minimize_torque(
 ) -> TorqueSolution | RobustSolution:
     """Algorithm 2 (45): the smallest largest torque for a margin e_0 over all feasible (B, S).
 
-    Unlike (45) as printed, the problem's own torque limits hold too: a torque that no motor can
-    make is no answer.
+    Unlike in (45) as printed, the problem's own torque limits hold, too: torques beyond them are
+    not admitted.
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        margin: Required margin e_0 >= 0, N; at most that of `maximize_margin`. There is no default:
-            what is little beside one load is too much beside another.
+        margin: Required margin e_0 >= 0, N; at most that of `maximize_margin`. There is no default,
+            as a suitable value depends on the load.
         scale: ``absolute`` minimises max |torque|; ``limits`` the largest share of any joint's
             own limit.
         regularization: Epsilon >= 0 of the QP that minimises t + (epsilon/2) |f/F|^2, t the largest

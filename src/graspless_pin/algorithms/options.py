@@ -124,9 +124,9 @@ class SolveOptions:
             static_friction: ``virtual_sliding``, or ``coulomb`` to drop (22), (27) and (31).
             solver: Any of `available_solvers`; ``auto``: PIQP, and Clarabel for round cones.
             search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
-            node_limit: Stop each search after so many nodes and return the best found with its
-                gap.
-            time_limit: Likewise after so many seconds in all.
+            node_limit: Nodes after which each search ends with the best answer found and its gap;
+                None: no limit.
+            time_limit: Seconds in all after which it ends likewise; None: no limit.
             direction_gap: Relative gap, at least 1e-6, at which a search under ``direction`` ends.
             stability: ``weak``: rest is an outcome of the torques, or ``strong``: it is the only
                 one, which the solution's `guarantee` proves.
@@ -165,8 +165,8 @@ class SolveOptions:
         """Return the options; refuse ``stability="strong"`` where it has no meaning.
 
         Args:
-            what: What cannot have it, as the subject of a sentence.
-            instead: What to do.
+            what: A clause that says why it has no meaning there.
+            instead: What to do instead.
 
         Raises:
             ArgumentError: Naming it.

@@ -76,7 +76,7 @@ class LoadBracket(Brief):
 
     @property
     def possible(self) -> float:
-        """The largest multiple of which rest is an outcome, or up to which was looked."""
+        """The largest multiple with rest as an outcome, or the largest that was looked at."""
         return np.nan if self.last_rest is None else self.last_rest.multiple
 
     def words(self, unit: str) -> str:

@@ -175,7 +175,7 @@ class SearchState:
         return self.ended()
 
 
-def unsolved(answer: Answer, infeasible: Status) -> Status:
+def unsolved_status(answer: Answer, infeasible: Status) -> Status:
     """Return the status of a search whose first program has no solution, or no proven answer."""
     return Status.UNVERIFIED if answer.outcome is Outcome.FAILED else infeasible
 

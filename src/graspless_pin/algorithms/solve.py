@@ -13,7 +13,7 @@ from graspless_pin.algorithms.branch_and_bound import search_modes
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import FoundMode
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
-from graspless_pin.algorithms.search_state import SearchState, unsolved
+from graspless_pin.algorithms.search_state import SearchState, unsolved_status
 from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
 from graspless_pin.modes.kinematics import VirtualKinematics, requirements_of
@@ -185,7 +185,7 @@ def _search_in_mode(
         state.best = answer
         return Status.OPTIMAL_IN_MODE
     state.relaxation, state.infeasibility = answer, answer.proof
-    return unsolved(answer, Status.INFEASIBLE_IN_MODE)
+    return unsolved_status(answer, Status.INFEASIBLE_IN_MODE)
 
 
 def threshold_optima(

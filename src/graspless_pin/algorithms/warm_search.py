@@ -121,12 +121,14 @@ def reaches_margin(
     goal = required / full.coordinates.force_scale
     state = _WarmState(replace(full, cutoff=-goal), options, Limits.of(options), start=start)
     try:
-        return _decide(state, full, goal)
+        return _decide_margin(state, full, goal)
     except UndecidedMotionError:
         return None, state.next_start()
 
 
-def _decide(state: _WarmState, full: Formulation, goal: float) -> tuple[bool | None, WarmStart]:
+def _decide_margin(
+    state: _WarmState, full: Formulation, goal: float
+) -> tuple[bool | None, WarmStart]:
     """Decide whether a scaled margin is reached; see `reaches_margin`."""
     relaxation = state.solve_relaxation()
     if relaxation.outcome is Outcome.INFEASIBLE:

@@ -54,7 +54,7 @@ class HoldingChanges:
     """Changes with which rest is the only outcome. See the example of `what_would_hold`.
 
     Attributes:
-        changes: Those found; empty where none of those tried was enough.
+        changes: The changes found; empty where none that was tried was enough.
         complete: Whether all kinds were tried; False: `time_limit` ended that before, and changes
             may be missing, or larger than they need to be.
     """

@@ -108,14 +108,14 @@ class VirtualKinematics:
         return Q[:, :rank], back
 
     @cached_property
-    def seen(self) -> FloatArray:
+    def velocity_map(self) -> FloatArray:
         """(M, 3, r) contact velocities along n, t1, t2 per coordinate of y; orthonormal columns."""
         return self._map_factors[0].reshape(len(self.rows), 3, -1)
 
     @cached_property
     def _fastest_contact_speed(self) -> float:
         """Upper bound on the speed along n, t1 or t2 of any contact in a motion with |y| = 1."""
-        return float(np.linalg.norm(self.seen, axis=2).max())
+        return float(np.linalg.norm(self.velocity_map, axis=2).max())
 
     @cached_property
     def _shortest_motions(self) -> FloatArray:
@@ -156,10 +156,16 @@ class VirtualKinematics:
         touching, found = self._fastest(contacts, signs, rule, importance)
         if found.slowest < self.threshold:
             return conflict_of(
-                self.seen, contacts, signs, rule, touching.still, found.weights, self.threshold
+                self.velocity_map,
+                contacts,
+                signs,
+                rule,
+                touching.still,
+                found.weights,
+                self.threshold,
             )
         y = touching.basis @ found.motion
-        velocities = self.seen @ self._nudged_motion(y, touching.basis, found, rule)
+        velocities = self.velocity_map @ self._nudged_motion(y, touching.basis, found, rule)
         return Witness(y, velocities, found.slowest)
 
     def _nudged_motion(
@@ -256,7 +262,7 @@ class VirtualKinematics:
             zeros = tuple(np.flatnonzero(signs.ravel() == 0).tolist())
         cached = self._touching.get((contacts, zeros))
         if cached is None:
-            own = self.seen[list(contacts)]
+            own = self.velocity_map[list(contacts)]
             matrix = own[:, 0]
             if zeros:
                 matrix = np.vstack([matrix, own[:, 1:].reshape(-1, own.shape[2])[list(zeros)]])

@@ -38,7 +38,7 @@ class SignRule(StrEnum):
 
 
 class SlidingRule(StrEnum):
-    """Whether (22) is asked of the contacts in actual sliding.
+    """Whether (22) applies to the contacts in actual sliding.
 
     See the example of `maximize_margin`.
     """
@@ -108,7 +108,7 @@ class Rules:
         """Refuse the rule of directions where modes (B, S) are needed.
 
         Args:
-            what: What needs them, as the subject of a sentence.
+            what: The subject that needs them, for the message.
 
         Raises:
             ArgumentError: Naming it.

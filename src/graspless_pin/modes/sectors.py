@@ -107,7 +107,7 @@ class SectorMotions:
         proof, while a motion has to be checked with `directions`.
 
         Args:
-            sectors: Of the selected contacts, which keep touching.
+            sectors: Sectors of the selected contacts, which keep touching.
 
         Returns:
             (P + L,) the motion, scaled, zero without sectors; or an exclusion.
@@ -131,7 +131,7 @@ class SectorMotions:
             kinematics.undecided_near = True
         weights = np.where(found.weights > TAKES_PART * found.weights.max(), found.weights, 0.0)
         weights = weights.reshape(len(directed), 3)
-        whole = rows @ kinematics.seen[[contacts[place] for place in directed], 1:]
+        whole = rows @ kinematics.velocity_map[[contacts[place] for place in directed], 1:]
         residual = -np.einsum("ki,kir->r", weights, whole)
         carry = np.abs(balancing_weights(touching.still, residual, kinematics.threshold))
         least = TAKES_PART * max(1.0, carry.max(initial=0.0))
@@ -161,7 +161,7 @@ class SectorMotions:
 
         Args:
             motion: (P + L,) scaled.
-            angles: Of the contacts that have to slide, rad.
+            angles: Angles of the sliding by contact, rad.
         """
         velocities = self.kinematics.rows @ motion
         size, here = float(np.linalg.norm(velocities)), velocities[list(angles)]

@@ -99,7 +99,7 @@ class NearestMotions:
         nearest = self._motion_map(contacts)
         wanted = signs
         for _ in range(GUESSES):
-            seen = self._unpacked(nearest @ wanted)
+            seen = self._motion_parts(nearest @ wanted)
             full = seen.completed_signs(signs)
             if self._clearly_slides(seen, full):
                 return full, seen.motion
@@ -185,14 +185,14 @@ class NearestMotions:
             (s, 2) sliding, 0 where it is too slow to count; None if the motion found does not keep
             the contacts touching; and the (P + L,) motion.
         """
-        sliding, apart, motion = self._unpacked(self._motion_map(contacts) @ wanted.ravel())
+        sliding, apart, motion = self._motion_parts(self._motion_map(contacts) @ wanted.ravel())
         size = self._squared_length(motion)
         if float(apart @ apart) > RANK_TOLERANCE**2 * size:
             return None, motion
         fast = np.where(sliding**2 >= self._clear**2 * size, sliding, 0.0)
         return fast.reshape(-1, 2), motion
 
-    def _unpacked(self, whole: FloatArray) -> _ContactMotion:
+    def _motion_parts(self, whole: FloatArray) -> _ContactMotion:
         """Return the parts of a product of `_motion_map` with wanted slidings."""
         count = (len(whole) - self._rows.shape[2]) // 3
         return _ContactMotion(whole[: 2 * count], whole[2 * count : 3 * count], whole[3 * count :])
@@ -323,7 +323,7 @@ def _sliding_of_motion(
 
 
 def _fastest_by_program(moving: FloatArray, strict: FloatArray, threshold: float) -> Sliding:
-    """Decide by a linear program: the largest t <= 1 with moving y >= strict t, y bounded."""
+    """Return the fastest sliding by linear programming: max t <= 1, moving y >= strict t."""
     from scipy.optimize import linprog
 
     rows, size = moving.shape
@@ -381,7 +381,7 @@ def vector_length(motion: FloatArray) -> float:
 
 
 def conflict_of(
-    seen: FloatArray,
+    velocity_map: FloatArray,
     contacts: tuple[int, ...],
     signs: NDArray[np.int_],
     rule: SignRule,
@@ -392,7 +392,7 @@ def conflict_of(
     """Return the conflict whose combination of requirements nearly vanishes.
 
     Args:
-        seen: (M, 3, r) contact velocities of all motions along n, t1, t2.
+        velocity_map: (M, 3, r) contact velocities of all motions along n, t1, t2.
         contacts: s selected contacts.
         signs: (s, 2) their required signs.
         rule: How a zero sign is read.
@@ -400,7 +400,7 @@ def conflict_of(
         weights: Weights of the required rows, see `signed_rows`.
         threshold: The slowest sliding that counts.
     """
-    moving, strict = signed_rows(seen[list(contacts), 1:], signs, rule)
+    moving, strict = signed_rows(velocity_map[list(contacts), 1:], signs, rule)
     # Strict rows are compared with each other only, so that the largest of them always stays.
     most = np.where(strict > 0.0, (weights * strict).max(), weights.max())
     weights = np.where(weights > TAKES_PART * most, weights, 0.0)
@@ -423,7 +423,7 @@ def conflict_of(
         owners += [contacts[index // 2] for index in zeros]
         places += [int(1 + index % 2) for index in zeros]
     largest = max((1.0, *map(abs, carried)))
-    combination, carrying = np.zeros(seen.shape[:2]), set[int]()
+    combination, carrying = np.zeros(velocity_map.shape[:2]), set[int]()
     combination[list(contacts), 1:] = signs * np.array(share)
     for owner, place, reaction in zip(owners, places, carried, strict=True):
         if abs(reaction) > TAKES_PART * largest:
