@@ -128,6 +128,7 @@ def test_a_declared_motion_that_is_lost():
         lambda motion: motion["states"].pop(),
         lambda motion: motion.update(object_acceleration=[1.0]),
         lambda motion: motion.update(point_acceleration="fast"),
+        lambda motion: motion.update(object_acceleration=[0.0] * 6, joint_accelerations=[0.0] * 2),
     ],
 )
 def test_a_motion_that_is_none_is_refused(weak: Weak, spoil: Any):

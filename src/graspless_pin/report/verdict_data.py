@@ -112,7 +112,10 @@ def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
             return None
         fields: dict[str, Any] = {key: motion[key] for key in FIELDS["outcome"]}
         fields["states"] = tuple(map(ContactState, fields["states"]))
-        return DynamicOutcome(**fields)
+        outcome = DynamicOutcome(**fields)
+        if not (outcome.object_acceleration.any() or outcome.joint_accelerations.any()):
+            raise ValueError("nothing accelerates in it")
+        return outcome
 
 
 def read_small_motion(document: dict[str, Any]) -> tuple[FloatArray, float] | None:
