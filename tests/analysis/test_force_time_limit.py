@@ -28,12 +28,12 @@ TIGHT = 1e-5
 
 @pytest.fixture(scope="module")
 def torques() -> np.ndarray:
-    return minimize_torque(scene("rest"), 0.1).torques
+    return minimize_torque(scene("sphere"), 0.5).torques
 
 
 @pytest.fixture(scope="module")
 def complete(torques) -> ContactForceBounds:
-    return contact_force_bounds(scene("rest"), torques)
+    return contact_force_bounds(scene("sphere"), torques)
 
 
 def stopped_clock(looks: int) -> Callable[[], float]:
@@ -46,7 +46,7 @@ def bounds_after(monkeypatch, torques, looks: int) -> ContactForceBounds:
     """The bounds where the time is over at a look at the clock."""
     with monkeypatch.context() as patch:
         patch.setattr(time, "monotonic", stopped_clock(looks))
-        return contact_force_bounds(scene("rest"), torques, time_limit=1.0)
+        return contact_force_bounds(scene("sphere"), torques, time_limit=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def looks(torques) -> int:
     clock = itertools.count()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time, "monotonic", lambda: float(next(clock)))
-        bounds = contact_force_bounds(scene("rest"), torques, time_limit=1e9)
+        bounds = contact_force_bounds(scene("sphere"), torques, time_limit=1e9)
     assert bounds.status is Status.OPTIMAL
     return next(clock)
 
@@ -75,9 +75,9 @@ def assert_inside(partial: ContactForceBounds, complete: ContactForceBounds) -> 
 
 def test_no_time_at_all():
     """Coulomb's law alone needs no search for a mode, so the torques are seen to be held."""
-    torques = minimize_torque(scene("rest"), 0.1, static_friction="coulomb").torques
+    torques = minimize_torque(scene("sphere"), 0.5, static_friction="coulomb").torques
     bounds, complete = (
-        contact_force_bounds(scene("rest"), torques, static_friction="coulomb", time_limit=limit)
+        contact_force_bounds(scene("sphere"), torques, static_friction="coulomb", time_limit=limit)
         for limit in (0.0, None)
     )
     assert bounds.found and bounds.status is Status.LIMIT_REACHED
@@ -91,14 +91,14 @@ def test_no_time_at_all():
 
 
 def test_no_time_to_hold_the_torques(torques):
-    bounds = contact_force_bounds(scene("rest"), torques, time_limit=0.0)
+    bounds = contact_force_bounds(scene("sphere"), torques, time_limit=0.0)
     assert bounds.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
     assert bounds.found == np.isfinite(bounds.upper).all() != np.isnan(bounds.upper).any()
     assert not bounds.proven.any()
 
 
 def test_ever_more_time_proves_ever_more(monkeypatch, torques, complete, looks):
-    earlier = np.zeros((6, 3), dtype=bool)
+    earlier = np.zeros(complete.proven.shape, dtype=bool)
     for share in (0.2, 0.5, 0.95):
         bounds = bounds_after(monkeypatch, torques, int(share * looks))
         assert bounds.status is Status.LIMIT_REACHED
@@ -116,7 +116,7 @@ def test_ranges_that_are_proven_before_the_margins_are(monkeypatch, torques, loo
 
 def test_what_was_reached_is_held_by_a_mode(monkeypatch, torques, looks):
     """Each end lies between the extremes of single modes, worked out apart, and so do margins."""
-    problem = scene("rest")
+    problem = scene("sphere")
     bounds = bounds_after(monkeypatch, torques, looks // 3)
     assert bounds.found and not bounds.proven.all()
     rows = component_rows(problem)
@@ -131,7 +131,7 @@ def test_what_was_reached_is_held_by_a_mode(monkeypatch, torques, looks):
     np.testing.assert_allclose(bounds.lower[bounds.proven], least[bounds.proven], atol=TIGHT)
 
 
-@pytest.mark.parametrize("failing", [5, 40])
+@pytest.mark.parametrize("failing", [5, 25])
 def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, complete, failing):
     """One range is then only reached, or a margin; all others are proven as ever."""
     calls = itertools.count()
@@ -142,7 +142,7 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
         return search_modes(state)
 
     monkeypatch.setattr(force_bounds, "search_modes", search)
-    bounds = contact_force_bounds(scene("rest"), torques)
+    bounds = contact_force_bounds(scene("sphere"), torques)
     assert bounds.status is Status.LIMIT_REACHED
     assert bounds.proven.sum() >= bounds.proven.size - 1
     assert_inside(bounds, complete)
@@ -151,7 +151,7 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
 def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held(
     monkeypatch, torques
 ):
-    extremes = ForceExtremes(scene("rest"), torques, SolveOptions.parse())
+    extremes = ForceExtremes(scene("sphere"), torques, SolveOptions.parse())
     assert extremes.status is Status.OPTIMAL
 
     monkeypatch.setattr(force_bounds, "search_modes", lambda _: Status.INFEASIBLE_MODES)
@@ -165,8 +165,8 @@ def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held
 
 @pytest.mark.parametrize("cone", ["edges", "round"])
 def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(monkeypatch, cone):
-    problem = scene("sphere" if cone == "round" else "rest").with_changes(cone=cone)
-    torques = minimize_torque(problem, 0.1).torques
+    problem = scene("sphere").with_changes(cone=cone)
+    torques = minimize_torque(problem, 0.5).torques
     bounds = contact_force_bounds(problem, torques)
     extremes = ForceExtremes(problem, torques, SolveOptions.parse())
     real, calls = extremes.largest, itertools.count()
@@ -194,13 +194,13 @@ def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(m
 
 def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
     monkeypatch.setattr(force_bounds, "search_modes", SearchState.undecided)
-    bounds = contact_force_bounds(scene("rest"), torques)
+    bounds = contact_force_bounds(scene("sphere"), torques)
     assert bounds.status is Status.UNVERIFIED and not bounds.found
     assert np.isnan(bounds.lower).all() and not bounds.proven.any()
 
 
 def test_enough_time_changes_nothing(torques, complete):
-    bounds = contact_force_bounds(scene("rest"), torques, time_limit=np.inf)
+    bounds = contact_force_bounds(scene("sphere"), torques, time_limit=np.inf)
     assert bounds.status is Status.OPTIMAL and bounds.proven.all()
     for name in ("lower", "upper", "smallest_margin", "largest_margin"):
         np.testing.assert_array_equal(getattr(bounds, name), getattr(complete, name))

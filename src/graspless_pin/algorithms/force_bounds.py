@@ -49,6 +49,8 @@ _CONE_SECTORS = 8
 _SECTOR_GAP = 1e-6
 """Tolerance of the smallest distance from a round cone, over the load."""
 _NARROWEST_SECTOR = 1e-4
+_ROUNDING = 1e-9
+"""What a distance of zero may come out as, over the load."""
 _ENDED_EARLY = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 
 
@@ -151,10 +153,11 @@ class ForceExtremes:
     ) -> Extreme:
         """Return the smallest margin: the least of linear distances to faces and round cones.
 
-        Branch and bound over surfaces: the bound of a surface is its least distance over the box of
-        the component ranges. Round cones are split into sectors, to 1e-6 of the load.
+        Branch and bound over surfaces, from what the ends of ranges reached: the bound of a surface
+        is its least distance over their box. Round cones are split into sectors, to 1e-6 of F.
         """
         margin, complete = float((self.problem.max_normal_force - upper[:, 0]).min()), True
+        margin = min([margin, *(max(self._margin(x), 0.0) for x in self.reached)])
         low, high = np.zeros(self.rows.size), np.zeros(self.rows.size)
         cones = self.problem.has_cone
         sure = np.where(proven, lower, -np.inf), np.where(proven, upper, np.inf)
@@ -162,26 +165,26 @@ class ForceExtremes:
             end[self.coordinates.normal_columns] = bounds[:, 0]
             end[self.coordinates.tangent_columns[cones]] = bounds[cones, 1:]
         force = self.coordinates.force_scale
-        gap = _SECTOR_GAP * force
+        gap, rounding = _SECTOR_GAP * force, _ROUNDING * force
 
         def box_bound(surface: _Surface) -> float:
             distance = surface.distance
             at = np.where(distance > 0.0, low, np.where(distance < 0.0, high, 0.0))
-            return float(distance @ at) / force
+            # Forces inside the cones keep a distance of zero at least.
+            return max(float(distance @ at) / force, 0.0)
 
         search = TreeSearch[_Surface]()
         for surface in self._surfaces():
             search.add([surface], box_bound(surface))
         for least, surface in search:
-            if least >= margin - (0.0 if surface.sector is None else gap):
+            if least >= margin - (rounding if surface.sector is None else gap):
                 break
             nearest = self.largest(-surface.distance, above=-margin)
             complete = complete and nearest.proven
             if surface.sector is None:
                 margin = -nearest.value
                 continue
-            # Forces inside the cone keep a distance of zero at least.
-            least = max(-nearest.value, least, 0.0)
+            least = max(-nearest.value, least)
             margin = min([margin, *(self._margin(x) for x in self.reached[-1:])])
             if surface.sector.half < _NARROWEST_SECTOR:
                 complete = complete and least >= margin - gap
