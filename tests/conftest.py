@@ -68,8 +68,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = [one for one in items if one not in left_out]
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection() -> None:
     """Keep the collector of garbage from going through all modules and tests again and again."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Leave all that was collected out of it, too."""
+    gc.enable()
     gc.collect()
     gc.freeze()
 
