@@ -30,13 +30,7 @@ from graspless_pin.programs.forces import component_row, force_rows
 from graspless_pin.programs.program import FARTHEST
 from graspless_pin.records import Brief
 from graspless_pin.solution import FOUND, Status
-from graspless_pin.solution.tables import (
-    Table,
-    brief_figure,
-    force_rounding,
-    paragraph,
-    shown,
-)
+from graspless_pin.solution.tables import Table, brief_figure, force_rounding, paragraph, shown
 from graspless_pin.solvers import Outcome, solve
 from graspless_pin.tree_search import Limits, TreeSearch
 
@@ -50,7 +44,7 @@ _SECTOR_GAP = 1e-6
 """Tolerance of the smallest distance from a round cone, over the load."""
 _NARROWEST_SECTOR = 1e-4
 _ROUNDING = 1e-9
-"""What a distance of zero may come out as, over the load."""
+"""Rounding error of a distance of zero, over the load."""
 _ENDED_EARLY = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 
 
@@ -153,8 +147,9 @@ class ForceExtremes:
     ) -> Extreme:
         """Return the smallest margin: the least of linear distances to faces and round cones.
 
-        Branch and bound over surfaces, from what the ends of ranges reached: the bound of a surface
-        is its least distance over their box. Round cones are split into sectors, to 1e-6 of F.
+        Branch and bound over surfaces. It starts from the least margin of the forces that searches
+        for the component ranges found. The bound of a surface is its least distance over the box of
+        these ranges. Round cones are split into sectors, to 1e-6 of the load.
         """
         margin, complete = float((self.problem.max_normal_force - upper[:, 0]).min()), True
         margin = min([margin, *(max(self._margin(x), 0.0) for x in self.reached)])
