@@ -1,6 +1,6 @@
-"""The form in which hands, objects and supports hand their geometry to contact detection.
+"""Collision bodies: convex pieces at poses, metres.
 
-Convex pieces at poses, metres.
+Hands, objects and supports pass their geometry to contact detection in this form.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from graspless_pin.records import unchecked
 class CollisionBody:
     """One convex piece of geometry at a pose.
 
-    What is derived from the geometry (vertices, faces) is remembered for as long as the geometry
-    object lives: keep one Python object per shape and make new bodies from it.
+    Data derived from the geometry (vertices, faces) are cached while the geometry object lives:
+    keep one Python object per shape and make new bodies from it.
 
     Attributes:
         name: Name of the hand link, support or object that the geometry belongs to.
@@ -47,7 +47,7 @@ class CollisionBody:
 
 @dataclass(frozen=True, eq=False)
 class BodyShapes:
-    """What does not change when bodies move. Keep one object for all their poses.
+    """Names and geometries of bodies, without poses. Keep one object for all their poses.
 
     Attributes:
         names: K names of hand links, supports or objects.
@@ -59,10 +59,10 @@ class BodyShapes:
 
 
 class PlacedBodies(Sequence[CollisionBody]):
-    """Bodies at poses, each made when it is asked for: most of a hand touches nothing.
+    """Bodies at poses, each made on first access: most links of a hand touch nothing.
 
     Attributes:
-        shapes: What they are.
+        shapes: Names and geometries of the K bodies.
         poses: (K, 4, 4) read-only poses of the geometries, m.
     """
 
@@ -76,7 +76,7 @@ class PlacedBodies(Sequence[CollisionBody]):
 
     @classmethod
     def joined(cls, parts: Sequence[PlacedBodies]) -> PlacedBodies:
-        """Put bodies that are placed together one after the other."""
+        """Return the bodies of several sequences, one after the other."""
         if len(parts) == 1:
             return parts[0]
         names = tuple(name for part in parts for name in part.shapes.names)
@@ -86,7 +86,7 @@ class PlacedBodies(Sequence[CollisionBody]):
 
     @classmethod
     def of(cls, bodies: Sequence[CollisionBody]) -> PlacedBodies:
-        """Take bodies that are given one by one; placed bodies are returned as they are."""
+        """Return bodies given one by one as `PlacedBodies`; such are returned as they are."""
         if isinstance(bodies, PlacedBodies):
             return bodies
         shapes = BodyShapes(
@@ -98,7 +98,7 @@ class PlacedBodies(Sequence[CollisionBody]):
         return placed
 
     def __len__(self) -> int:
-        """K."""
+        """Return the number of bodies."""
         return len(self.shapes.names)
 
     @overload
@@ -106,7 +106,7 @@ class PlacedBodies(Sequence[CollisionBody]):
     @overload
     def __getitem__(self, index: slice) -> tuple[CollisionBody, ...]: ...
     def __getitem__(self, index: int | slice) -> CollisionBody | tuple[CollisionBody, ...]:
-        """Return the body, which is the same object each time."""
+        """Return a body, the same object at each access, or a tuple of a slice."""
         if isinstance(index, slice):
             return tuple([self[k] for k in range(*index.indices(len(self)))])
         k = range(len(self.shapes.names))[index]

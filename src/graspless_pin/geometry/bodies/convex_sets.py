@@ -1,14 +1,14 @@
-"""Convex sets by their support functions, faces and edges: what contacts are found with.
+"""Convex sets by their support functions, faces and edges, for contact detection.
 
 coal finds the nearest points of two bodies reliably, but its support polygons depend on the order
-of the shapes and collapse at zero gap. Here every geometry is a set whose touching part in a given
-direction is known in closed form: a `Plane`, or a `BoundedSet`, which is
+of the shapes and collapse at zero gap. Here every geometry is a set whose farthest feature in a
+given direction is known in closed form: a `Plane`, or a `BoundedSet`, which is
 
 - a `polytopes.Polytope`: a box or a convex hull;
-- `Revolved`: a sphere, capsule, cylinder or cone, that is, the hull of two coaxial discs, swept by
-  a sphere;
-- or another kind of surface: a subclass has all that is asked about it, beside the shape that
-  makes it (`shape.Shape.set_of`).
+- `SolidOfRevolution`: a sphere, capsule, cylinder or cone, that is, the hull of two coaxial discs,
+  swept by a sphere;
+- or another kind of surface: a subclass of `BoundedSet`, made by its shape
+  (`shape.Shape.set_of`).
 
 All coordinates are those of the geometry's own frame, in metres.
 """
@@ -26,24 +26,24 @@ import numpy as np
 from graspless_pin.problem.checks import FloatArray, read_only
 
 PARALLEL_ANGLE = 5e-3
-"""Faces and edges tilted by less than this angle (rad) against the contact plane lie in it."""
+"""Faces and edges tilted by less than this against the contact plane lie in it, rad."""
 
 RIM_POINTS = 8
-"""A rim stands for the inscribed regular polygon of so many points, the first on the x axis."""
+"""Vertices of the inscribed regular polygon that replaces a rim; one is on the x axis."""
 
 FLAT = 1e6
-"""Radius of curvature of what is flat, m."""
+"""Radius of curvature that represents a flat direction, m."""
 
 SAME_SURFACE = 1e-4
-"""How far pieces of one body may be off where they meet, m."""
+"""Largest offset between the surfaces of two pieces of one body where they meet, m."""
 
 NEAR_FACE = 1e-3
-"""A face within 1 mm of the nearest point may be the touching one."""
+"""Distance of the nearest point from a face up to which the face may be in contact, m."""
 
 AT_BORDER = 1e-6
-"""What is nearer to an edge or corner is on it, m."""
+"""Distance from an edge or vertex up to which a point lies on it, m."""
 
-_ENDLESS = 1e12  # m; finite, as zero times infinity is not a number
+_UNBOUNDED = 1e12  # m; finite, as zero times infinity is not a number
 _RIM = np.array(
     [
         [math.cos(2.0 * math.pi * k / RIM_POINTS), math.sin(2.0 * math.pi * k / RIM_POINTS), 0.0]
@@ -54,7 +54,7 @@ _RIM = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The half-space normal . x <= offset; its methods are as those of `BoundedSet`.
+    """The half-space normal . x <= offset; its methods are those of `BoundedSet`.
 
     Attributes:
         normal: (3,) outward unit normal.
@@ -66,19 +66,19 @@ class Plane:
 
     is_curved: ClassVar[bool] = False
     center: ClassVar[FloatArray] = read_only(np.zeros(3))
-    half_extents: ClassVar[FloatArray] = read_only(np.full(3, _ENDLESS))
-    radius: ClassVar[float] = _ENDLESS
+    half_extents: ClassVar[FloatArray] = read_only(np.full(3, _UNBOUNDED))
+    radius: ClassVar[float] = _UNBOUNDED
 
     def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (1, 3) of the faces and a point's (3,) heights (1,) over them, m."""
+        """Return the outward normal (1, 3) and a point's (3,) height (1,) over the plane, m."""
         return self.normal[None], np.array([self.normal @ point - self.offset])
 
     def flat_faces(self) -> tuple[FloatArray, FloatArray]:
         """Return the outward normal (1, 3) and the offset (1,), m."""
         return self.normal[None], np.array([self.offset])
 
-    def rises(self, point: FloatArray, direction: FloatArray) -> bool:  # noqa: ARG002
-        """Return whether it has points higher along a direction than a point of its surface."""
+    def has_higher_points(self, point: FloatArray, direction: FloatArray) -> bool:  # noqa: ARG002
+        """See `BoundedSet.has_higher_points`: all unless the direction is the normal."""
         return bool(self.normal @ direction < math.cos(PARALLEL_ANGLE))
 
     def radii_of_curvature(
@@ -94,14 +94,14 @@ class Plane:
 class BoundedSet(ABC):
     """A bounded convex set with interior points: one kind of surface.
 
-    A kind of surface has to tell what is abstract here. The rest holds for any; a kind that knows
-    more about itself says so.
+    A subclass implements the abstract methods. The other methods hold for any such set; a subclass
+    may override them with something more exact.
 
     Attributes:
-        is_curved: Whether it has a curved surface. If not, it is made of faces, whose edges and
-            corners its normal jumps at.
-        swept_radius: Radius of a sphere that sweeps all of it, m: where it is rounded by that, the
-            farthest point along a direction moves over it as it turns.
+        is_curved: Whether the surface is curved. If not, it consists of flat faces, and the normal
+            jumps at their edges and vertices.
+        swept_radius: Radius of a sphere that sweeps the whole set, m. Where the set is rounded by
+            it, the farthest point along a direction moves over the surface as the set turns.
     """
 
     is_curved: ClassVar[bool] = True
@@ -109,21 +109,21 @@ class BoundedSet(ABC):
 
     @abstractmethod
     def support_values(self, directions: FloatArray) -> FloatArray:
-        """Largest d . x over the set for each row d of ``directions`` (K, 3): (K,)."""
+        """Return the support function: (K,) largest d . x for each row d of ``directions``."""
 
     @abstractmethod
     def feature(self, direction: FloatArray) -> FloatArray:
         """Return the face, edge or point that lies farthest along a unit direction (3,).
 
         Returns:
-            (K, 3) its corners: 1 for a point, 2 for an edge or line.
+            (K, 3) its vertices: 1 for a point, 2 for an edge or line.
         """
 
     @abstractmethod
     def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m.
+        """Return outward face normals (K, 3) and a point's (3,) heights (K,) over the faces, m.
 
-        Of what is curved, the tangent plane that is nearest to the point counts.
+        A curved surface is represented by its tangent plane nearest to the point.
         """
 
     @abstractmethod
@@ -135,52 +135,52 @@ class BoundedSet(ABC):
         Args:
             point: (3,) m.
             outward: (3,) unit normal there.
-            tangents: (3, 2) along which they are asked for.
+            tangents: (3, 2) directions of the rows and columns.
 
         Returns:
-            (2, 2) symmetric, m: `FLAT` along what is flat, zero across an edge and at a corner.
+            (2, 2) symmetric, m: `FLAT` along flat directions, zero across an edge and at a vertex.
         """
 
     @cached_property
     def center(self) -> FloatArray:
-        """(3,) centre of a sphere around the set, and of the box around it along its axes."""
+        """(3,) centre of the bounding sphere and of the axis-aligned bounding box, m."""
         return 0.5 * (self.support_values(np.eye(3)) - self.support_values(-np.eye(3)))
 
     @cached_property
     def half_extents(self) -> FloatArray:
-        """(3,) half the edge lengths of that box, m."""
+        """(3,) half the edge lengths of the axis-aligned bounding box, m."""
         return 0.5 * (self.support_values(np.eye(3)) + self.support_values(-np.eye(3)))
 
     @cached_property
     def radius(self) -> float:
-        """Radius of that sphere, m; a sphere's own."""
+        """Radius of the bounding sphere about `center`, m; of a sphere, its own."""
         return float(np.linalg.norm(self.half_extents))
 
     @property
     def is_sphere(self) -> bool:
-        """Whether nothing but the sweeping sphere is left, about the origin."""
+        """Whether the set is the sweeping sphere alone, about the origin."""
         return self.swept_radius == self.radius
 
     @property
     def constant_normals(self) -> FloatArray:
-        """Outward normals (K, 3) to try wherever the nearest point is."""
+        """(K, 3) outward normals to try as contact normals for any nearest point."""
         return np.empty((0, 3))
 
     def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:  # noqa: ARG002
-        """Outward normals (K, 3) to try, too, near a point close to the surface.
+        """Return further outward normals (K, 3) to try near a point close to the surface.
 
         Args:
-            point: (3,) where coal has the nearest point, m.
-            direction: (3,) unit, out of the set, as coal has it.
+            point: (3,) coal's nearest point, m.
+            direction: (3,) coal's unit direction out of the set.
         """
         return self.faces_at(point)[0]
 
     def flat_faces(self) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (F, 3) of all flat faces, and their offsets (F,), m."""
+        """Return outward normals (F, 3) of all flat faces, and their offsets (F,), m."""
         return np.empty((0, 3)), np.empty(0)
 
-    def rises(self, point: FloatArray, direction: FloatArray) -> bool:
-        """Return whether it has points higher along a direction than a point of its surface."""
+    def has_higher_points(self, point: FloatArray, direction: FloatArray) -> bool:
+        """Return whether the set has points higher along a direction than a surface point."""
         rise = float(self.support_values(direction[None])[0] - direction @ point)
         return rise > SAME_SURFACE + PARALLEL_ANGLE * 2.0 * self.radius
 
@@ -189,13 +189,13 @@ ConvexSet = Plane | BoundedSet
 
 
 @dataclass(frozen=True, eq=False)
-class Revolved(BoundedSet):
-    """The hull of two discs about the z axis, swept by a sphere.
+class SolidOfRevolution(BoundedSet):
+    """The convex hull of two discs about the z axis, swept by a sphere.
 
     Attributes:
         bottom_radius: Radius of the disc at z = -half_length, m.
         top_radius: Radius of the disc at z = +half_length, m.
-        half_length: Half the distance of the discs, m.
+        half_length: Half the distance between the discs, m.
         swept_radius: Radius of the sweeping sphere, m.
     """
 
@@ -211,14 +211,14 @@ class Revolved(BoundedSet):
         return math.hypot(disc, self.half_length) + self.swept_radius
 
     def support_values(self, directions: FloatArray) -> FloatArray:
-        """Largest d . x over the set for each row d of ``directions`` (K, 3): (K,)."""
-        along = self.half_length * directions[:, 2]
-        across = np.hypot(directions[:, 0], directions[:, 1])
-        discs = np.maximum(self.bottom_radius * across - along, self.top_radius * across + along)
+        """See `BoundedSet.support_values`."""
+        axial = self.half_length * directions[:, 2]
+        radial = np.hypot(directions[:, 0], directions[:, 1])
+        discs = np.maximum(self.bottom_radius * radial - axial, self.top_radius * radial + axial)
         return discs + self.swept_radius * np.linalg.norm(directions, axis=1)
 
     def feature(self, direction: FloatArray) -> FloatArray:
-        """Rim, line ends or point that lies farthest along a unit direction.
+        """Return the rim, line ends or point farthest along a unit direction.
 
         Args:
             direction: (3,) unit vector.
@@ -246,7 +246,7 @@ class Revolved(BoundedSet):
         return (top if rise > 0 else bottom)[None] + shift
 
     def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:
-        """Outward normals (K, 3) of the flat ends near a point and of the mantle in a direction."""
+        """Return normals (K, 3) of the flat ends near a point and of the mantle in a direction."""
         normals = []
         if self.top_radius > 0 and self.half_length - point[2] <= NEAR_FACE:
             normals.append([0.0, 0.0, 1.0])
@@ -258,16 +258,13 @@ class Revolved(BoundedSet):
         return np.array(normals).reshape(-1, 3)
 
     def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m.
-
-        Of the mantle, the tangent plane that is nearest to the point counts.
-        """
+        """See `BoundedSet.faces_at`; the mantle is represented by its nearest tangent plane."""
         x, y, z = point.tolist()
         if self.swept_radius > 0.0:
             core = np.array([0.0, 0.0, min(max(z, -self.half_length), self.half_length)])
-            away = point - core
-            distance = float(np.linalg.norm(away))
-            normal = away / distance if distance > 0.0 else np.array([1.0, 0.0, 0.0])
+            offset = point - core
+            distance = float(np.linalg.norm(offset))
+            normal = offset / distance if distance > 0.0 else np.array([1.0, 0.0, 0.0])
             return normal[None], np.array([distance - self.swept_radius])
         across = math.hypot(x, y)
         mantle = self._mantle_normal(*((x / across, y / across) if across > 0.0 else (1.0, 0.0)))
@@ -275,15 +272,15 @@ class Revolved(BoundedSet):
         return normals, normals @ point - self.support_values(normals)
 
     def flat_faces(self) -> tuple[FloatArray, FloatArray]:
-        """See `BoundedSet.flat_faces`: the ends that are discs."""
+        """See `BoundedSet.flat_faces`: the ends that are discs of positive radius."""
         normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-        wide = np.array([self.top_radius, self.bottom_radius]) > 0.0
-        return normals[wide], self.support_values(normals)[wide]
+        is_disc = np.array([self.top_radius, self.bottom_radius]) > 0.0
+        return normals[is_disc], self.support_values(normals)[is_disc]
 
     def radii_of_curvature(
         self, point: FloatArray, outward: FloatArray, tangents: FloatArray
     ) -> FloatArray:
-        """Return the radii of two discs' hull, and those of the sphere that sweeps it."""
+        """Return the radii of the hull of the discs plus the radius of the sweeping sphere."""
         swept = self.swept_radius * np.eye(2)
         across = math.hypot(outward[0], outward[1])
         feature = self.feature(outward)
@@ -295,33 +292,33 @@ class Revolved(BoundedSet):
         disc = math.hypot(point[0], point[1]) - self.swept_radius * across
         radii = max(disc, 0.0) / across * np.outer(azimuth, azimuth)
         if len(feature) == 2:
-            radii = radii + edge_radii(feature, point, tangents)
+            radii = radii + edge_curvature_radii(feature, point, tangents)
         return radii + swept
 
     def _mantle_normal(self, x: float, y: float) -> list[float]:
-        """Return the normal of the mantle towards the unit vector (x, y)."""
+        """Return the outward normal of the mantle at the azimuth (x, y), a unit vector."""
         taper = self.bottom_radius - self.top_radius
         slant = math.hypot(2.0 * self.half_length, taper)
-        outward = 2.0 * self.half_length / slant
-        return [x * outward, y * outward, taper / slant]
+        radial_part = 2.0 * self.half_length / slant
+        return [x * radial_part, y * radial_part, taper / slant]
 
 
-def edge_radii(ends: FloatArray, point: FloatArray, tangents: FloatArray) -> FloatArray:
-    """Return the radii (2, 2) at a point of an edge: `FLAT` along it, and zero at its ends, m.
+def edge_curvature_radii(ends: FloatArray, point: FloatArray, tangents: FloatArray) -> FloatArray:
+    """Return the radii (2, 2) at a point of an edge: `FLAT` along it, zero at its ends, m.
 
     Args:
-        ends: (2, 3) of the edge, m.
-        point: (3,) on it, m.
-        tangents: (3, 2) along which the radii are asked for.
+        ends: (2, 3) ends of the edge, m.
+        point: (3,) point on the edge, m.
+        tangents: (3, 2) directions of the rows and columns.
     """
     if float(np.linalg.norm(point - ends, axis=1).min()) < AT_BORDER:
         return np.zeros((2, 2))
-    along = (ends[1] - ends[0]) @ tangents
-    return FLAT * (np.outer(along, along) / float(along @ along))
+    edge = (ends[1] - ends[0]) @ tangents
+    return FLAT * (np.outer(edge, edge) / float(edge @ edge))
 
 
 def foot_on_segment(point: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the point (3,) of a segment that is nearest to a point, m."""
+    """Return the point (3,) of a segment nearest to a given point, m."""
     line = second - first
     share = float(np.clip((point - first) @ line / (line @ line), 0.0, 1.0))
     return first + share * line

@@ -1,10 +1,10 @@
-"""Non-convex meshes as several convex pieces, remembered on disk.
+"""Convex decomposition of meshes, cached on disk.
 
-CoACD cuts a mesh until each piece is nearly convex, in a process of its own that is ended when its
-time is up: for some small or open meshes it would take minutes. Its pieces are kept in
-``$XDG_CACHE_HOME/graspless_pin/convex`` (by default below ``~/.cache``), named after the mesh's
-triangles and the way it was cut: a changed file is another mesh. The folder can be deleted at any
-time.
+CoACD cuts a mesh until each piece is nearly convex, in a child process that is ended after a time
+limit: for some small or open meshes it would take minutes. The pieces are cached in
+``$XDG_CACHE_HOME/graspless_pin/convex`` (by default below ``~/.cache``) under a hash of the mesh's
+triangles and the settings of the decomposition, so that a changed file is cut again. The folder
+can be deleted at any time.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.bodies.meshes import (
     hull_corners,
     simplified_for_cutting,
-    turned_outward,
+    with_outward_faces,
 )
-from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.geometry.bodies.polytopes import hull_polytope
 from graspless_pin.geometry.outside_calls import ITERATIONS, SEED, run_coacd
 from graspless_pin.intake.fields import Seconds, no_truth_value
 from graspless_pin.problem.checks import FloatArray, read_only, real_number, whole_number
@@ -51,17 +51,17 @@ if TYPE_CHECKING:
     import trimesh
 
 DEFAULT_CONCAVITY = 0.02
-"""Deepest hollow that a piece may fill, as a share of half the mesh's largest extent."""
+"""Largest depth of a hollow that a piece may fill over half the mesh's largest extent."""
 
 DEFAULT_TIME_LIMIT = 60.0
-"""Seconds that the cut of one mesh may take."""
+"""Time limit of the decomposition of one mesh, s."""
 
 MOST_PIECES = 1000
-"""More convex pieces than any mesh needs."""
+"""Upper bound of ``max_pieces``."""
 
 Convex = Literal["hull", "decompose"]
 WAYS = get_args(Convex)
-"""How meshes are made convex."""
+"""The ways of making a mesh convex."""
 Concavity = Annotated[
     float,
     Field(
@@ -80,20 +80,20 @@ MaxPieces = Annotated[
     BeforeValidator(no_truth_value),
 ]
 
-_CONVEX = 1.0 - 1e-6  # share of its hull that a mesh fills if it is convex
-_UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+_CONVEX_SHARE = 1.0 - 1e-6  # volume of a mesh over that of its hull from which on it is convex
+_READ_ERRORS = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True)
 class Cut:
-    """How a mesh is cut.
+    """Settings of the convex decomposition of a mesh.
 
     Attributes:
-        concavity: Deepest hollow that a piece may fill, as a share of half the mesh's largest
-            extent; CoACD takes 0.01 to 1.
-        time_limit: Seconds that the cut of one mesh may take, at most 1e6.
-        max_pieces: Most pieces of one mesh, 1 to 1000: pieces are merged, and more hollows filled,
-            until there are no more; None: as many as the concavity takes.
+        concavity: Largest depth of a hollow that a piece may fill, as a share of half the mesh's
+            largest extent; CoACD takes 0.01 to 1.
+        time_limit: Time limit of the decomposition of one mesh, s, at most 1e6.
+        max_pieces: Largest number of pieces of one mesh, 1 to 1000: pieces are merged, and more
+            hollows filled, until there are no more; None: no limit but the concavity.
     """
 
     concavity: float = DEFAULT_CONCAVITY
@@ -104,7 +104,7 @@ class Cut:
         """Check the numbers.
 
         Raises:
-            ArgumentError: One is outside its range; named as scenes and robot files name it.
+            ArgumentError: A number is outside its range; named as in scenes and robot files.
         """
         if not 0.01 <= real_number("concavity", self.concavity, -np.inf) <= 1.0:
             raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
@@ -119,15 +119,15 @@ class Cut:
 
 
 def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[FloatArray, ...]:
-    """Cut a mesh into convex pieces, or look up how it was cut before.
+    """Cut a mesh into convex pieces, or read them from the cache.
 
     Args:
         mesh: Triangle mesh.
-        label: What messages call it.
-        cut: How it is cut.
+        label: The name of the mesh in messages.
+        cut: Settings of the decomposition.
 
     Returns:
-        Corners (V, 3) of each piece's convex hull; one piece if the mesh is convex. Read-only.
+        Vertices (V, 3) of each piece's convex hull; one piece if the mesh is convex. Read-only.
 
     Raises:
         MeshError: The mesh encloses no volume, or CoACD finds no piece, takes longer than the time
@@ -141,13 +141,13 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
 
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-    hull, simplified = hull_corners(vertices, label)
+    hull, findings = hull_corners(vertices, label)
     if _is_convex(mesh):
-        emit(*simplified)
+        emit(*findings)
         return (read_only(hull),)
-    vertices, faces, simplified = simplified_for_cutting(vertices, faces, label)
-    if simplified:
-        emit(*simplified)
+    vertices, faces, findings = simplified_for_cutting(vertices, faces, label)
+    if findings:
+        emit(*findings)
         mesh = trimesh.Trimesh(vertices, faces, process=False)
     if not mesh.is_watertight:
         emit(
@@ -159,12 +159,12 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
                 "repair it, or use its convex hull",
             )
         )
-    file = _cache_folder() / f"{_key(vertices, faces, cut)}.npz"
-    known = _read(file)
-    if known is not None:
-        return known
-    how_long = f"for {cut.time_limit:g} s at most"
-    with waiting_for(f"cutting {label} into convex pieces, {how_long}", everywhere=True):
+    file = _cache_folder() / f"{_cache_key(vertices, faces, cut)}.npz"
+    cached = _read(file)
+    if cached is not None:
+        return cached
+    time_words = f"for {cut.time_limit:g} s at most"
+    with waiting_for(f"cutting {label} into convex pieces, {time_words}", everywhere=True):
         pieces = _cut(mesh, label, cut)
     _write(file, pieces)
     return pieces
@@ -173,14 +173,14 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
 def _is_convex(mesh: trimesh.Trimesh) -> bool:
     if not (mesh.is_watertight and mesh.is_winding_consistent):
         return False
-    return abs(mesh.volume) >= _CONVEX * mesh.convex_hull.volume
+    return abs(mesh.volume) >= _CONVEX_SHARE * mesh.convex_hull.volume
 
 
 def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
     pieces: list[FloatArray] = []
-    for corners in _corners(mesh, label, cut):
-        with suppress(MeshError):  # a sliver without volume touches nothing that others do not
-            pieces.append(read_only(hull_of(corners).vertices))
+    for corners in _piece_corners(mesh, label, cut):
+        with suppress(MeshError):  # a sliver without volume: the other pieces cover its contacts
+            pieces.append(read_only(hull_polytope(corners).vertices))
     if not pieces:
         raise MeshError(
             f"{label} cannot be cut into convex pieces; repair it, or use its convex hull"
@@ -188,24 +188,24 @@ def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
     return tuple(pieces)
 
 
-def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray]:
-    """Corners of the pieces of all parts."""
+def _piece_corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray]:
+    """Yield the vertices (V, 3) of the convex pieces of all connected solids."""
     end = time.monotonic() + cut.time_limit
-    parts = _parts(mesh)
-    # Of what CoACD calls a limit none is -1; each part keeps at least one piece.
-    spare = None if cut.max_pieces is None else cut.max_pieces - len(parts)
-    if spare is not None and spare < 0:
+    solids = _connected_solids(mesh)
+    # CoACD takes -1 for no limit; each solid keeps at least one piece.
+    spare_pieces = None if cut.max_pieces is None else cut.max_pieces - len(solids)
+    if spare_pieces is not None and spare_pieces < 0:
         raise MeshError(
-            f"{label} has {len(parts)} parts that are not connected, more than max_pieces, "
+            f"{label} has {len(solids)} parts that are not connected, more than max_pieces, "
             f"{cut.max_pieces}; raise it, or use its convex hull"
         )
     with ChildProcess() as child:
-        for part in parts:
-            if _is_convex(part):
-                yield np.array(part.vertices, dtype=np.float64)
+        for solid in solids:
+            if _is_convex(solid):
+                yield np.array(solid.vertices, dtype=np.float64)
                 continue
-            most = -1 if spare is None else spare + 1
-            arguments = np.array(part.vertices), np.array(part.faces), cut.concavity, most
+            max_pieces = -1 if spare_pieces is None else spare_pieces + 1
+            arguments = np.array(solid.vertices), np.array(solid.faces), cut.concavity, max_pieces
             seconds = max(end - time.monotonic(), 0.0)
             try:
                 pieces = child.call(run_coacd, *arguments, limit=seconds)
@@ -220,30 +220,30 @@ def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray
                     f"{label} cannot be cut into convex pieces: {error}; repair it, or use its "
                     "convex hull"
                 ) from None
-            spare = None if spare is None else spare + 1 - len(pieces)
+            spare_pieces = None if spare_pieces is None else spare_pieces + 1 - len(pieces)
             yield from pieces
 
 
-def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Solids of a mesh that are not connected; the whole mesh if it is open or has hollows.
+def _connected_solids(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """Return the connected solids of a mesh; the whole mesh if it is open or has hollows.
 
-    CoACD would wrap solids that touch in a common skin, which is off by a hundredth of their size.
+    CoACD would wrap touching solids in a common skin, which is off by a hundredth of their size.
     """
     if not (mesh.is_watertight and mesh.is_winding_consistent):
         return [mesh]
-    mesh = turned_outward(mesh)
+    mesh = with_outward_faces(mesh)
     parts = [mesh] if mesh.body_count == 1 else list(mesh.split())
     return [mesh] if any(part.volume < 0.0 for part in parts) else parts  # there are hollows
 
 
 def _cache_folder() -> Path:
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    # The standard says that a relative path is to be ignored.
-    base = Path(given) if Path(given).is_absolute() else Path("~/.cache").expanduser()
+    cache_home = os.environ.get("XDG_CACHE_HOME", "")
+    # The XDG standard requires that a relative path is ignored.
+    base = Path(cache_home) if Path(cache_home).is_absolute() else Path("~/.cache").expanduser()
     return base / "graspless_pin" / "convex"
 
 
-def _key(vertices: FloatArray, faces: NDArray[np.integer[Any]], cut: Cut) -> str:
+def _cache_key(vertices: FloatArray, faces: NDArray[np.integer[Any]], cut: Cut) -> str:
     version = importlib.metadata.version("coacd")
     settings = f"coacd {version} {cut.concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
     if cut.max_pieces is not None:
@@ -255,12 +255,12 @@ def _key(vertices: FloatArray, faces: NDArray[np.integer[Any]], cut: Cut) -> str
 
 
 def _read(file: Path) -> tuple[FloatArray, ...] | None:
-    """Pieces in a file; None if there is none or it is damaged."""
+    """Return the pieces cached in a file; None if there is no file or it is damaged."""
     try:
         with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as archive:
             points = np.asarray(archive["points"], dtype=np.float64)
             counts = np.asarray(archive["counts"], dtype=np.int32)
-    except _UNREADABLE:
+    except _READ_ERRORS:
         return None
     is_valid = (
         points.ndim == 2
@@ -275,7 +275,7 @@ def _read(file: Path) -> tuple[FloatArray, ...] | None:
 
 
 def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
-    """Write pieces so that no other process ever sees half a file."""
+    """Write pieces atomically: no other process sees an incomplete file."""
     counts = np.array([len(piece) for piece in pieces])
     try:
         with draft_of(file) as draft, draft.open("wb") as stream:

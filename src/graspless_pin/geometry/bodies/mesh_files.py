@@ -1,4 +1,4 @@
-"""Open mesh files, and the files that these name, within bounds; say what is wrong with one."""
+"""Parse mesh files, and the files that they name, within bounds; errors name the fault."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.text import parse_xml
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
-_IN_PART = ("failed to populate", "placeholder zeros")  # what trimesh logs and goes on with
-_LARGE = 4 << 20  # bytes
+_PARTIAL_READS = ("failed to populate", "placeholder zeros")  # trimesh only logs these faults
+_LARGE_FILE = 4 << 20  # bytes
 _UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
 _UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ]_UP)\s*</up_axis>")
 _NUMBER = re.compile(r"\s*\+?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?\s*")
@@ -30,42 +30,42 @@ _TO_Z_UP = {
     "Y_UP": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
 }
 UP_AXIS = "up_axis"
-"""In the metadata of a mesh that was turned: the axis that was up in its file, as it says."""
+"""Key in the metadata of a rotated mesh: the up axis that its file states."""
 MESH = FileKind("mesh file", 64, MeshError)
 
 
 def parse_mesh(path: Path, *, upright: bool) -> Any:
-    """Return what trimesh makes of a mesh file; it gets bytes and opens nothing itself.
+    """Return the mesh that trimesh parses from a file's bytes; trimesh opens no file itself.
 
     Args:
         path: The file.
-        upright: Whether the axis that a DAE says is up becomes z.
+        upright: Whether the up axis that a DAE states becomes z.
 
     Raises:
-        MeshError: If a file cannot be opened (see `read_bytes`), or XML breaks its bounds, or a DAE
-            states a unit that is none.
-        Exception: Whatever the readers behind trimesh raise.
+        MeshError: If a file cannot be opened (see `read_bytes`), XML exceeds its bounds, or a DAE
+            states an invalid unit.
+        Exception: Any exception of trimesh's readers.
     """
     content = read_bytes(path, MESH)
     ending = path.suffix.lower()
     if ending == ".dae":
         _check_dae(path, content)
-    resolver = _Beside(path) if ending == ".gltf" else None
-    # Unprocessed: what is wrong with vertices is not to be left out before anybody sees it.
+    resolver = _FolderResolver(path) if ending == ".gltf" else None
+    # Unprocessed: trimesh would remove faulty vertices, which are to be reported.
     captured = _CapturedMessages()
     trimesh.util.log.addFilter(captured)
     try:
-        # Of far coordinates it warns; those who use them refuse them by name.
+        # trimesh warns of far coordinates; `load_mesh` refuses them.
         with np.errstate(invalid="ignore", over="ignore"):
             mesh = trimesh.load_mesh(
                 io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
             )
     finally:
         trimesh.util.log.removeFilter(captured)
-    if len(content) > _LARGE:
+    if len(content) > _LARGE_FILE:
         gc.collect()  # trimesh leaves three times the file's size in cycles
     for message in captured.messages:
-        if any(words in message for words in _IN_PART):
+        if any(fault in message for fault in _PARTIAL_READS):
             raise MeshError(f"mesh file '{path}' can be read in part only ({message})")
     if ending == ".dae" and isinstance(mesh, trimesh.Trimesh):
         meter, up = dae_frame(path, content)
@@ -78,10 +78,10 @@ def parse_mesh(path: Path, *, upright: bool) -> Any:
 
 
 def dae_frame(path: Path, content: bytes) -> tuple[float, str]:
-    """Return the unit (m) and the axis that a DAE states, such as ``Y_UP``; 1 and empty: none.
+    """Return a DAE's unit, m, and up axis, such as ``Y_UP``; 1 and an empty text if not stated.
 
     Raises:
-        MeshError: If the unit is no positive number.
+        MeshError: If the unit is not a positive number.
     """
     unit, up = _UNIT.search(content), _UP_AXIS.search(content)
     text = "1" if unit is None else unit[1].decode(errors="replace")
@@ -94,7 +94,7 @@ def dae_frame(path: Path, content: bytes) -> tuple[float, str]:
 
 
 class _CapturedMessages(logging.Filter):
-    """Keeps what trimesh would log: normals and colours do not matter, missing vertices do."""
+    """Collects trimesh's log messages instead of logging them; some report missing vertices."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -105,33 +105,33 @@ class _CapturedMessages(logging.Filter):
         return False
 
 
-class _Beside(Resolver):
-    """Gives trimesh the files of a mesh's own folder, and of folders in it."""
+class _FolderResolver(Resolver):
+    """Resolves files that a mesh names, in the mesh's own folder or below."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def get(self, key: str) -> bytes:
-        return read_bytes(_beside(self._path, key), MESH)
+        return read_bytes(_resolved_file(self._path, key), MESH)
 
     def keys(self) -> list[str]:
         return []
 
-    def namespaced(self, namespace: str) -> _Beside:
+    def namespaced(self, namespace: str) -> _FolderResolver:
         raise NotImplementedError(namespace)
 
     def write(self, name: str, data: Any) -> None:
         raise NotImplementedError(name)
 
 
-def _beside(path: Path, name: str) -> Path:
-    """Return the file that a mesh names, which must be in the mesh's own folder."""
-    inside = PurePosixPath(unquote(name).replace("\\", "/"))
-    if inside.is_absolute() or ".." in inside.parts or "\0" in name or ":" in name:
+def _resolved_file(path: Path, name: str) -> Path:
+    """Return the file that a mesh names, which must be in the mesh's own folder or below."""
+    relative = PurePosixPath(unquote(name).replace("\\", "/"))
+    if relative.is_absolute() or ".." in relative.parts or "\0" in name or ":" in name:
         raise MeshError(
             f"mesh file '{path}' names the file {name[:100]!r}; only files beside it are opened"
         )
-    file = path.parent / inside
+    file = path.parent / relative
     if not is_file(file) and not _is_missing(file):
         raise MeshError(f"mesh file '{path}' names {name[:100]!r}, which is no regular file")
     return file

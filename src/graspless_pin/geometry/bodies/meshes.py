@@ -1,7 +1,7 @@
-"""Mesh files: reading them, their convex hulls, and what their size says about their unit.
+"""Mesh files: reading them, their convex hulls, and sizes that suggest another unit.
 
-Dense ones get hulls of few corners within a tolerance, and surfaces of fewer triangles. Shapes and
-collision geometries are drawn as meshes, too: `Triangles`, metres, outward faces.
+Dense meshes get hulls with few vertices within a tolerance, and surfaces with fewer triangles.
+`Triangles` (metres, outward faces) is the form in which shapes and hands are drawn.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.bodies.polytopes import hull_of, qhull
+from graspless_pin.geometry.bodies.polytopes import hull_polytope, qhull
 from graspless_pin.intake.files import note_read
 from graspless_pin.problem.checks import FloatArray, read_only
 
@@ -29,115 +29,116 @@ if TYPE_CHECKING:
 
 
 DENSE_MESH = 20_000
-"""Vertices up to which a hull keeps all its corners."""
+"""Number of vertices up to which a hull keeps all of its vertices."""
 HULL_TOLERANCE = 2e-4
-"""How far a corner of a denser mesh stands out that its hull leaves out, as a share of its size."""
+"""Distance of a dense mesh's vertex outside its simplified hull, as a share of its size."""
 
 DENSE_CUT = 10_000
-"""Triangles up to which a mesh is cut into convex pieces as it is."""
+"""Number of triangles up to which a mesh is cut into convex pieces as it is."""
 
-_SIMPLIFIED_SIZE = 100.0  # fast_simplification's thresholds are absolute, and made for such lengths
+_SIMPLIFIED_SIZE = 100.0  # fast_simplification's thresholds are absolute, for such lengths
 _VERTICES_AT_ONCE = 20_000  # vertices
 _NEAREST_TRIANGLES = 4  # triangles
 _DOT_RADIUS = 1e-9  # m
 
 
-def hull_corners(vertices: FloatArray, what: str) -> tuple[FloatArray, tuple[Finding, ...]]:
-    """Return the corners (K, 3) of the convex hull of (V, 3) vertices, and what is to be told.
+def hull_corners(vertices: FloatArray, label: str) -> tuple[FloatArray, tuple[Finding, ...]]:
+    """Return the vertices (K, 3) of the convex hull of (V, 3) vertices, and findings.
 
     Args:
         vertices: In metres.
-        what: What messages call the mesh.
+        label: The name of the mesh in messages.
 
     Returns:
-        The corners, some of the vertices. Of more than `DENSE_MESH` vertices, those that stand out
-        by less than `HULL_TOLERANCE` of the mesh's size are left out; the finding has how far the
-        mesh then stands out of the hull, measured at all vertices.
+        The hull's vertices, a subset of the given ones. Above `DENSE_MESH` vertices, those that
+        protrude by less than `HULL_TOLERANCE` of the mesh's size are omitted; the finding states
+        how far the mesh then protrudes from the hull, measured at all vertices.
 
     Raises:
         MeshError: All vertices lie in one plane.
     """
     if len(vertices) <= DENSE_MESH:
-        return hull_of(vertices, what).vertices, ()
+        return hull_polytope(vertices, label).vertices, ()
 
     size = float(np.ptp(vertices, axis=0).max())
-    # Qhull takes no point for a corner that is less than this above a face.
-    hull = qhull(vertices, what, f"Qt W{HULL_TOLERANCE * size:.17g}")
+    # Qhull makes no vertex of a point that is less than this above a face.
+    hull = qhull(vertices, label, f"Qt W{HULL_TOLERANCE * size:.17g}")
     corners = vertices[hull.vertices]
-    # Each vertex is measured to the triangles near it, which is never too little, and where that is
-    # not within the tolerance, to the hull.
+    # The distance to the triangles near a vertex is an upper bound; where it exceeds the tolerance,
+    # the distance to the hull is computed.
     points = coal.StdVec_Vec3s()
     points.extend(corners)
     solid = coal.Convex.convexHull(points, False, "Qt")  # noqa: FBT003 - no triangles
     triangles, planes = hull.points[hull.simplices], hull.equations
-    omitted = _farthest(vertices, triangles, solid, HULL_TOLERANCE * size, planes)
-    found = Finding(
+    omitted = _largest_vertex_distance(vertices, triangles, solid, HULL_TOLERANCE * size, planes)
+    finding = Finding(
         FindingCode.SIMPLIFIED_HULL,
-        what,
-        f"{what} has {len(vertices)} vertices: the {len(corners)} corners of the hull that stands "
+        label,
+        f"{label} has {len(vertices)} vertices: the {len(corners)} corners of the hull that stands "
         f"for it leave out up to {1e3 * omitted:.2g} mm",
         "give a mesh of fewer vertices where contacts have to be nearer than that",
     )
-    return corners, (found,)
+    return corners, (finding,)
 
 
-def with_fewer_triangles(
-    vertices: FloatArray, faces: NDArray[np.integer[Any]], most: int
+def decimated_surface(
+    vertices: FloatArray, faces: NDArray[np.integer[Any]], target_count: int
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return vertices and faces of a surface that is simplified by quadric errors.
+    """Return vertices and faces of a surface decimated by quadric error metrics.
 
     Args:
         vertices: (V, 3) m.
         faces: (F, 3) indices.
-        most: Triangles that are aimed at.
+        target_count: Target number of triangles.
     """
     import fast_simplification
 
     low, scale = vertices.min(axis=0), np.ptp(vertices, axis=0).max() / _SIMPLIFIED_SIZE
     scaled = np.ascontiguousarray((vertices - low) / scale)
     corners = np.ascontiguousarray(faces, dtype=np.int32)
-    found = fast_simplification.simplify(scaled, corners, target_count=most)
-    return low + scale * np.asarray(found[0], dtype=np.float64), np.asarray(found[1], np.int64)
+    result = fast_simplification.simplify(scaled, corners, target_count=target_count)
+    return low + scale * np.asarray(result[0], dtype=np.float64), np.asarray(result[1], np.int64)
 
 
 def simplified_for_cutting(
-    vertices: FloatArray, faces: NDArray[np.integer[Any]], what: str
+    vertices: FloatArray, faces: NDArray[np.integer[Any]], label: str
 ) -> tuple[FloatArray, NDArray[np.integer[Any]], tuple[Finding, ...]]:
-    """Return vertices and faces of a mesh to cut into convex pieces, and what is to be told.
+    """Return vertices and faces of a mesh to cut into convex pieces, and findings.
 
     Args:
         vertices: (V, 3) m.
         faces: (F, 3) indices.
-        what: What messages call the mesh.
+        label: The name of the mesh in messages.
 
     Returns:
-        The mesh itself up to `DENSE_CUT` triangles, else one of about as many; the finding has how
-        far the mesh's vertices are from it.
+        The mesh itself up to `DENSE_CUT` triangles, else a decimated one of about that many; the
+        finding states the largest distance of the mesh's vertices from it.
     """
     if len(faces) <= DENSE_CUT:
         return vertices, faces, ()
-    points, triangles = with_fewer_triangles(vertices, faces, DENSE_CUT)
+    points, triangles = decimated_surface(vertices, faces, DENSE_CUT)
     surface: Any = coal.BVHModelOBBRSS()
     surface.beginModel(len(triangles), len(points))
     surface.addVertices(points)
     surface.addTriangles(triangles)
     surface.endModel()
-    enough = HULL_TOLERANCE * float(np.ptp(vertices, axis=0).max())
-    off = _farthest(vertices, points[triangles], surface, enough)
-    found = Finding(
+    tolerance = HULL_TOLERANCE * float(np.ptp(vertices, axis=0).max())
+    distance = _largest_vertex_distance(vertices, points[triangles], surface, tolerance)
+    finding = Finding(
         FindingCode.SIMPLIFIED_HULL,
-        what,
-        f"{what} has {len(faces)} triangles: {len(triangles)} stand for it where it is cut into "
-        f"convex pieces, up to {1e3 * off:.2g} mm away from its vertices",
+        label,
+        f"{label} has {len(faces)} triangles: {len(triangles)} stand for it where it is cut into "
+        f"convex pieces, up to {1e3 * distance:.2g} mm away from its vertices",
         "give a mesh of fewer triangles where contacts have to be nearer than that",
     )
-    return points, triangles, (found,)
+    return points, triangles, (finding,)
 
 
-def turned_outward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Return a closed mesh with its parts' triangles counterclockwise when seen from outside.
+def with_outward_faces(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return a closed mesh whose triangles are counterclockwise when seen from outside.
 
-    A part in the box around another is turned as that is: so hollows stay hollows.
+    A connected part inside the bounding box of another is flipped together with it, so that
+    hollows stay hollows.
     """
     import trimesh
 
@@ -149,31 +150,32 @@ def turned_outward(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     np.minimum.at(low, parts, corners.min(axis=1))
     np.maximum.at(high, parts, corners.max(axis=1))
     sizes = np.prod(high - low, axis=1)
-    around = [
-        int(np.where(((low <= own[0]) & (high >= own[1])).all(axis=1), sizes, -1.0).argmax())
-        for own in zip(low, high, strict=True)
+    enclosing = [
+        int(np.where(((low <= box[0]) & (high >= box[1])).all(axis=1), sizes, -1.0).argmax())
+        for box in zip(low, high, strict=True)
     ]
-    inward = (volumes[around] < 0.0)[parts]
-    faces = np.where(inward[:, None], mesh.faces[:, ::-1], mesh.faces)
-    return trimesh.Trimesh(mesh.vertices, faces, process=False) if inward.any() else mesh
+    is_inward = (volumes[enclosing] < 0.0)[parts]
+    faces = np.where(is_inward[:, None], mesh.faces[:, ::-1], mesh.faces)
+    return trimesh.Trimesh(mesh.vertices, faces, process=False) if is_inward.any() else mesh
 
 
-def _farthest(
+def _largest_vertex_distance(
     vertices: FloatArray,
     triangles: FloatArray,
     surface: Any,
-    enough: float,
+    tolerance: float,
     planes: FloatArray | None = None,
 ) -> float:
-    """Return how far vertices (V, 3) are from a surface, m, or a little more.
+    """Return an upper bound on the largest distance of vertices (V, 3) from a surface, m.
 
     Args:
         vertices: m.
-        triangles: (F, 3, 3) corners of the surface's triangles, m.
-        surface: Its coal geometry, asked for what is not within enough of the triangles near it.
-        enough: m.
-        planes: (F, 4) outward normals and offsets of a hull's faces: vertices inside do not count;
-            None: all do.
+        triangles: (F, 3, 3) vertices of the surface's triangles, m.
+        surface: coal geometry of the surface, for vertices farther than the tolerance from the
+            triangles near them.
+        tolerance: Distance up to which the bound is not refined, m.
+        planes: (F, 4) outward normals and offsets of a hull's faces: vertices inside the hull are
+            ignored; None: no vertex is.
     """
     from scipy.spatial import KDTree
     from trimesh.triangles import closest_point
@@ -183,27 +185,27 @@ def _farthest(
     for points in np.array_split(vertices, 1 + len(vertices) // _VERTICES_AT_ONCE):
         rows = np.asarray(centers.query(points, k=_NEAREST_TRIANGLES)[1])
         if planes is not None:
-            over = np.einsum("vnx,vx->vn", planes[rows, :3], points) + planes[rows, 3]
-            rows, points = rows[over.max(axis=1) > 0.0], points[over.max(axis=1) > 0.0]
+            heights = np.einsum("vnx,vx->vn", planes[rows, :3], points) + planes[rows, 3]
+            rows, points = rows[heights.max(axis=1) > 0.0], points[heights.max(axis=1) > 0.0]
         feet = closest_point(triangles[rows.ravel()], np.repeat(points, _NEAREST_TRIANGLES, axis=0))
         gaps = np.linalg.norm(
             feet.reshape(-1, _NEAREST_TRIANGLES, 3) - points[:, None], axis=2
         ).min(axis=1)
-        for index in np.flatnonzero(gaps > enough):
-            gaps[index] = _gap(surface, points[index])
+        for index in np.flatnonzero(gaps > tolerance):
+            gaps[index] = _point_distance(surface, points[index])
         farthest = max(farthest, float(gaps.max(initial=0.0)))
     return farthest
 
 
-def _gap(surface: Any, point: FloatArray) -> float:
-    """Return how far a (3,) point is from a coal geometry, m."""
-    at = coal.Transform3s(np.eye(3), point)
+def _point_distance(surface: Any, point: FloatArray) -> float:
+    """Return the distance of a point (3,) from a coal geometry, m."""
+    T_point = coal.Transform3s(np.eye(3), point)
     return (
         coal.distance(
             surface,
             coal.Transform3s(),
             coal.Sphere(_DOT_RADIUS),
-            at,
+            T_point,
             coal.DistanceRequest(),
             coal.DistanceResult(),
         )
@@ -216,24 +218,24 @@ MeshScale = float | tuple[float, float, float]
 LARGEST_MESH = 5.0
 SMALLEST_MESH = 1e-3
 
-_REMEMBERED = 32  # meshes
-_JOINED = 8
-"""Decimals of a metre within which corners are one, in meshes from 1 mm to 10 000 km."""
-_COARSEST, _FINEST = 5, 15
-"""Significant digits that tell corners of other meshes apart: trimesh compares 64-bit integers."""
+_MOST_CACHED_MESHES = 32  # meshes
+_MERGED_DECIMALS = 8
+"""Decimals of a metre to which vertices are merged, in meshes from 1 mm to 10 000 km."""
+_LEAST_DIGITS, _MOST_DIGITS = 5, 15
+"""Significant digits compared in other meshes: trimesh compares 64-bit integers."""
 
 
 def load_mesh(path: Path, *, upright: bool = True) -> trimesh.Trimesh:
-    """Read all parts of a mesh file as one mesh, in the file's units; in metres if it states one.
+    """Read all parts of a mesh file as one mesh, in the file's unit; in metres if it states one.
 
     Args:
         path: The file.
-        upright: Whether the axis that a DAE says is up becomes z, as for an object; Pinocchio, RViz
-            and MoveIt leave links' meshes as they are.
+        upright: Whether the up axis that a DAE states becomes z, as for an object; Pinocchio, RViz
+            and MoveIt do not rotate the meshes of links.
 
     Raises:
-        MeshError: The file is missing, of an unknown format, unreadable or without faces, names
-            vertices that it does not have, or has some that are not finite.
+        MeshError: The file is missing, of an unknown format, unreadable or without faces, has
+            vertex indices out of range, or vertices that are not finite.
     """
     import trimesh
 
@@ -249,13 +251,13 @@ def load_mesh(path: Path, *, upright: bool = True) -> trimesh.Trimesh:
         mesh = parse_mesh(path, upright=upright)
     except MeshError:
         raise
-    except Exception as error:  # the readers behind trimesh raise whatever comes up
+    except Exception as error:  # trimesh's readers raise any exception
         raise MeshError(
             f"mesh file '{path}' cannot be read as {path.suffix[1:].upper()}: {error}"
         ) from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or len(mesh.vertices) == 0:
         raise MeshError(f"mesh file '{path}' has no faces; export it as a triangle mesh")
-    # Not all readers behind trimesh look.
+    # Not all readers that trimesh uses check this.
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise MeshError(f"mesh file '{path}' has faces of vertices that it does not have")
     if not np.isfinite(mesh.vertices).all():
@@ -272,16 +274,16 @@ def _check_extent(path: Path, mesh: trimesh.Trimesh) -> None:
 def scaled_mesh(path: Path, scale: MeshScale, *, upright: bool = True) -> trimesh.Trimesh:
     """Read a mesh file in metres.
 
-    A file is read again only if it has changed; do not change what is returned.
+    The result is cached until the file changes; do not modify it.
 
     Args:
         path: See `load_mesh`.
-        scale: Metres per unit of the file, or of what it states; one number, or three along x, y,
-            z.
+        scale: Metres per unit of the file, or per the unit that it states; one number, or three
+            along x, y, z.
         upright: See `load_mesh`.
 
     Returns:
-        The mesh, with vertices that have the same place joined.
+        The mesh, with coincident vertices merged.
 
     Raises:
         MeshError: See `load_mesh`.
@@ -290,7 +292,7 @@ def scaled_mesh(path: Path, scale: MeshScale, *, upright: bool = True) -> trimes
 
 
 def file_state(path: Path) -> tuple[str, int, int]:
-    """Return what tells one state of a file from another: its place, time and size.
+    """Return the absolute path, modification time (ns) and size of a file, as a cache key.
 
     Raises:
         MeshError: The file is missing.
@@ -305,26 +307,26 @@ def file_state(path: Path) -> tuple[str, int, int]:
     return str(path.absolute()), status.st_mtime_ns, status.st_size
 
 
-@lru_cache(maxsize=_REMEMBERED)
+@lru_cache(maxsize=_MOST_CACHED_MESHES)
 def _scaled_mesh(
     path: Path, scale: MeshScale, upright: bool, _state: tuple[str, int, int]
 ) -> trimesh.Trimesh:
     mesh = load_mesh(path, upright=upright)
     mesh.apply_scale(np.broadcast_to(np.asarray(scale, dtype=float), 3))
     _check_extent(path, mesh)
-    # Colours and normals per corner keep corners apart that are one.
-    order = math.floor(math.log10(max(np.abs(mesh.vertices).max(), SMALLEST_LENGTH)))
-    digits = min(max(_JOINED, _COARSEST - order), _FINEST - order)
+    # Colours and normals per vertex would keep coincident vertices separate.
+    magnitude = math.floor(math.log10(max(np.abs(mesh.vertices).max(), SMALLEST_LENGTH)))
+    digits = min(max(_MERGED_DECIMALS, _LEAST_DIGITS - magnitude), _MOST_DIGITS - magnitude)
     mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=digits)
-    # Triangles that joined corners leave without area, or that are stated twice, close nothing.
-    kept = (np.diff(np.sort(mesh.faces, axis=1)) > 0).all(axis=1) & mesh.unique_faces()
-    if kept.any():
-        mesh.update_faces(kept)
+    # Degenerate and duplicate triangles would make a closed surface look open.
+    is_proper = (np.diff(np.sort(mesh.faces, axis=1)) > 0).all(axis=1) & mesh.unique_faces()
+    if is_proper.any():
+        mesh.update_faces(is_proper)
     return mesh
 
 
 def hull_points(path: Path, scale: MeshScale) -> FloatArray:
-    """Corners (V, 3) of the convex hull of a mesh file, m, read-only.
+    """Return the vertices (V, 3) of the convex hull of a mesh file, m, read-only.
 
     Raises:
         MeshError: See `load_mesh`; or all vertices lie in one plane.
@@ -333,20 +335,20 @@ def hull_points(path: Path, scale: MeshScale) -> FloatArray:
         GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm, or so dense that its
             hull is simplified.
     """
-    points, found = _hull_points(path, scale, file_state(path))
-    emit(*found)
-    named = f"mesh '{path}' with scale {scale}"
-    emit(*scale_findings(named, named, points, "needs scale 0.001"))
+    points, findings = _hull_points(path, scale, file_state(path))
+    emit(*findings)
+    description = f"mesh '{path}' with scale {scale}"
+    emit(*scale_findings(description, description, points, "needs scale 0.001"))
     return points
 
 
-def scale_findings(subject: str, what: str, points: FloatArray, remedy: str) -> Iterator[Finding]:
-    """Find that the size of a mesh says that its unit is not the metre: over 5 m, below 1 mm.
+def scale_findings(subject: str, label: str, points: FloatArray, remedy: str) -> Iterator[Finding]:
+    """Yield a finding if a mesh is over 5 m or below 1 mm large: its unit may not be the metre.
 
     Args:
-        subject: What the finding is about.
-        what: What the message calls the mesh.
-        points: (V, 3) its vertices, m.
+        subject: Subject of the finding.
+        label: The name of the mesh in the message.
+        points: (V, 3) vertices, m.
         remedy: What a file in millimetres needs.
     """
     extent = float(np.ptp(points, axis=0).max())
@@ -354,35 +356,35 @@ def scale_findings(subject: str, what: str, points: FloatArray, remedy: str) -> 
         yield Finding(
             FindingCode.MESH_SCALE,
             subject,
-            f"{what} is {extent:.3g} m large",
+            f"{label} is {extent:.3g} m large",
             f"lengths are metres: a file in millimetres {remedy}",
         )
 
 
-@lru_cache(maxsize=_REMEMBERED)
+@lru_cache(maxsize=_MOST_CACHED_MESHES)
 def _hull_points(
     path: Path, scale: MeshScale, _state: tuple[str, int, int]
 ) -> tuple[FloatArray, tuple[Finding, ...]]:
     from graspless_pin.geometry.bodies.mesh_files import UP_AXIS
 
     mesh = scaled_mesh(path, scale)
-    points, found = hull_corners(np.array(mesh.vertices, dtype=float), f"mesh file '{path}'")
+    points, findings = hull_corners(np.array(mesh.vertices, dtype=float), f"mesh file '{path}'")
     if UP_AXIS in mesh.metadata:
         up = mesh.metadata[UP_AXIS]
-        turned = Finding(
+        axes_finding = Finding(
             FindingCode.MESH_AXES,
             str(path),
             f"mesh file '{path}' says {up}: its {up[0].lower()} axis is the object's z axis",
             "write <up_axis>Z_UP</up_axis> into it, or turn the object, if z was up all along",
         )
-        found = (*found, turned)
-    return read_only(points), found
+        findings = (*findings, axes_finding)
+    return read_only(points), findings
 
 
-_SURFACES_KEPT = 256
+_MOST_CACHED_SURFACES = 256
 
 MOST_FACES = 4000
-"""Of a surface that is drawn, if nothing else is said."""
+"""Default limit on the triangles of a surface that is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,7 +417,7 @@ def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Tr
     Args:
         center: (2,) middle of the top, m.
         half_width: Half the edge of the square, m.
-        thickness: How far the slab goes down, m.
+        thickness: Height of the slab, below its top, m.
     """
     x, y = np.asarray(center, dtype=float).tolist()
     slab = unit_surface("box", (2.0 * half_width, 2.0 * half_width, thickness))
@@ -423,16 +425,16 @@ def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Tr
 
 
 def simplified(triangles: Triangles, max_faces: int) -> Triangles:
-    """Return a surface of about so many triangles, or the same if it has no more.
+    """Return a surface decimated to about ``max_faces`` triangles, or the same if it has no more.
 
-    Good for looking at, not for computing with.
+    For display, not for computation.
     """
     if len(triangles.faces) <= max_faces:
         return triangles
-    return Triangles(*with_fewer_triangles(triangles.vertices, triangles.faces, max_faces))
+    return Triangles(*decimated_surface(triangles.vertices, triangles.faces, max_faces))
 
 
-@lru_cache(maxsize=_SURFACES_KEPT)
+@lru_cache(maxsize=_MOST_CACHED_SURFACES)
 def unit_surface(
     name: str,
     factors: float | tuple[float, ...],
@@ -440,14 +442,14 @@ def unit_surface(
     lowered: float = 0.0,
     **options: Any,
 ) -> Triangles:
-    """Make a primitive at unit size first: trimesh drops triangles that it finds too small.
+    """Return a primitive made at unit size and then scaled: trimesh drops very small triangles.
 
     Args:
-        name: Of a function of `trimesh.creation`.
-        factors: What its vertices are scaled by, one number or three along x, y, z, m.
-        sizes: What the function takes.
-        lowered: How far the vertices are moved down before they are scaled.
-        options: What else the function takes.
+        name: Name of a function of `trimesh.creation`.
+        factors: Scale of the vertices, one number or three along x, y, z, m.
+        sizes: Positional arguments of the function.
+        lowered: Shift of the vertices along -z before they are scaled.
+        options: Keyword arguments of the function.
     """
     import trimesh
 
@@ -459,11 +461,11 @@ def unit_surface(
 def file_triangles(
     path: Path, scale: MeshScale, max_faces: int, *, upright: bool = True
 ) -> Triangles:
-    """Return the surface of a mesh file, the same as long as the file does not change.
+    """Return the surface of a mesh file, cached until the file changes.
 
     Args:
         path: See `scaled_mesh`.
-        scale: See `scaled_mesh`; one that mirrors turns the triangles round.
+        scale: See `scaled_mesh`; a mirroring scale reverses the triangles.
         max_faces: A mesh with more triangles is simplified, see `simplified`.
         upright: See `load_mesh`.
 
@@ -473,7 +475,7 @@ def file_triangles(
     return _file_triangles(path, scale, max_faces, upright, file_state(path))
 
 
-@lru_cache(maxsize=_SURFACES_KEPT)
+@lru_cache(maxsize=_MOST_CACHED_SURFACES)
 def _file_triangles(
     path: Path, scale: MeshScale, max_faces: int, upright: bool, _state: tuple[str, int, int]
 ) -> Triangles:

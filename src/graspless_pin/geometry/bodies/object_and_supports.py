@@ -1,4 +1,4 @@
-"""The manipulated object, what supports it, and friction between pairs of materials."""
+"""The manipulated object, its supports, and friction between pairs of materials."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from graspless_pin.suggestions import names_in_words, nearest_name
 
 
 class _PlacedShape(PickledByFields, ABC):
-    """What an object and a support share: convex pieces under one name at one pose."""
+    """Base of object and support: convex pieces under one name at one pose."""
 
     name: str
     shape: Shape
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
-        """Return the body as contact detection takes it: its convex pieces, all of its name.
+        """Return the convex pieces for contact detection, all with the body's name.
 
         Raises:
             MeshError: See `Shape.pieces`.
@@ -45,7 +45,7 @@ class _PlacedShape(PickledByFields, ABC):
 
     @cached_property
     def shapes(self) -> BodyShapes:
-        """Names and coal geometries of its convex pieces, which do not change with its pose.
+        """Names and coal geometries of the convex pieces, independent of the pose.
 
         Raises:
             MeshError: See `Shape.pieces`.
@@ -56,18 +56,18 @@ class _PlacedShape(PickledByFields, ABC):
     @cached_property
     @abstractmethod
     def placed_bodies(self) -> PlacedBodies:
-        """What `collision_bodies` returns, each made only when it is asked for.
+        """The pieces of `collision_bodies`, each made on first access.
 
         Raises:
             MeshError: See `Shape.pieces`.
         """
 
-    def _placed(self, T: FloatArray) -> PlacedBodies:
-        """Return the pieces where they are when the shape is at a (4, 4) pose."""
-        own = self.shape.placements()
-        if own is None:
+    def _bodies_at(self, T: FloatArray) -> PlacedBodies:
+        """Return the pieces with the shape at a (4, 4) pose."""
+        placements = self.shape.placements()
+        if placements is None:
             return PlacedBodies(self.shapes, T[None].repeat(len(self.shapes.names), axis=0))
-        return PlacedBodies(self.shapes, T @ own)
+        return PlacedBodies(self.shapes, T @ placements)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,14 +75,14 @@ class ManipulatedObject(Brief, _PlacedShape):
     """A rigid object with its mass. See the example of `settle_object`.
 
     Attributes:
-        name: What messages and tables call it.
+        name: Name in messages and tables.
         shape: Bounded shape.
         mass: kg.
         center_of_mass: (3,) read-only, in the object's frame, m.
         T_world_object: (4, 4) read-only pose, m.
         material: Name in a table of `Materials`; None if friction is given otherwise.
         inertia: (3, 3) read-only, about the centre of mass, the object's axes, kg m^2; None: that
-            of the shape filled evenly with the mass, about its centroid.
+            of the shape filled with uniform density, about its centroid.
     """
 
     name: str
@@ -106,7 +106,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         material: str | None = None,
         inertia: ArrayLike | None = None,
     ) -> ManipulatedObject:
-        """Make an object that its shape fills evenly.
+        """Make an object of uniform density.
 
         Args:
             name: See the attributes.
@@ -127,13 +127,13 @@ class ManipulatedObject(Brief, _PlacedShape):
         """
         if not shape.is_bounded:
             raise ArgumentError("shape", f"object '{name}' cannot be a half-space")
-        filled = None
+        filling = None
         if mass is None or density is not None or center_of_mass is None:
-            given = _mass_or_density(mass, density)
-            filled = shape.filling()
-            mass = given if density is None else given * filled.volume
-            center_of_mass = filled.centroid if center_of_mass is None else center_of_mass
-        made = cls(
+            mass_or_density = _mass_or_density(mass, density)
+            filling = shape.filling()
+            mass = mass_or_density if density is None else mass_or_density * filling.volume
+            center_of_mass = filling.centroid if center_of_mass is None else center_of_mass
+        manipulated = cls(
             name,
             shape,
             mass,
@@ -142,9 +142,9 @@ class ManipulatedObject(Brief, _PlacedShape):
             material,
             None if inertia is None else np.asarray(inertia),
         )
-        if filled is not None and inertia is None:
-            vars(made)["own_inertia"] = read_only(made.mass * filled.gyration)
-        return made
+        if filling is not None and inertia is None:
+            vars(manipulated)["own_inertia"] = read_only(manipulated.mass * filling.gyration)
+        return manipulated
 
     def __post_init__(self) -> None:
         """Check all fields and copy the arrays.
@@ -157,7 +157,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         _check_name(self.name)
         if not self.shape.is_bounded:
             raise ArgumentError("shape", f"object '{self.name}' cannot be a half-space")
-        if not _figure(self.mass) > 0.0:
+        if not _number_or_nan(self.mass) > 0.0:
             raise ArgumentError(
                 "mass", f"object '{self.name}' needs a positive mass in kg, got {self.mass!r}"
             )
@@ -169,23 +169,23 @@ class ManipulatedObject(Brief, _PlacedShape):
             object.__setattr__(self, "inertia", _checked_inertia(self.inertia))
 
     def with_pose(self, T_world_object: ArrayLike) -> ManipulatedObject:
-        """Return this object at another pose, with the same geometries: the quick way to move it.
+        """Return this object at another pose with the same geometries: the fast way to move it.
 
         Raises:
             ArgumentError: If the pose is not rigid.
             MeshError: See `Shape.pieces`.
         """
         pose = as_pose("T_world_object", T_world_object)
-        placed = self._placed(pose)
+        placed = self._bodies_at(pose)
         return changed(self, "center_of_mass_world", T_world_object=pose, placed_bodies=placed)
 
     def with_mass(self, mass: float) -> ManipulatedObject:
-        """Return this object with another mass, kg; an inertia that was stated stays.
+        """Return this object with another mass, kg; a given inertia is kept.
 
         Raises:
-            ArgumentError: If it is not positive.
+            ArgumentError: If the mass is not positive.
         """
-        if not _figure(mass) > 0.0:
+        if not _number_or_nan(mass) > 0.0:
             raise ArgumentError("mass", f"is {mass!r}; it must be positive, in kg")
         return changed(self, "own_inertia", mass=float(mass))
 
@@ -196,7 +196,7 @@ class ManipulatedObject(Brief, _PlacedShape):
 
     @cached_property
     def own_inertia(self) -> FloatArray:
-        """(3, 3) read-only inertia about the centre of mass, the object's axes, kg m^2.
+        """(3, 3) read-only inertia about the centre of mass, in the object's axes, kg m^2.
 
         Raises:
             MeshError: The mesh file is missing, unreadable or encloses no volume.
@@ -217,35 +217,35 @@ class ManipulatedObject(Brief, _PlacedShape):
             MeshError: See `own_inertia`.
         """
         R = self.T_world_object[:3, :3]
-        turned = R @ self.own_inertia @ R.T
+        world_inertia = R @ self.own_inertia @ R.T
         spatial = np.diag([self.mass, self.mass, self.mass, 0.0, 0.0, 0.0])
-        spatial[3:, 3:] = 0.5 * (turned + turned.T)
+        spatial[3:, 3:] = 0.5 * (world_inertia + world_inertia.T)
         return spatial
 
     @cached_property
     def placed_bodies(self) -> PlacedBodies:
-        """What `collision_bodies` returns, each made only when it is asked for."""
-        return self._placed(self.T_world_object)
+        """The pieces of `collision_bodies`, each made on first access."""
+        return self._bodies_at(self.T_world_object)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Support(Brief, _PlacedShape):
-    """Something that the object may touch and does not move: a table, a slope, a wall.
+    """A fixed body that the object may touch: a table, a slope, a wall.
 
-    What a support is follows from its shape: a table, slope or wall is a half-space (exact and
-    fastest) or a box; a corner is two or three supports that are half-spaces, a step a box on a
-    half-space; a second object that is fixed, a rack or a vice is a box, cylinder or mesh,
-    decomposed where the object reaches into its hollows. A conveyor is any of them with a velocity.
+    Its shape tells the kind of support: a table, slope or wall is a half-space (exact and fastest)
+    or a box; a corner is two or three supports that are half-spaces, a step a box on a half-space;
+    a second object that is fixed, a rack or a vice is a box, cylinder or mesh, decomposed where the
+    object reaches into its hollows. A conveyor is any of them with a velocity.
 
     See the example of `settle_object`.
 
     Attributes:
-        name: What messages and tables call it.
+        name: Name in messages and tables.
         shape: Any shape.
         T_world_support: (4, 4) read-only pose, m.
-        friction: Coefficient of friction against the object; None for the materials' or scene's.
-        velocity: (6,) read-only [v; omega], v at the origin of the support's frame, world axes, m/s
-            and rad/s: how its surface moves at this moment.
+        friction: Coefficient of friction against the object; None: that of the materials or scene.
+        velocity: (6,) read-only twist [v; omega] of its surface, v at the origin of the support's
+            frame, world axes, m/s and rad/s.
         material: Name in a table of `Materials`; None if friction is given otherwise.
     """
 
@@ -267,7 +267,7 @@ class Support(Brief, _PlacedShape):
         object.__setattr__(
             self, "T_world_support", as_pose("T_world_support", self.T_world_support)
         )
-        if self.friction is not None and not _figure(self.friction) >= 0.0:
+        if self.friction is not None and not _number_or_nan(self.friction) >= 0.0:
             raise ArgumentError(
                 "friction",
                 f"support '{self.name}' needs a coefficient of zero or more, got {self.friction!r}",
@@ -276,13 +276,13 @@ class Support(Brief, _PlacedShape):
 
     @cached_property
     def is_moving(self) -> bool:
-        """Whether its surface moves."""
+        """Whether the velocity is not zero."""
         return bool(self.velocity.any())
 
     @cached_property
     def placed_bodies(self) -> PlacedBodies:
-        """What `collision_bodies` returns, each made only when it is asked for."""
-        return self._placed(self.T_world_support)
+        """The pieces of `collision_bodies`, each made on first access."""
+        return self._bodies_at(self.T_world_support)
 
 
 def _check_name(name: str) -> None:
@@ -292,24 +292,24 @@ def _check_name(name: str) -> None:
         raise ArgumentError("name", fault)
 
 
-def _figure(value: object) -> float:
-    """Return a finite number that is not negative; NaN for anything else."""
+def _number_or_nan(value: object) -> float:
+    """Return a value if it is a finite number that is not negative; NaN for anything else."""
     with suppress(ArgumentError):
         return real_number("", value, 0.0)
     return math.nan
 
 
 def _mass_or_density(mass: float | None, density: float | None) -> float:
-    """Return the one of both that is given.
+    """Return whichever of mass and density is given.
 
     Raises:
-        ArgumentError: It is not positive, or not exactly one is given.
+        ArgumentError: The value is not positive, or not exactly one is given.
     """
     name, value, unit = ("mass", mass, "kg") if density is None else ("density", density, "kg/m^3")
     if value is None or None not in (mass, density):
         found = "neither" if value is None else "both"
         raise ArgumentError("mass", f"needs either a mass in kg or a density, found {found}")
-    if not _figure(value) > 0.0:
+    if not _number_or_nan(value) > 0.0:
         raise ArgumentError(name, f"needs a positive number of {unit}, got {value!r}")
     return value
 
@@ -318,15 +318,15 @@ def _checked_inertia(inertia: ArrayLike) -> FloatArray:
     """Return the (3, 3) inertia of a rigid body about its centre of mass, kg m^2, read-only.
 
     Args:
-        inertia: (3, 3), or (3,) its diagonal.
+        inertia: (3, 3), or (3,) the diagonal.
 
     Raises:
-        ArgumentError: It is not symmetric and positive definite, or one principal moment exceeds
-            the two others together.
+        ArgumentError: The matrix is not symmetric and positive definite, or one principal moment
+            exceeds the sum of the others.
     """
-    given = np.asarray(inertia)
+    stated = np.asarray(inertia)
     matrix = checked_inertia(
-        "inertia", np.diag(given) if given.shape == (3,) else given, 3, definite=True
+        "inertia", np.diag(stated) if stated.shape == (3,) else stated, 3, definite=True
     )
     low, middle, high = np.linalg.eigvalsh(matrix).tolist()
     if high > (low + middle) * (1.0 + 1e-9):
@@ -340,7 +340,7 @@ def _checked_inertia(inertia: ArrayLike) -> FloatArray:
 
 Pair = frozenset[str]
 _SIMILAR_NAMES = 0.8
-"""Names at least this similar are taken for one name and a slip of the keyboard."""
+"""Similarity from which on a name counts as a misspelling of another."""
 
 
 @dataclass(frozen=True)
@@ -357,7 +357,7 @@ class Materials(Record):
 
     @classmethod
     def from_table(cls, table: Mapping[str, Mapping[str, float]]) -> Materials:
-        """Make the record of a nested table, such as ``{"rubber": {"steel": 0.6}}``.
+        """Make the record from a nested table, such as ``{"rubber": {"steel": 0.6}}``.
 
         A pair may be written once, or both ways round with the same coefficient.
 
@@ -391,14 +391,14 @@ class Materials(Record):
         """
         for name in names:
             if name not in self.names:
-                words = names_in_words(name, self.names)
-                raise ArgumentError(argument, f"{name!r} is in no pair of materials; {words}")
+                suggestion = names_in_words(name, self.names)
+                raise ArgumentError(argument, f"{name!r} is in no pair of materials; {suggestion}")
 
     def misspelt(self, used: Iterable[str]) -> dict[str, str]:
-        """Return names of the table that look like misspelt ones of bodies, with what was meant.
+        """Return names in the table that look like misspelt materials of bodies, with the match.
 
-        A name that no body has is no mistake by itself: scenes may share a table. Names that differ
-        in their digits are different materials.
+        A name that no body uses is not a mistake by itself: scenes may share a table. Names that
+        differ in their digits are different materials.
 
         Args:
             used: Names of the bodies' materials.
@@ -406,7 +406,9 @@ class Materials(Record):
         bodies = sorted(set(used))
         nearest = {
             name: nearest_name(
-                name, [body for body in bodies if _digits(body) == _digits(name)], _SIMILAR_NAMES
+                name,
+                [body for body in bodies if _digit_groups(body) == _digit_groups(name)],
+                _SIMILAR_NAMES,
             )
             for name in self.names
             if name not in bodies
@@ -414,10 +416,10 @@ class Materials(Record):
         return {name: match for name, match in nearest.items() if match is not None}
 
     def friction(self, first: str, second: str) -> float:
-        """Coefficient of friction of two materials.
+        """Return the coefficient of friction of two materials.
 
         Raises:
-            ArgumentError: A material is unknown or the pair has no coefficient; the message tells
+            ArgumentError: A material is unknown or the pair has no coefficient; the message says
                 what to add.
         """
         value = self.coefficients.get(frozenset((first, second)))
@@ -431,5 +433,5 @@ class Materials(Record):
         return value
 
 
-def _digits(name: str) -> list[str]:
+def _digit_groups(name: str) -> list[str]:
     return re.findall(r"\d+", name)

@@ -1,4 +1,4 @@
-"""Boxes and convex hulls by their corners, faces and edges, in the geometry's own frame, metres."""
+"""Boxes and convex hulls as polytopes: vertices, faces and edges in their own frame, metres."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from graspless_pin.geometry.bodies.convex_sets import (
     SAME_SURFACE,
     BoundedSet,
     ConvexSet,
-    edge_radii,
+    edge_curvature_radii,
     foot_on_segment,
 )
 from graspless_pin.problem.checks import FloatArray
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _COS_PARALLEL = math.cos(PARALLEL_ANGLE)
 _COPLANAR = 1e-3  # rad: triangles of one face, up to the noise of a mesh file
-_FEW_FACES = 24  # trying them all costs nothing and does not depend on the nearest point
+_FEW_FACES = 24  # so few are all tried, which is cheap and independent of the nearest point
 _ON_FACE = 1e-9  # m
 
 
@@ -38,11 +38,11 @@ class Polytope(BoundedSet):
     """A bounded polytope with interior points.
 
     Attributes:
-        vertices: (V, 3) corner points.
+        vertices: (V, 3) vertices, m.
         face_normals: (F, 3) outward unit normals.
         face_offsets: (F,) distances of the faces from the origin, m.
-        faces: (F, 3 or 4) vertices of each face; a flat face may come in several triangles.
-        edges: Per vertex, the neighbours along true edges as (index, length of the edge).
+        faces: (F, 3 or 4) vertices of each face; a flat face may consist of several triangles.
+        edges: Per vertex, the neighbours along sharp edges as (index, length of the edge).
     """
 
     vertices: FloatArray
@@ -55,7 +55,7 @@ class Polytope(BoundedSet):
 
     @property
     def constant_normals(self) -> FloatArray:
-        """All face normals if they are few; else those near a point are picked."""
+        """(F, 3) all face normals if they are few; else none: see `normals_near`."""
         return self.face_normals if len(self.face_normals) <= _FEW_FACES else np.empty((0, 3))
 
     @cached_property
@@ -68,68 +68,68 @@ class Polytope(BoundedSet):
         return (directions @ self.vertices.T).max(axis=1)
 
     def feature(self, direction: FloatArray) -> FloatArray:
-        """Corner points of the face, edge or corner that lies farthest along a unit direction.
+        """Return the vertices of the face, edge or vertex farthest along a unit direction.
 
         Args:
             direction: (3,) unit vector.
 
         Returns:
-            (K, 3) vertices by rising index.
+            (K, 3) vertices in ascending order of their indices.
         """
-        return self.vertices.take(self.farthest(direction), axis=0)
+        return self.vertices.take(self.farthest_vertices(direction), axis=0)
 
-    def farthest(self, direction: FloatArray) -> tuple[int, ...]:
-        """Return the vertices of the face, edge or corner farthest along a unit direction (3,).
+    def farthest_vertices(self, direction: FloatArray) -> tuple[int, ...]:
+        """Return indices of the vertices of the feature farthest along a unit direction (3,).
 
-        That is, the faces tilted by less than `PARALLEL_ANGLE`, and what can be reached from the
-        farthest vertex along edges that fall off by less than it. The rule has no length in it, so
-        that a wide box and the hull of a fine mesh are both judged by their angles.
+        These are the vertices of all faces tilted by less than `PARALLEL_ANGLE`, and those that
+        are connected to the farthest vertex by edges that descend by less than that angle. The
+        rule has no length scale: a wide box and a fine mesh are both judged by angles.
         """
         heights = (self.vertices @ direction).tolist()
         start = max(range(len(heights)), key=heights.__getitem__)
         reached = {start}
         reached.update(self.faces[self.face_normals @ direction > _COS_PARALLEL].ravel().tolist())
-        waiting = list(reached)
-        while waiting:
-            here = waiting.pop()
-            for there, length in self.edges[here]:
+        pending = list(reached)
+        while pending:
+            vertex = pending.pop()
+            for neighbour, length in self.edges[vertex]:
                 if (
-                    there not in reached
-                    and heights[here] - heights[there] <= PARALLEL_ANGLE * length
+                    neighbour not in reached
+                    and heights[vertex] - heights[neighbour] <= PARALLEL_ANGLE * length
                 ):
-                    reached.add(there)
-                    waiting.append(there)
+                    reached.add(neighbour)
+                    pending.append(neighbour)
         return tuple(sorted(reached))
 
     def face_normal(self, corners: tuple[int, ...]) -> FloatArray | None:
-        """Outward unit normal (3,) of the flat face with these vertices; None for other features.
+        """Return the outward unit normal (3,) of the flat face with given vertices, else None.
 
-        That is, the mean of the normals of all faces that lie between them. Where each of these
-        is tilted against it by more than `PARALLEL_ANGLE`, they do not make one flat face.
+        It is the mean of the normals of all faces spanned by these vertices. If every one of them
+        is tilted against the mean by more than `PARALLEL_ANGLE`, the face is not flat.
         """
-        between = self.face_normals[np.isin(self.faces, corners).all(axis=1)]
-        if not len(between):
+        normals = self.face_normals[np.isin(self.faces, corners).all(axis=1)]
+        if not len(normals):
             return None
-        total = between.sum(axis=0)
+        total = normals.sum(axis=0)
         mean = total / np.linalg.norm(total)
-        return mean if float((between @ mean).max()) > _COS_PARALLEL else None
+        return mean if float((normals @ mean).max()) > _COS_PARALLEL else None
 
     def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:  # noqa: ARG002
-        """See `BoundedSet.normals_near`: those of many faces that are within a millimetre."""
+        """See `BoundedSet.normals_near`: faces within `NEAR_FACE`, unless all are tried anyway."""
         if len(self.constant_normals):
             return np.empty((0, 3))
         return self.face_normals[self.face_offsets - self.face_normals @ point <= NEAR_FACE]
 
     def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m."""
+        """Return the outward face normals (K, 3) and a point's (3,) heights (K,) over them, m."""
         return self.face_normals, self.face_normals @ point - self.face_offsets
 
     def flat_faces(self) -> tuple[FloatArray, FloatArray]:
         """See `BoundedSet.flat_faces`."""
         return self.face_normals, self.face_offsets
 
-    def rises(self, point: FloatArray, direction: FloatArray) -> bool:
-        """See `BoundedSet.rises`; how far away a corner is counts."""
+    def has_higher_points(self, point: FloatArray, direction: FloatArray) -> bool:
+        """See `BoundedSet.has_higher_points`; the tolerance grows with a vertex's distance."""
         arms = self.vertices - point
         lengths = np.linalg.norm(arms, axis=1)
         return bool((arms @ direction > SAME_SURFACE + PARALLEL_ANGLE * lengths).any())
@@ -137,67 +137,68 @@ class Polytope(BoundedSet):
     def radii_of_curvature(
         self, point: FloatArray, outward: FloatArray, tangents: FloatArray
     ) -> FloatArray:
-        """Return the radii of a face, edge or corner: `FLAT` along what is flat, else zero."""
-        corners = self.farthest(outward)
+        """Return the radii (2, 2) of a face, edge or vertex: `FLAT` if flat, else 0, m."""
+        corners = self.farthest_vertices(outward)
         if len(corners) == 1:
             return np.zeros((2, 2))
         if len(corners) == 2:
-            return edge_radii(self.vertices[list(corners)], point, tangents)
-        # A point on the border of a face may be where a corner or an edge of it rests.
-        inside = set(corners)
+            return edge_curvature_radii(self.vertices[list(corners)], point, tangents)
+        # At the border of a face the contact may be that of an edge or a vertex.
+        feature_vertices = set(corners)
         for first in corners:
             for second, _ in self.edges[first]:
-                if first < second and second in inside:
+                if first < second and second in feature_vertices:
                     ends = self.vertices[[first, second]]
                     if np.linalg.norm(foot_on_segment(point, *ends) - point) < AT_BORDER:
-                        return edge_radii(ends, point, tangents)
+                        return edge_curvature_radii(ends, point, tangents)
         return FLAT * np.eye(2)
 
     def heights_from(self, points: FloatArray, direction: FloatArray) -> FloatArray:
-        """Return how far (K,) the surface is from points (K, 3) along a unit direction (3,), m.
+        """Return the distances (K,) of points (K, 3) to the surface along a unit direction (3,), m.
 
-        Negative where a point is beyond it. Past a border the surface goes on: where a face lies
-        farthest along the direction, those tilted by more than 60 degrees against it do not count;
-        where an edge or a corner does, the line along that is the least height.
+        Negative where a point is beyond the surface. The surface is extended past its border: if
+        the farthest feature along the direction is a face, faces tilted by more than 60 degrees
+        are ignored; if it is an edge or a vertex, the line through it is a lower bound.
         """
         cosines = self.face_normals @ direction
         on_face = bool((cosines > _COS_PARALLEL).any())
         ahead = cosines > (0.5 if on_face else 0.0)
         normals = self.face_normals[ahead]
-        away = ((self.face_offsets[ahead] - points @ normals.T) / cosines[ahead]).min(axis=1)
+        gaps = ((self.face_offsets[ahead] - points @ normals.T) / cosines[ahead]).min(axis=1)
         if on_face:
-            return away
+            return gaps
         ridge = self.feature(direction)
-        return np.maximum(away, _heights_of_line(ridge, points, direction) - points @ direction)
+        return np.maximum(gaps, _ridge_heights(ridge, points, direction) - points @ direction)
 
     def highest_face(self, point: FloatArray) -> tuple[int, float, bool]:
-        """Tell over which face a point (3,) is highest, how high, m, and if its foot is on it.
+        """Return the face over which a point (3,) is highest, the height, m, and a flag.
 
-        If the foot is, or if the point is inside, no other direction leaves a larger gap to it.
+        The flag is True if the foot of the point lies on that face, or the point is inside; then
+        no other direction has a larger gap to the point.
         """
-        over = self.face_normals @ point - self.face_offsets
-        face = int(over.argmax())
-        height = float(over[face])
-        of_foot = over - height * (self.face_normals @ self.face_normals[face])
-        return face, height, height <= 0.0 or bool(of_foot.max() <= _ON_FACE)
+        heights = self.face_normals @ point - self.face_offsets
+        face = int(heights.argmax())
+        height = float(heights[face])
+        foot_heights = heights - height * (self.face_normals @ self.face_normals[face])
+        return face, height, height <= 0.0 or bool(foot_heights.max() <= _ON_FACE)
 
 
-def _heights_of_line(ridge: FloatArray, points: FloatArray, direction: FloatArray) -> FloatArray:
-    """Heights (K,) along a unit direction of the line under the corners (N, 3) of an edge, m.
+def _ridge_heights(ridge: FloatArray, points: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return heights (K,) along a unit direction of the line below an edge's vertices (N, 3), m.
 
-    Seen along the direction, a point (K, 3) beside the line has that of its foot.
+    A point (K, 3) off the line, seen along the direction, gets the height of its foot on the line.
     """
     middle = ridge.mean(axis=0)
     arms = ridge - middle
     rises = arms @ direction
     across = arms - np.outer(rises, direction)
-    longest = across[int(np.einsum("ni,ni->n", across, across).argmax())]
-    along = across @ longest
-    slope = float(rises @ along / (along @ along)) if along.any() else 0.0
+    longest_arm = across[int(np.einsum("ni,ni->n", across, across).argmax())]
+    positions = across @ longest_arm
+    slope = float(rises @ positions / (positions @ positions)) if positions.any() else 0.0
     return (
         middle @ direction
-        + slope * ((points - middle) @ longest)
-        + float((rises - slope * along).min())
+        + slope * ((points - middle) @ longest_arm)
+        + float((rises - slope * positions).min())
     )
 
 
@@ -205,8 +206,8 @@ def _heights_of_line(ridge: FloatArray, points: FloatArray, direction: FloatArra
 class Cuboid(Polytope):
     """A box about the origin; the vertex of index 4x + 2y + z lies at the signs of x, y and z."""
 
-    def farthest(self, direction: FloatArray) -> tuple[int, ...]:
-        """See `Polytope.farthest`; along each axis the edges fall off by the direction's part."""
+    def farthest_vertices(self, direction: FloatArray) -> tuple[int, ...]:
+        """See `Polytope.farthest_vertices`: an edge is level by its component."""
         x, y, z = direction.tolist()
         signs = (
             0 if abs(x) <= PARALLEL_ANGLE else (1 if x > 0.0 else -1),
@@ -217,13 +218,13 @@ class Cuboid(Polytope):
 
 
 def is_hull(solid: ConvexSet) -> TypeGuard[Polytope]:
-    """Return whether a set is the hull of points, whose faces may be those of a rough mesh."""
+    """Return whether a set is a hull of points, whose faces may be those of a rough mesh."""
     return isinstance(solid, Polytope) and not isinstance(solid, Cuboid)
 
 
 @cache
 def _box_corners(signs: tuple[int, int, int]) -> tuple[int, ...]:
-    """Return a box's vertices on the sides of some signs, of both sides where the sign is 0."""
+    """Return the vertices of a box with given signs; a sign of 0 means both sides."""
     indices = [0]
     for bit, sign in zip((4, 2, 1), signs, strict=True):
         if sign == 0:
@@ -233,8 +234,8 @@ def _box_corners(signs: tuple[int, int, int]) -> tuple[int, ...]:
     return tuple(sorted(indices))
 
 
-def box_of(half: FloatArray) -> Cuboid:
-    """Return the box about the origin with (3,) half edge lengths."""
+def box_polytope(half: FloatArray) -> Cuboid:
+    """Return the box about the origin with given half edge lengths (3,)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     edges = tuple(
         tuple((vertex ^ bit, 2.0 * float(half[axis])) for bit, axis in ((4, 0), (2, 1), (1, 2)))
@@ -246,13 +247,13 @@ def box_of(half: FloatArray) -> Cuboid:
     return Cuboid(signs * half, normals, offsets, faces, edges)
 
 
-def qhull(points: FloatArray, what: str, options: str | None = None) -> ConvexHull:
-    """Return the convex hull of (N, 3) points as Qhull has it.
+def qhull(points: FloatArray, label: str, options: str | None = None) -> ConvexHull:
+    """Return Qhull's convex hull of (N, 3) points.
 
     Args:
         points: In metres.
-        what: What messages call them.
-        options: Of Qhull; None: its own.
+        label: The name of the points in messages.
+        options: Options of Qhull; None: its defaults.
 
     Raises:
         MeshError: All points lie in one plane.
@@ -263,13 +264,13 @@ def qhull(points: FloatArray, what: str, options: str | None = None) -> ConvexHu
         return ConvexHull(points, qhull_options=options)
     except (QhullError, ValueError) as error:
         raise MeshError(
-            f"{what} encloses no volume: all of its vertices lie in one plane"
+            f"{label} encloses no volume: all of its vertices lie in one plane"
         ) from error
 
 
-def hull_of(points: FloatArray, what: str = "its convex hull") -> Polytope:
-    """Return the convex hull of (N, 3) points; arguments and errors as of `qhull`."""
-    hull = qhull(points, what)
+def hull_polytope(points: FloatArray, label: str = "its convex hull") -> Polytope:
+    """Return the convex hull of (N, 3) points as a polytope; arguments and errors as `qhull`."""
+    hull = qhull(points, label)
     index = np.full(len(points), -1)
     index[hull.vertices] = np.arange(len(hull.vertices))
     vertices = points[hull.vertices]

@@ -1,6 +1,6 @@
-"""What a shape is: its keys in a scene file, collision geometry, filling, surface and MJCF form.
+"""The interface of shapes: scene-file keys, coal geometry, mass properties, surface, MJCF form.
 
-And what shapes are made of others: hulls of points, and several as those of one rigid body.
+Also the shapes that are made of other data: `Hull` (of points) and `Compound` (of several shapes).
 """
 
 from __future__ import annotations
@@ -30,32 +30,32 @@ from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.convex_sets import ConvexSet
 from graspless_pin.geometry.bodies.meshes import MOST_FACES, Triangles
-from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.geometry.bodies.polytopes import hull_polytope
 from graspless_pin.geometry.poses import as_numbers, as_pose, transformed
 from graspless_pin.intake.fields import METRES, Entry, FilePath, Finite, Length
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.records import PickledByFields
 
 Lengths = Annotated[tuple[Length, Length, Length], METRES]
-"""Three along x, y, z that are not zero."""
+"""Three positive lengths along x, y, z."""
 
 ShapeFile = Annotated[Path, GetPydanticSchema(lambda _, handler: handler(FilePath))]
-"""A file that a shape is made of: a text in the scene file, relative to it."""
+"""The file that a shape is read from: in the scene file a path relative to it."""
 
 _LISTED = Annotated[list[tuple[Finite, Finite, Finite]], Field(min_length=4, max_length=10_000)]
 Points = Annotated[FloatArray, GetPydanticSchema(lambda _, handler: handler(_LISTED))]
-"""(V, 3) that are not all in one plane: a list of lists in the scene file."""
+"""(V, 3) points that are not all in one plane; a list of lists in the scene file."""
 
-_HALVES = {"size": "halfSide", "length": "halfLength"}
-"""Of the lengths of these names coal has the half."""
+_HALF_LENGTH_NAMES = {"size": "halfSide", "length": "halfLength"}
+"""The lengths of which coal stores the half, with coal's attribute for each."""
 
 _RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
-_THINNEST = 1e-6
-"""Thickness of a hull over its width; coal crashes from about 1e-7 on."""
+_LEAST_THICKNESS_RATIO = 1e-6
+"""Least thickness of a hull over its width; coal crashes from about 1e-7 on."""
 
 
 class Filling(NamedTuple):
-    """What a shape encloses.
+    """Volume, centroid and inertia per mass of what a shape encloses.
 
     Attributes:
         volume: m^3.
@@ -69,19 +69,19 @@ class Filling(NamedTuple):
 
     @classmethod
     def symmetric(cls, volume: float, squares: FloatArray, height: float = 0.0) -> Filling:
-        """Return that of a shape whose products of inertia are zero.
+        """Return the filling of a shape whose products of inertia are zero.
 
         Args:
             volume: m^3.
             squares: (3,) mean squares of x, y, z about the centroid, m^2.
-            height: z of the centroid, which is on the z axis, m.
+            height: z of the centroid, which lies on the z axis, m.
         """
         centroid, gyration = np.array([0.0, 0.0, height]), np.diag(squares.sum() - squares)
         return cls(volume, read_only(centroid), read_only(gyration))
 
     @classmethod
     def of_mesh(cls, mesh: Any) -> Filling:
-        """Return that of a closed surface."""
+        """Return the filling of a closed triangle mesh, a `trimesh.Trimesh`."""
         volume, gyration = float(mesh.volume), np.array(mesh.moment_inertia, dtype=float)
         gyration = 0.5 * (gyration + gyration.T) / volume
         return cls(volume, read_only(np.array(mesh.center_mass)), read_only(gyration))
@@ -98,10 +98,10 @@ class Shape(ABC):
 
     Attributes:
         kind: The ``type`` of the shape in scene files.
-        rolls: Whether it can roll on a plane.
-        is_bounded: Whether it has an end, and so a mass and a surface.
-        coal_type: The coal geometry that stands for shapes of this class, if there is one: such a
-            class has `set_of`, too.
+        rolls: Whether the shape can roll on a plane.
+        is_bounded: Whether the shape is bounded, and so has a mass and a surface.
+        coal_type: The coal geometry that represents shapes of this class, if there is one; such a
+            class implements `set_of`, too.
     """
 
     kind: ClassVar[str]
@@ -110,7 +110,7 @@ class Shape(ABC):
     coal_type: ClassVar[Any] = ()
 
     def __post_init__(self) -> None:
-        """Check the lengths.
+        """Check the fields that are lengths.
 
         Raises:
             ArgumentError: One is not a positive number.
@@ -120,7 +120,7 @@ class Shape(ABC):
             object.__setattr__(self, name, checked_lengths(name, value, count))
 
     def pieces(self) -> tuple[Any, ...]:
-        """Make the coal geometries of its convex pieces: one of `coal_type`, of its lengths.
+        """Make the coal geometries of the convex pieces; by default one `coal_type`.
 
         Raises:
             MeshError: The mesh file is missing, unreadable or encloses no volume.
@@ -135,14 +135,14 @@ class Shape(ABC):
 
     @classmethod
     def of_coal(cls, geometry: Any) -> Self:
-        """Return the shape of a coal geometry, one of `coal_type`.
+        """Return the shape of a coal geometry of the type `coal_type`.
 
-        As long as nothing else is said here, its lengths have the names that coal has for them.
+        By default the lengths are read from coal's attributes of the same names.
         """
         return cls(
             *(
-                2.0 * np.array(getattr(geometry, _HALVES[key]))
-                if key in _HALVES
+                2.0 * np.array(getattr(geometry, _HALF_LENGTH_NAMES[key]))
+                if key in _HALF_LENGTH_NAMES
                 else getattr(geometry, key)
                 for key in cls.lengths()
             )
@@ -150,11 +150,11 @@ class Shape(ABC):
 
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
-        """Return the set that a coal geometry fills, one of `coal_type`: contacts are found so."""
+        """Return the convex set that a coal geometry fills, for contact detection."""
         raise NotImplementedError(f"{cls.__name__} has a coal_type and needs 'set_of', too")
 
     def placements(self) -> FloatArray | None:
-        """Return (K, 4, 4) poses of its convex pieces in its frame; None: all are in that frame."""
+        """Return (K, 4, 4) poses of the pieces in the shape's frame; None: identities."""
         return None
 
     @abstractmethod
@@ -185,18 +185,18 @@ class Shape(ABC):
         """
 
     def mjcf_geom(self) -> dict[str, Any]:
-        """Return the attributes of its MJCF ``geom``, or as ``vertex`` the corners of a mesh."""
+        """Return the attributes of the MJCF ``geom``; for a mesh, its ``vertex`` positions."""
         return {"type": "mesh", "vertex": self.surface().vertices}
 
     @classmethod
     @cache
     def entry(cls) -> type[Entry]:
-        """Return the schema of its mapping in a scene file; a path is a text there."""
+        """Return the schema of the shape's mapping in a scene file; a path is a text there."""
         hints = get_type_hints(cls, include_extras=True)
         description = f"says that it is a {cls.kind.replace('_', '-')}"
         keys: Any = {"type": (Literal[cls.kind], Field(description=description))} | {
-            one.name: (hints[one.name], ... if one.default is MISSING else one.default)
-            for one in fields(cls)
+            field.name: (hints[field.name], ... if field.default is MISSING else field.default)
+            for field in fields(cls)
         }
         return create_model(
             f"{cls.kind.title().replace('_', '')}Entry",
@@ -209,48 +209,52 @@ class Shape(ABC):
     @classmethod
     @cache
     def lengths(cls) -> dict[str, int]:
-        """Return which keys are of the types `Length` and `Lengths`, with 1 and 3 for these."""
+        """Return the fields of type `Length` (1 number) and `Lengths` (3 numbers)."""
         hints = get_type_hints(cls, include_extras=True)
         return {
-            one.name: 1 if get_args(hints[one.name])[0] is float else 3
-            for one in fields(cls)
-            if METRES in get_args(hints[one.name])
+            field.name: 1 if get_args(hints[field.name])[0] is float else 3
+            for field in fields(cls)
+            if METRES in get_args(hints[field.name])
         }
 
     @classmethod
-    def from_entry(cls, entry: Entry, found: Callable[[str], Path]) -> Self:
-        """Return the shape of a checked mapping of a scene file.
+    def from_entry(cls, entry: Entry, resolve_path: Callable[[str], Path]) -> Self:
+        """Return the shape of a validated mapping of a scene file.
 
         Args:
-            entry: Of the type that `entry` returns.
-            found: Returns the file that a path of the scene file names.
+            entry: Mapping of the type that `entry` returns.
+            resolve_path: Returns the file that a path in the scene file names.
 
         Raises:
-            ArgumentError: Its numbers do not do together.
+            ArgumentError: The numbers contradict each other.
         """
         hints = get_type_hints(cls)
         return cls(
-            **{key: found(one) if hints[key] is Path else one for key, one in entry if key in hints}
+            **{
+                key: resolve_path(value) if hints[key] is Path else value
+                for key, value in entry
+                if key in hints
+            }
         )
 
     def stated(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
-        """Return what a scene file says of it.
+        """Return the shape's mapping in a scene file.
 
         Args:
-            path_text: Returns how the file names another file.
+            path_text: Returns the path that the scene file states for another file.
         """
         return {"type": self.kind} | {
-            key: path_text(one) if isinstance(one, Path) else one
-            for key, one in asdict(self).items()
+            key: path_text(value) if isinstance(value, Path) else value
+            for key, value in asdict(self).items()
         }
 
 
 class Polyhedron(Shape):
-    """The convex hull of vertices, which are all that a subclass has to tell."""
+    """The convex hull of vertices; a subclass implements `vertices` only."""
 
     @abstractmethod
     def vertices(self) -> FloatArray:
-        """Return them: (V, 3) in the shape's own frame, m, not all in one plane."""
+        """Return the (V, 3) vertices in the shape's own frame, m, not all in one plane."""
 
     def pieces(self) -> tuple[Any, ...]:
         """Make the coal geometry of the hull."""
@@ -278,7 +282,7 @@ class Polyhedron(Shape):
 class Hull(Polyhedron):
     """The convex hull of points.
 
-    A link's collision mesh is one, a piece of an object, and a mesh that an MJCF holds itself.
+    Used for the collision mesh of a link, a convex piece of an object, and a mesh inside an MJCF.
 
     Attributes:
         points: (V, 3), m.
@@ -291,7 +295,7 @@ class Hull(Polyhedron):
     ]
 
     def __post_init__(self) -> None:
-        """Take the points as they are."""
+        """Store the points as an array."""
         object.__setattr__(self, "points", np.asarray(self.points))
 
     @classmethod
@@ -302,7 +306,7 @@ class Hull(Polyhedron):
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
         """See `Shape.set_of`."""
-        return hull_of(np.array(geometry.points(), dtype=float))
+        return hull_polytope(np.array(geometry.points(), dtype=float))
 
     def vertices(self) -> FloatArray:
         """Return the points."""
@@ -351,39 +355,47 @@ class Compound(PickledByFields, Shape):
         return tuple(part.pieces() for part in self.parts)
 
     def pieces(self) -> tuple[Any, ...]:
-        """Make the coal geometries of all parts, each in the part's own frame."""
-        return tuple(piece for own in self._pieces for piece in own)
+        """Make the coal geometries of all parts, each in its part's own frame."""
+        return tuple(piece for part_pieces in self._pieces for piece in part_pieces)
 
     def placements(self) -> FloatArray:
         """Return the (K, 4, 4) poses of the pieces."""
-        return np.repeat(self.poses, [len(own) for own in self._pieces], axis=0)
+        return np.repeat(self.poses, [len(part_pieces) for part_pieces in self._pieces], axis=0)
 
     def filling(self) -> Filling:
-        """Return volume, centroid and inertia per mass; where parts overlap, both count."""
+        """Return volume, centroid and inertia per mass; overlapping parts count twice."""
         fillings = [part.filling() for part in self.parts]
-        volumes = np.array([one.volume for one in fillings])
+        volumes = np.array([part_filling.volume for part_filling in fillings])
         shares = volumes / volumes.sum()
-        turns = self.poses[:, :3, :3]
+        rotations = self.poses[:, :3, :3]
         centers = np.array(
-            [transformed(T, one.centroid) for T, one in zip(self.poses, fillings, strict=True)]
+            [
+                transformed(T, part_filling.centroid)
+                for T, part_filling in zip(self.poses, fillings, strict=True)
+            ]
         )
         centroid = shares @ centers
         gyration = np.zeros((3, 3))
-        for share, R, one, arm in zip(shares, turns, fillings, centers - centroid, strict=True):
+        for share, R, part_filling, arm in zip(
+            shares, rotations, fillings, centers - centroid, strict=True
+        ):
             steiner = arm @ arm * np.eye(3) - np.outer(arm, arm)
-            gyration += share * (R @ one.gyration @ R.T + steiner)
+            gyration += share * (R @ part_filling.gyration @ R.T + steiner)
         return Filling(float(volumes.sum()), read_only(centroid), read_only(gyration))
 
     def surface(self, max_faces: int = MOST_FACES) -> Triangles:
         """Return the surfaces of all parts."""
-        most = max(max_faces // len(self.parts), 1)
-        each = [part.surface(most).moved(T) for part, T in zip(self.parts, self.poses, strict=True)]
-        starts = np.cumsum([0, *(len(one.vertices) for one in each)])
-        faces = [one.faces + start for one, start in zip(each, starts, strict=False)]
-        return Triangles(np.vstack([one.vertices for one in each]), np.vstack(faces))
+        faces_per_part = max(max_faces // len(self.parts), 1)
+        surfaces = [
+            part.surface(faces_per_part).moved(T)
+            for part, T in zip(self.parts, self.poses, strict=True)
+        ]
+        starts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+        faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
+        return Triangles(np.vstack([surface.vertices for surface in surfaces]), np.vstack(faces))
 
     def stated(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
-        """Return what a scene file says of it: see `Shape.stated`."""
+        """Return the shape's mapping in a scene file: see `Shape.stated`."""
         placed = zip(self.parts, self.poses, strict=True)
         return {
             "type": self.kind,
@@ -402,49 +414,49 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
 
     Args:
         points: (V, 3), m.
-        label: What messages call them.
+        label: The name of the points in messages.
 
     Raises:
-        MeshError: coal cannot use their hull, as with more than 254 edges at one corner, or would
-            crash over it since it is next to flat.
+        MeshError: coal cannot represent the hull, as with more than 254 edges at one vertex, or
+            would crash because the hull is nearly flat.
     """
     centered = points - points.mean(axis=0)
-    across = np.linalg.svd(centered, full_matrices=False)[2]
+    principal_axes = np.linalg.svd(centered, full_matrices=False)[2]
     size = float(np.ptp(centered, axis=0).max())
-    thickness = float(np.ptp(centered @ across[-1]))
-    if thickness < _THINNEST * size:  # coal would end the process over it
+    thickness = float(np.ptp(centered @ principal_axes[-1]))
+    if thickness < _LEAST_THICKNESS_RATIO * size:  # coal would end the process
         raise MeshError(
             f"{label} is next to flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
-            f"thickness of at least {_THINNEST:g} of its width"
+            f"thickness of at least {_LEAST_THICKNESS_RATIO:g} of its width"
         )
     corners: Any = coal.StdVec_Vec3s()
     corners.extend(points)
     error: Exception | None = None
-    # A flat face of hundreds of corners is one fan of triangles with "Qt", of which coal refuses
-    # the hub; joggling ("QJ") splits the face otherwise and leaves the corners where they are.
+    # With "Qt" a flat face of hundreds of vertices becomes one fan of triangles, whose hub has too
+    # many edges for coal; joggling ("QJ") splits the face differently and keeps the vertices.
     for option in ("Qt", "QJ"):
         try:
             return coal.Convex.convexHull(corners, True, option)  # noqa: FBT003 - keep triangles
         except (RuntimeError, ValueError) as failure:
             error = failure
-    why = " ".join(str(error).rpartition("message:")[2].split())
-    if why.startswith("Too many neighbors"):
-        why = "more than 254 edges of it meet in one corner, such as the tip of a cone"
-    raise MeshError(f"{label} has no usable convex hull ({why}); simplify it") from error
+    reason = " ".join(str(error).rpartition("message:")[2].split())
+    if reason.startswith("Too many neighbors"):
+        reason = "more than 254 edges of it meet in one corner, such as the tip of a cone"
+    raise MeshError(f"{label} has no usable convex hull ({reason}); simplify it") from error
 
 
 def checked_lengths(name: str, value: Any, count: int) -> Any:
-    """Return one length, or three along x, y, z as a tuple.
+    """Return one checked length, or three along x, y, z as a tuple.
 
     Raises:
-        ArgumentError: It is not a positive number, or they are not three.
+        ArgumentError: The value is not a positive number, or not three of them.
     """
     if count == 3:
         array = as_numbers(name, value, "three positive numbers")
-        within = (array >= SMALLEST_LENGTH) & (array <= LARGEST_LENGTH)
-        if array.shape != (3,) or not within.all():
-            found = array.tolist()
-            raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {found}")
+        is_valid = (array >= SMALLEST_LENGTH) & (array <= LARGEST_LENGTH)
+        if array.shape != (3,) or not is_valid.all():
+            numbers = array.tolist()
+            raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {numbers}")
         return tuple(array.tolist())
     if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
         raise ArgumentError(name, f"needs a positive number, got {value!r}")

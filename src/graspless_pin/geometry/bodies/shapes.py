@@ -14,7 +14,7 @@ from pydantic import Field
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, capture, emit
-from graspless_pin.geometry.bodies.convex_sets import ConvexSet, Plane, Revolved
+from graspless_pin.geometry.bodies.convex_sets import ConvexSet, Plane, SolidOfRevolution
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
@@ -35,10 +35,10 @@ from graspless_pin.geometry.bodies.meshes import (
     file_triangles,
     hull_points,
     scaled_mesh,
-    turned_outward,
     unit_surface,
+    with_outward_faces,
 )
-from graspless_pin.geometry.bodies.polytopes import box_of
+from graspless_pin.geometry.bodies.polytopes import box_polytope
 from graspless_pin.geometry.bodies.shape import (
     Filling,
     Hull,
@@ -54,8 +54,9 @@ from graspless_pin.problem.checks import one_of
 
 _SECTIONS = 32  # of a circle
 _SIMULATED_SECTIONS = 252
-"""Edges are 0.01 % of the radius too high. Of 32 sections, 0.5 %, fingers feel the edges. They all
-meet in the tip, and coal takes no corner with more than 254 (`convex_geometry`)."""
+"""The hull exceeds the radius by 0.01 % at its edges; 32 sections would exceed it by 0.5 %, so that
+fingers feel the edges. All edges meet in the tip, and coal allows no vertex with more than 254
+(`convex_geometry`)."""
 _CAPSULE_SECTIONS = (16, 32)
 _SPHERE_SUBDIVISIONS = 3  # 1280 triangles
 
@@ -82,7 +83,7 @@ class Box(Shape):
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
         """See `Shape.set_of`."""
-        return box_of(np.array(geometry.halfSide, dtype=float))
+        return box_polytope(np.array(geometry.halfSide, dtype=float))
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
@@ -115,7 +116,7 @@ class Sphere(Shape):
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
         """See `Shape.set_of`."""
-        return Revolved(0.0, 0.0, 0.0, geometry.radius)
+        return SolidOfRevolution(0.0, 0.0, 0.0, geometry.radius)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
@@ -154,7 +155,7 @@ class Cylinder(Shape):
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
         """See `Shape.set_of`."""
-        return Revolved(geometry.radius, geometry.radius, geometry.halfLength)
+        return SolidOfRevolution(geometry.radius, geometry.radius, geometry.halfLength)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
@@ -194,17 +195,17 @@ class Capsule(Shape):
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
         """See `Shape.set_of`."""
-        return Revolved(0.0, 0.0, geometry.halfLength, geometry.radius)
+        return SolidOfRevolution(0.0, 0.0, geometry.halfLength, geometry.radius)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
         radius, length = self.radius, self.length
         volume = math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
-        ends = 4.0 * radius / (3.0 * length + 4.0 * radius)  # their share of the volume
-        across = radius**2 * ((1.0 - ends) / 4.0 + ends / 5.0)
-        beyond = length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0
-        along = (1.0 - ends) * length**2 / 12.0 + ends * beyond
-        return Filling.symmetric(volume, np.array([across, across, along]))
+        cap_share = 4.0 * radius / (3.0 * length + 4.0 * radius)  # share of the caps in the volume
+        square_across = radius**2 * ((1.0 - cap_share) / 4.0 + cap_share / 5.0)
+        cap_square_along = length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0
+        square_along = (1.0 - cap_share) * length**2 / 12.0 + cap_share * cap_square_along
+        return Filling.symmetric(volume, np.array([square_across, square_across, square_along]))
 
     def surface(self, max_faces: int = MOST_FACES) -> Triangles:
         """Return the surface."""
@@ -238,7 +239,7 @@ class Cone(Shape):
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
         """See `Shape.set_of`."""
-        return Revolved(geometry.radius, 0.0, geometry.halfLength)
+        return SolidOfRevolution(geometry.radius, 0.0, geometry.halfLength)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
@@ -254,7 +255,7 @@ class Cone(Shape):
         return unit_surface("cone", factors, 1.0, 1.0, sections=_SECTIONS, lowered=0.5)
 
     def mjcf_geom(self) -> dict[str, Any]:
-        """Return the corners of a hull about it, as MuJoCo has no cones: what touches, touches."""
+        """Return the vertices of a circumscribed hull: MuJoCo has no cones."""
         corner = self.radius / math.cos(math.pi / _SIMULATED_SECTIONS)
         factors = corner, corner, self.length
         hull = unit_surface("cone", factors, 1.0, 1.0, sections=_SIMULATED_SECTIONS, lowered=0.5)
@@ -270,14 +271,14 @@ class MeshShape(Shape):
     Attributes:
         path (Path): STL, OBJ, DAE, GLB, glTF, PLY or OFF file, in its own coordinates. A DAE is in
             the unit that it states, and the axis that it says is up becomes z.
-        scale (float | tuple[float, float, float]): Metres per unit of the file, or of what a DAE
-            states; one number, or three along x, y, z.
+        scale (float | tuple[float, float, float]): Metres per unit of the file, or per the unit
+            that a DAE states; one number, or three along x, y, z.
         convex (str): ``hull`` fills all hollows; ``decompose`` cuts the mesh into convex pieces,
             which keeps them (see `decomposition`).
-        concavity (float): For ``decompose``: deepest hollow that is filled all the same, as a share
-            of half the largest extent, 0.01 to 1.
-        decompose_time_limit (float): Seconds that the cut may take, at most 1e6.
-        max_pieces (int | None): Most convex pieces; None: as many as the concavity takes.
+        concavity (float): For ``decompose``: largest depth of a hollow that may still be filled, as
+            a share of half the largest extent, 0.01 to 1.
+        decompose_time_limit (float): Time limit of the decomposition, s, at most 1e6.
+        max_pieces (int | None): Largest number of convex pieces; None: no limit but the concavity.
     """
 
     kind = "mesh"
@@ -301,7 +302,7 @@ class MeshShape(Shape):
     max_pieces: MaxPieces | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers; the file is read when its geometry is asked for.
+        """Check the numbers; the file is read only when its geometry is needed.
 
         Raises:
             ArgumentError: The scale is not one or three positive numbers, or the choice of convex
@@ -314,29 +315,30 @@ class MeshShape(Shape):
         self.cut()
 
     def cut(self) -> Cut:
-        """Return how the mesh is cut into convex pieces, if it is."""
+        """Return the settings of the convex decomposition."""
         return Cut(self.concavity, self.decompose_time_limit, self.max_pieces)
 
     def pieces(self) -> tuple[Any, ...]:
-        """Make the coal geometry of the hull, or of all pieces."""
+        """Make the coal geometry of the hull, or of all convex pieces."""
         if self.convex == "hull":
             points = hull_points(self.path, self.scale)
             return (convex_geometry(points, f"mesh file '{self.path}'"),)
-        with capture() as notes:
+        with capture() as findings:
             hull_points(self.path, self.scale)
-        emit(*(one for one in notes if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand
-        pieces, found = _decomposed(self, file_state(self.path))
-        emit(*found)
+        # The hull is not used: whether it was simplified does not matter.
+        emit(*(finding for finding in findings if finding.code is not FindingCode.SIMPLIFIED_HULL))
+        pieces, cut_findings = _decomposed_pieces(self, file_state(self.path))
+        emit(*cut_findings)
         return pieces
 
     def filling(self) -> Filling:
-        """Return what the mesh encloses; of an open one, its hull."""
+        """Return the filling of the mesh; of an open mesh, that of its convex hull."""
         import trimesh
 
         hull = trimesh.convex.convex_hull(hull_points(self.path, self.scale))
         mesh = scaled_mesh(self.path, self.scale)
         if mesh.is_watertight and mesh.is_winding_consistent:
-            mesh = turned_outward(mesh)
+            mesh = with_outward_faces(mesh)
             lost_volume = (
                 HULL_TOLERANCE * hull.scale * hull.area if len(mesh.vertices) > DENSE_MESH else 0.0
             )
@@ -358,8 +360,8 @@ class MeshShape(Shape):
         return Filling.of_mesh(hull)
 
     def surface(self, max_faces: int = MOST_FACES) -> Triangles:
-        """Return the file as it is, whatever convex pieces stand for it in contact detection."""
-        hull_points(self.path, self.scale)  # says what is wrong with the file
+        """Return the triangles of the file, not those of its convex pieces."""
+        hull_points(self.path, self.scale)  # reports faults of the file
         return file_triangles(self.path, self.scale, max_faces)
 
 
@@ -384,11 +386,11 @@ class HalfSpace(Shape):
         return Plane(np.array(geometry.n, dtype=float), float(geometry.d))
 
     def filling(self) -> Filling:
-        """Refuse: it encloses no volume."""
+        """Raise ArgumentError: a half-space encloses no volume."""
         raise ArgumentError("shape", "a half-space has no mass; use a bounded shape")
 
     def surface(self, max_faces: int = MOST_FACES) -> Triangles:
-        """Refuse: it has no end."""
+        """Raise ArgumentError: a half-space is unbounded."""
         raise ArgumentError("shape", "a half-space has no end; draw it with slab_triangles")
 
     def mjcf_geom(self) -> dict[str, Any]:
@@ -400,19 +402,19 @@ SHAPES: dict[str, type[Shape]] = {
     shape.kind: shape
     for shape in (Box, Sphere, Cylinder, Capsule, Cone, MeshShape, Hull, HalfSpace)
 }
-"""All shapes by the ``type`` that scene files give them: a new one is added to this list.
+"""The shape classes by their ``type`` in scene files; add a new class to this list.
 
-A `shape.Compound` is made of them.
+A `shape.Compound` consists of such shapes.
 """
 
 
 def shape_of(geometry: Any) -> Shape:
     """Return the shape of a coal geometry, a primitive or a convex hull.
 
-    All half-spaces are taken for `HalfSpace`: nothing else makes one.
+    Every coal half-space becomes a `HalfSpace`, whatever its normal and offset.
 
     Raises:
-        ArgumentError: It is neither a primitive nor a convex hull.
+        ArgumentError: The geometry is neither a primitive nor a convex hull.
     """
     kind = kind_of(geometry)
     if kind is None:
@@ -423,35 +425,35 @@ def shape_of(geometry: Any) -> Shape:
 
 
 def kind_of(geometry: Any) -> type[Shape] | None:
-    """Return which class of `SHAPES` a coal geometry stands for, if any."""
+    """Return the class of `SHAPES` that a coal geometry represents; None if there is none."""
     return next((kind for kind in SHAPES.values() if isinstance(geometry, kind.coal_type)), None)
 
 
 @lru_cache(maxsize=32)
-def _decomposed(
+def _decomposed_pieces(
     shape: MeshShape, _state: tuple[str, int, int]
 ) -> tuple[tuple[Any, ...], tuple[Finding, ...]]:
-    """Cut a mesh; the same geometries and findings again for an object that was only moved."""
+    """Decompose a mesh; cached, so that an object that only moves is not cut again."""
     mesh = scaled_mesh(shape.path, shape.scale)
     label = f"mesh file '{shape.path}'"
-    with capture() as found:
+    with capture() as findings:
         pieces = convex_pieces(mesh, label, shape.cut())
-    return tuple(convex_geometry(piece, label) for piece in pieces), tuple(found)
+    return tuple(convex_geometry(piece, label) for piece in pieces), tuple(findings)
 
 
 def _fix_box_factor() -> None:
-    """Have coal take boxes at their size in every process.
+    """Fix the scale factor of coal's box support function to 1 in every process.
 
-    Its support function of a box has a factor, 1 or 1 + 1e-10, that is chosen by the first
-    direction that a process asks for, once for half-spaces and once for GJK: 1 if none of the
-    direction's components is zero. Left to chance, distances differ between processes.
+    The factor is 1 or 1 + 1e-10. The first direction evaluated in a process selects it, once for
+    half-spaces and once for GJK: 1 if no component of the direction is zero. Without this call
+    distances would differ between processes.
     """
     box, T = coal.Box(1.0, 1.0, 1.0), pose_matrix((0.0, 0.0, 5.0), (0.3, 0.5, 0.7))
-    there = coal.Transform3s(np.array(T[:3, :3]), np.array(T[:3, 3]))
-    # In this order: GJK begins along the first shape's own x axis.
-    for first in coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), coal.Ellipsoid(1.0, 1.0, 1.0):
+    box_placement = coal.Transform3s(np.array(T[:3, :3]), np.array(T[:3, 3]))
+    # The order matters: GJK starts along the x axis of its first shape.
+    for shape in coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), coal.Ellipsoid(1.0, 1.0, 1.0):
         result = coal.DistanceResult()
-        coal.distance(first, coal.Transform3s(), box, there, coal.DistanceRequest(), result)
+        coal.distance(shape, coal.Transform3s(), box, box_placement, coal.DistanceRequest(), result)
 
 
 _fix_box_factor()

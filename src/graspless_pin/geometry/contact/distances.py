@@ -19,7 +19,12 @@ from graspless_pin.caching import Derived
 from graspless_pin.compiled import core
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.convex_sets import BoundedSet, ConvexSet, Plane, Revolved
+from graspless_pin.geometry.bodies.convex_sets import (
+    BoundedSet,
+    ConvexSet,
+    Plane,
+    SolidOfRevolution,
+)
 from graspless_pin.geometry.bodies.polytopes import Polytope
 from graspless_pin.geometry.contact.patches import DISTANCE_REQUEST, convex_set
 from graspless_pin.geometry.hand.model import Hand
@@ -72,7 +77,7 @@ class Solids:
             else core.BALL
             if one.is_sphere
             else core.REVOLVED
-            if isinstance(one, Revolved)
+            if isinstance(one, SolidOfRevolution)
             else core.OTHER
             for one in self.sets
         ]

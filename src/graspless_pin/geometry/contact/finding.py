@@ -115,7 +115,7 @@ def near_and_closed_form(
             T, T_plane = pieces.poses[p], bodies.poses[k]
             normal = T_plane[:3, :3] @ plane.normal
             offset = float(normal @ T_plane[:3, 3]) + plane.offset
-            face = _face(solid, solid.farthest(-normal @ T[:3, :3]), limits)
+            face = _face(solid, solid.farthest_vertices(-normal @ T[:3, :3]), limits)
             rows = None if face is None else _on_plane(face, T, normal, offset, place, limits)
         if rows is None:
             remaining.append(place)

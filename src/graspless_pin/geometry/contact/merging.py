@@ -179,7 +179,7 @@ def _covers(
     k = int(cosines.argmax())
     if cosines[k] < _INTO_COSINE:
         return True
-    if not solid.rises(local, direction):
+    if not solid.has_higher_points(local, direction):
         return False
     return cosines[k] >= _COS_FLAT or not _passes(own, point, R @ here[k])
 

@@ -13,7 +13,7 @@ from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.geometry.bodies.polytopes import hull_polytope
 from graspless_pin.geometry.bodies.shapes import Capsule, MeshShape
 from graspless_pin.geometry.contact.distances import (
     box_centers,
@@ -228,7 +228,7 @@ def _underside(points: FloatArray, center: FloatArray) -> FloatArray:
     A face is steady if the foot of the centre of mass on it stays inside of its edges; one on which
     it does so by a margin comes first.
     """
-    hull = hull_of(points)
+    hull = hull_polytope(points)
     normals, offsets = hull.face_normals, hull.face_offsets
     steady = _STEADY_MARGIN * float(np.ptp(points, axis=0).max())
     most_stable = -np.inf, _DOWN
