@@ -16,7 +16,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact.contact_points import ContactPoint
-from graspless_pin.geometry.contact.merging import _covers
+from graspless_pin.geometry.contact.merging import _rules_out_contact
 from graspless_pin.geometry.poses import pose_matrix
 
 FLOOR = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
@@ -200,7 +200,7 @@ def test_below_a_piece_that_leans_over_it_a_floor_is_covered(lean: float) -> Non
     floor = slab("thing", (-0.1, 0.1), (-0.1, 0.1), (-0.02, 0.0))
     leaning = place((0, 0, 0), Rotation.from_euler("y", lean, degrees=True))
     over = moved(slab("thing", (-0.1, 0.0), (-0.1, 0.1), (-0.1, 0.1)), leaning)
-    assert _covers(over, floor, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    assert _rules_out_contact(over, floor, np.zeros(3), np.array([0.0, 0.0, 1.0]))
 
 
 def test_a_table_stands_on_the_outermost_corners_of_its_legs() -> None:

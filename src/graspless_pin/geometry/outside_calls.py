@@ -1,4 +1,4 @@
-"""Calls of CoACD and xacrodoc, alone in a module: their processes load nothing else."""
+"""Calls of CoACD and xacrodoc, in a module of their own: child processes load nothing else."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from pathlib import Path
 from typing import Any
 
 ITERATIONS = 60
-"""Of CoACD's search for each cut: more take longer and save few pieces."""
+"""Iterations of CoACD's search for each cut: more take longer and save few pieces."""
 SEED = 0
 
 
 def run_coacd(vertices: Any, faces: Any, concavity: float, most: int) -> list[Any]:
-    """Return the corners (V, 3) of the pieces that CoACD cuts a mesh into.
+    """Return the vertices (V, 3) of the pieces that CoACD cuts a mesh into.
 
     Args:
-        vertices: (V, 3) corners.
-        faces: (F, 3) indices of corners.
-        concavity: Deepest hollow that a piece may fill, as a share of half the largest extent.
-        most: Most pieces; -1: as many as it takes.
+        vertices: (V, 3) vertices.
+        faces: (F, 3) indices of vertices.
+        concavity: Largest depth of a hollow that a piece may fill, as a share of half the largest
+            extent.
+        most: Largest number of pieces; -1: no limit.
     """
     import coacd  # a large library
     import numpy as np
@@ -35,7 +36,7 @@ def run_coacd(vertices: Any, faces: Any, concavity: float, most: int) -> list[An
 def run_xacro(
     path: str, packages: Mapping[str, str], arguments: Mapping[str, str]
 ) -> tuple[str, list[Path]]:
-    """Return the URDF that a xacro file makes, and what it includes; change the current folder.
+    """Expand a xacro file: return the URDF and the included files; change the current folder.
 
     Args:
         path: The file.
@@ -49,11 +50,11 @@ def run_xacro(
     from xacrodoc import XacroDoc
     from xacrodoc import packages as finder
 
-    os.chdir(Path(path).parent)  # xacrodoc looks there for files that are included by their path
+    os.chdir(Path(path).parent)  # xacrodoc resolves included paths there
     finder.update_package_cache(dict(packages))
     xacro.all_includes.clear()
     try:
         document = XacroDoc.from_file(path, subargs=dict(arguments), resolve_packages=False)
-    except Exception as error:  # whatever an expression in the file raises
+    except Exception as error:  # expressions in the file may raise anything
         raise ValueError(f"{type(error).__name__}: {error}") from None
-    return document.to_urdf_string(), [Path(one).resolve() for one in xacro.all_includes]
+    return document.to_urdf_string(), [Path(file).resolve() for file in xacro.all_includes]

@@ -14,11 +14,11 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import FloatArray, as_floats, read_only
 
 RIGIDITY_TOLERANCE = 1e-6
-"""Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
+"""Largest entry of ``R^T R - I`` of a rotation: poses in files are rounded."""
 
-_STEEPEST_COSINE = 1e-12
-"""Cosine of the pitch below which it is 90 degrees."""
-_NO_TURN = np.eye(3)
+_LEAST_PITCH_COSINE = 1e-12
+"""Cosine of the pitch below which the pitch counts as 90 degrees."""
+_IDENTITY_ROTATION = np.eye(3)
 
 
 def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> FloatArray:
@@ -40,35 +40,39 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> Float
     origin = finite_numbers("position", position)
     if origin.shape != (3,):
         raise ArgumentError("position", f"needs 3 numbers (x, y, z in metres), got {origin.shape}")
-    R = _NO_TURN if rotation is None else rotation_matrix(finite_numbers("rotation", rotation))
+    R = (
+        _IDENTITY_ROTATION
+        if rotation is None
+        else rotation_matrix(finite_numbers("rotation", rotation))
+    )
     return as_pose("rotation", rigid(origin, R))
 
 
-def rigid(position: ArrayLike, R: FloatArray = _NO_TURN) -> FloatArray:
-    """Return a (4, 4) transform of a position (3,), m, and a rotation (3, 3), neither checked."""
+def rigid(position: ArrayLike, R: FloatArray = _IDENTITY_ROTATION) -> FloatArray:
+    """Return the (4, 4) transform of a position (3,), m, and a rotation (3, 3), both unchecked."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, position
     return T
 
 
-def shifted(T: FloatArray, way: FloatArray) -> FloatArray:
-    """Return a (4, 4) transform moved by (3,), m, in the destination's axes."""
-    return rigid(T[:3, 3] + way, T[:3, :3])
+def shifted(T: FloatArray, shift: FloatArray) -> FloatArray:
+    """Return a (4, 4) transform translated by (3,), m, in the destination's axes."""
+    return rigid(T[:3, 3] + shift, T[:3, :3])
 
 
 def turned_about(center: FloatArray, R: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the (4, 4) transform that turns about a point (3,) and then moves by (3,), m."""
+    """Return the (4, 4) transform that rotates about a point (3,) and then shifts by (3,), m."""
     return rigid(center - R @ center + shift, R)
 
 
 def roll_pitch_yaw(R: FloatArray) -> tuple[float, float, float]:
     """Return roll, pitch and yaw, rad, of a rotation ``R = Rz(yaw) Ry(pitch) Rx(roll)``, (3, 3).
 
-    Looking straight up or down roll and yaw are one turn: it is the yaw then.
+    At a pitch of 90 degrees roll and yaw are about one axis: the roll is then zero.
     """
     flat = math.hypot(R[0, 0], R[1, 0])
     pitch = math.atan2(-R[2, 0], flat)
-    if flat < _STEEPEST_COSINE:
+    if flat < _LEAST_PITCH_COSINE:
         return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
     return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
 
@@ -80,25 +84,25 @@ def invert(T: FloatArray) -> FloatArray:
 
 
 def transformed(T: FloatArray, point: FloatArray) -> FloatArray:
-    """Return a point (3,) under a (4, 4) transform."""
+    """Return a point (3,) transformed by a (4, 4) transform."""
     return T[:3, :3].dot(point) + T[:3, 3]
 
 
 def screw_twist(T: FloatArray) -> FloatArray:
-    """Return the (6,) twist [v; omega] that makes a (4, 4) transform in one second, m and rad.
+    """Return the (6,) twist [v; omega] that yields a (4, 4) transform in one second, m and rad.
 
-    The turn is by less than half a turn.
+    Its rotation is by less than half a turn.
     """
     return np.array(pin.log6(pin.SE3(T[:3, :3], T[:3, 3])).vector)
 
 
 def along_screw(twist: FloatArray) -> FloatArray:
-    """Return the (4, 4) transform that a constant twist (6,) [v; omega] makes in one second."""
+    """Return the (4, 4) transform that a constant twist (6,) [v; omega] yields in one second."""
     return np.array(pin.exp6(twist).homogeneous)
 
 
 def turning_velocities(omega: FloatArray, arms: FloatArray) -> FloatArray:
-    """Return omega x r for each of some arms; for a handful, numpy's own product takes far longer.
+    """Return omega x r for given arms r; for a handful, `numpy.cross` takes far longer.
 
     Args:
         omega: (3,) angular velocity, rad/s.
@@ -115,7 +119,7 @@ def as_pose(name: str, T: ArrayLike) -> FloatArray:
     """Check that ``T`` is a rigid transform and return it as a read-only copy.
 
     Args:
-        name: What the caller calls this transform, for the message.
+        name: Name of the transform in messages.
         T: (4, 4) homogeneous matrix.
 
     Returns:
@@ -132,9 +136,9 @@ def as_pose(name: str, T: ArrayLike) -> FloatArray:
 
 
 def _is_rigid(T: FloatArray) -> bool:
-    """Return whether a (4, 4) array passes for a rigid transform."""
+    """Return whether a (4, 4) array is a rigid transform within the tolerances."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
-    # Not a number is within no bounds.
+    # Comparisons with NaN are false.
     return (
         abs(a * a + d * d + g * g - 1.0) <= RIGIDITY_TOLERANCE
         and abs(b * b + e * e + h * h - 1.0) <= RIGIDITY_TOLERANCE
@@ -151,7 +155,7 @@ def _is_rigid(T: FloatArray) -> bool:
 
 
 def _refuse_pose(name: str, pose: FloatArray) -> NoReturn:
-    """Say why a pose is none."""
+    """Raise ArgumentError that says why an array is not a pose."""
     if pose.shape != (4, 4):
         raise ArgumentError(name, f"a pose is a (4, 4) matrix, got an array of shape {pose.shape}")
     if pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
@@ -170,16 +174,16 @@ def _refuse_pose(name: str, pose: FloatArray) -> NoReturn:
 
 
 def unit_vector(vector: FloatArray, least: float = 0.0) -> FloatArray:
-    """Return a vector (n,) at length one; z, (3,), if it is no longer than ``least``."""
+    """Return a vector (n,) scaled to length one; z, (3,), if it is not longer than ``least``."""
     length = float(np.linalg.norm(vector))
     return vector / length if length > least else np.array([0.0, 0.0, 1.0])
 
 
 def as_numbers(name: str, values: ArrayLike, wanted: str = "numbers") -> FloatArray:
-    """Return a float copy of ``values``, which must be the numbers that are wanted, in words.
+    """Return a float copy of ``values``; ``wanted`` says in messages what they must be.
 
     Raises:
-        ArgumentError: If they are none; with the name.
+        ArgumentError: If they are not numbers; with the name.
     """
     array = as_floats(values)
     if array is None:
@@ -191,7 +195,7 @@ def finite_numbers(name: str, values: ArrayLike) -> FloatArray:
     """Return a float copy of ``values``, which must be finite numbers.
 
     Raises:
-        ArgumentError: If they are not; with the name.
+        ArgumentError: If one is not finite; with the name.
     """
     array = as_numbers(name, values)
     if not np.isfinite(array).all():

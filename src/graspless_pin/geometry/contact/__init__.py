@@ -1,1 +1,1 @@
-"""Where bodies touch and what a motion does there."""
+"""Contact detection, and the motion of bodies at contacts."""

@@ -1,6 +1,6 @@
-"""Contacts as records and, many at once, as arrays; and what a declared motion does at each.
+"""Contacts as records and as arrays, and the effect of a declared motion at each contact.
 
-There the object sticks, slides, parts or penetrates.
+At a contact the object sticks, slides, separates or penetrates.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from graspless_pin.records import Brief, Record
 
 
 class BodyKind(Enum):
-    """What touches the object. See the example of `place_fingertips`."""
+    """The kind of body that touches the object. See the example of `place_fingertips`."""
 
     HAND = "hand"
     SUPPORT = "support"
@@ -29,13 +29,13 @@ class BodyKind(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ContactPoint:
-    """One point at which something touches the object.
+    """A point at which a hand link or support touches the object.
 
     See the example of `place_fingertips`.
 
     Attributes:
         body: Name of the hand link or support.
-        kind: Which of the two it is.
+        kind: Whether the body is a hand link or a support.
         position: (3,) read-only point midway between the two surfaces, world frame, m.
         normal: (3,) read-only unit vector into the object, world axes.
         distance: Gap between the surfaces along the normal, negative where they overlap, m.
@@ -48,7 +48,7 @@ class ContactPoint:
     distance: float
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only copies."""
+        """Store the arrays as read-only copies."""
         for field in ("position", "normal"):
             array = getattr(self, field)
             if not isinstance(array, np.ndarray) or array.flags.writeable:
@@ -57,7 +57,7 @@ class ContactPoint:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactArrays(Brief, Record, Sequence[ContactPoint]):
-    """M contacts as arrays; a contact is made when it is asked for.
+    """M contacts as arrays; a `ContactPoint` is made on access.
 
     Attributes:
         bodies: M names of hand links and supports.
@@ -75,7 +75,7 @@ class ContactArrays(Brief, Record, Sequence[ContactPoint]):
 
     @classmethod
     def of(cls, contacts: Sequence[ContactPoint]) -> ContactArrays:
-        """Take contacts that are given one by one; arrays are returned as they are."""
+        """Return contacts given one by one as arrays; arrays are returned as they are."""
         if isinstance(contacts, ContactArrays):
             return contacts
         return cls(
@@ -88,11 +88,11 @@ class ContactArrays(Brief, Record, Sequence[ContactPoint]):
 
     @property
     def hand_count(self) -> int:
-        """How many are on hand links."""
+        """Number of contacts on hand links."""
         return self.kinds.count(BodyKind.HAND)
 
     def __len__(self) -> int:
-        """M."""
+        """Return the number of contacts."""
         return len(self.bodies)
 
     @overload
@@ -100,7 +100,7 @@ class ContactArrays(Brief, Record, Sequence[ContactPoint]):
     @overload
     def __getitem__(self, index: slice) -> tuple[ContactPoint, ...]: ...
     def __getitem__(self, index: int | slice) -> ContactPoint | tuple[ContactPoint, ...]:
-        """One contact, or some."""
+        """Return one contact, or a tuple of a slice."""
         if isinstance(index, slice):
             return tuple([self[k] for k in range(*index.indices(len(self)))])
         return ContactPoint(
@@ -112,7 +112,7 @@ class ContactArrays(Brief, Record, Sequence[ContactPoint]):
         )
 
     def chosen(self, rows: Sequence[int]) -> ContactArrays:
-        """Return the contacts at some indices."""
+        """Return the contacts at given indices."""
         return ContactArrays(
             tuple([self.bodies[k] for k in rows]),
             tuple([self.kinds[k] for k in rows]),
@@ -122,7 +122,7 @@ class ContactArrays(Brief, Record, Sequence[ContactPoint]):
         )
 
     def followed_by(self, others: ContactArrays) -> ContactArrays:
-        """Return these contacts and then the others."""
+        """Return these contacts followed by others."""
         return ContactArrays(
             self.bodies + others.bodies,
             self.kinds + others.kinds,
@@ -133,11 +133,11 @@ class ContactArrays(Brief, Record, Sequence[ContactPoint]):
 
 
 SPEED_TOLERANCE = 1e-3
-"""Speeds below this share of the fastest are zero: motions are typed in with a few digits."""
+"""Speeds below this share of the largest count as zero: motions are stated with few digits."""
 
 
 def velocities_at(twist: FloatArray, center: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the velocities v + omega x (p - c) of a rigid body's points.
+    """Return the velocities v + omega x (p - c) of points of a rigid body.
 
     Args:
         twist: (6,) [v; omega] about ``center`` in world axes, m/s and rad/s.
@@ -154,14 +154,14 @@ def support_velocities(contacts: Sequence[ContactPoint], supports: Sequence[Supp
     """Return the velocities of the supports at the contacts.
 
     Args:
-        contacts: M contacts; those of the hand get zeros.
+        contacts: M contacts; contacts on the hand have zero velocity.
         supports: All supports that contacts name.
 
     Returns:
         (M, 3) velocity of the support's material point at each contact, world axes, m/s.
 
     Raises:
-        ArgumentError: A contact names a support that is not there.
+        ArgumentError: A contact names an unknown support.
     """
     by_name = {support.name: support for support in supports}
     touching = ContactArrays.of(contacts)
@@ -171,11 +171,11 @@ def support_velocities(contacts: Sequence[ContactPoint], supports: Sequence[Supp
         if kind is BodyKind.SUPPORT:
             rows.setdefault(body, []).append(k)
     check_known("supports", "support", rows, by_name)
-    for name, own in rows.items():
+    for name, indices in rows.items():
         support = by_name[name]
         if support.is_moving:
-            velocities[own] = velocities_at(
-                support.velocity, support.T_world_support[:3, 3], touching.positions[own]
+            velocities[indices] = velocities_at(
+                support.velocity, support.T_world_support[:3, 3], touching.positions[indices]
             )
     return velocities
 
@@ -187,10 +187,10 @@ def contacts_that_stay(
     body_velocities: FloatArray,
     object_name: str,
 ) -> tuple[list[int], FloatArray]:
-    """Tell at which contacts the object stays under a motion, and how it slides there.
+    """Return the contacts that a motion does not separate, and the sliding velocities.
 
-    With u = v_object - v_body at the contact and n into the object, the contact separates for n .
-    u > 0, penetrates for n . u < 0 and slides with u - (n . u) n. Where u = 0 it sticks, and the
+    With u = v_object - v_body at the contact and n into the object, the contact separates for
+    n . u > 0, penetrates for n . u < 0 and slides with u - (n . u) n. For u = 0 it sticks, and the
     bodies may roll on each other.
 
     Args:
@@ -199,44 +199,43 @@ def contacts_that_stay(
         center: (3,) the object's centre of mass, world frame, m.
         body_velocities: (M, 3) velocity of the other body's material point at each contact, world
             axes, m/s.
-        object_name: What messages call the object.
+        object_name: Name of the object in messages.
 
     Returns:
         The indices of the contacts that do not separate, and (M, 3) read-only tangential velocity
-        of the object relative to the other body at all, world axes, m/s; zero rows where a contact
-        does not slide.
+        of the object relative to the other body at all contacts, world axes, m/s; a row is zero if
+        its contact does not slide.
 
     Raises:
         StateError: The motion drives the object into another body.
     """
     touching = ContactArrays.of(contacts)
-    # The object's own parts of speed, not their sum: at a pivot they cancel, and what is left
-    # there is nothing.
+    # The linear and the angular part of the speed separately: at a pivot their sum vanishes.
     linear, spin = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
-    fastest = max(linear, spin * _longest(touching.positions - center), _longest(body_velocities))
+    fastest = max(linear, spin * _max_norm(touching.positions - center), _max_norm(body_velocities))
     threshold = SPEED_TOLERANCE * fastest
     relative = velocities_at(twist, center, touching.positions) - body_velocities
-    leaving = np.einsum("ij,ij->i", relative, touching.normals)
-    worst: dict[tuple[BodyKind, str], float] = {}
-    for k in np.flatnonzero(leaving < -threshold).tolist():
+    normal_speeds = np.einsum("ij,ij->i", relative, touching.normals)
+    penetration_speeds: dict[tuple[BodyKind, str], float] = {}
+    for k in np.flatnonzero(normal_speeds < -threshold).tolist():
         key = (touching.kinds[k], touching.bodies[k])
-        worst[key] = max(worst.get(key, 0.0), -float(leaving[k]))
-    if worst:
-        hits = ", ".join(
+        penetration_speeds[key] = max(penetration_speeds.get(key, 0.0), -float(normal_speeds[k]))
+    if penetration_speeds:
+        words = ", ".join(
             f"{'hand link' if kind is BodyKind.HAND else 'support'} '{body}' at {speed:.3g} m/s"
-            for (kind, body), speed in worst.items()
+            for (kind, body), speed in penetration_speeds.items()
         )
         raise StateError(
             StateFault.BLOCKED,
-            f"the declared motion drives object '{object_name}' into {hits}; "
+            f"the declared motion drives object '{object_name}' into {words}; "
             "change the object's twist or the motion of what it runs into",
         )
-    sliding = relative - leaving[:, None] * touching.normals
-    slides = np.sqrt(squared_lengths(sliding)) > threshold
-    sliding[~slides | (leaving > threshold)] = 0.0
-    return np.flatnonzero(leaving <= threshold).tolist(), read_only(sliding)
+    sliding = relative - normal_speeds[:, None] * touching.normals
+    is_sliding = np.sqrt(squared_lengths(sliding)) > threshold
+    sliding[~is_sliding | (normal_speeds > threshold)] = 0.0
+    return np.flatnonzero(normal_speeds <= threshold).tolist(), read_only(sliding)
 
 
-def _longest(vectors: FloatArray) -> float:
-    """Length of the longest row, 0 without any."""
+def _max_norm(vectors: FloatArray) -> float:
+    """Return the largest norm of the rows, 0 without any."""
     return float(np.sqrt(squared_lengths(vectors)).max(initial=0.0))

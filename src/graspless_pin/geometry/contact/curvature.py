@@ -1,12 +1,13 @@
-"""How surfaces curve where they touch, and how the nearest points of two bodies move as they do.
+"""Radii of curvature at contacts, and the motion of the nearest points of two moving bodies.
 
 Montana, The kinematics of contact and grasp, Int. J. Robotics Research 7(3), 1988. A surface is
 described by the matrix of its radii of curvature in the tangent plane, the inverse of its shape
-operator: zero across an edge and at a corner, where the contact point stays on the body while the
-normal turns, and `FLAT` along what is flat. So corners, edges, faces and curved surfaces are one
-case, and a surface that is swept by a sphere has that sphere's radius more in all directions.
+operator: zero across an edge and at a vertex, where the contact point stays on the body while the
+normal turns, and `FLAT` along flat directions. So vertices, edges, faces and curved surfaces are
+treated alike, and sweeping a surface by a sphere adds the sphere's radius in all directions.
 
-Where edges or corners meet, a small shift of the bodies turns the normal at once: `normal_jumps`.
+Where edges or vertices meet, a small shift of the bodies changes the normal by a finite angle:
+`normal_jumps`.
 
 With n the normal from the first body to the second, g the gap, R_1 and R_2 the matrices of the
 radii of curvature, and v and w the velocities of the bodies at their own nearest points, the normal
@@ -43,26 +44,26 @@ from graspless_pin.geometry.contact.polygons import plane_basis
 from graspless_pin.problem.checks import FloatArray
 
 FITTED_RADIUS = 2e-3
-"""A surface is fitted to the vertices of a hull at least so far from the contact, m."""
+"""Least radius around a contact within which a surface is fitted to a hull's vertices, m."""
 _EDGES_AROUND = 2.0
-"""A surface is fitted at least so many edges far around."""
+"""Radius of that neighbourhood in mean lengths of the edges at the nearest vertex."""
 _SAME_SURFACE = math.tan(math.radians(15.0))
-"""Depth over distance of vertices whose normals differ by up to 30 degrees from the contact's."""
+"""Largest depth over distance of a vertex whose normal is within 30 degrees of the contact's."""
 _LEAST_VERTICES = 6
 _MOST_STEPS = 20
-_SETTLED = 1e-14  # m
+_CONVERGED = 1e-14  # m
 _SAME_NORMAL = math.cos(0.1)
 _SAME_GAP = 1e-5  # m
 _LEAST_RADIUS = 1e-7
-"""m: where both surfaces and the gap are more pointed, the normal has no derivative."""
+"""Smallest eigenvalue of R_1 + R_2 + g for which the normal has a derivative, m."""
 
 
 class Rolling(NamedTuple):
-    """How M contact points move on the surfaces of object and touching bodies as these turn.
+    """Radii of curvature of the object and the touching bodies at M contacts, for rolling.
 
-    With w the angular velocity of the object relative to the body, n the normal, R_o and R_b the
-    radii of curvature, the point moves by R_o (R_o + R_b)^-1 R_b (w x n) on both surfaces where it
-    sticks.
+    With the angular velocity w of the object relative to the body, the normal n and the radii of
+    curvature R_o and R_b, a sticking contact point moves with R_o (R_o + R_b)^-1 R_b (w x n) on
+    both surfaces.
 
     Attributes:
         object_radii: (M, 2, 2) R_o along the contact's tangents, m.
@@ -74,7 +75,7 @@ class Rolling(NamedTuple):
 
     @property
     def shares(self) -> FloatArray:
-        """(M, 2, 2) (R_o + R_b)^-1, 1/m; its pseudoinverse where both are corners."""
+        """(M, 2, 2) (R_o + R_b)^-1, 1/m; the pseudoinverse where both are vertices."""
         both = self.object_radii + self.body_radii
         return np.asarray(np.linalg.pinv(both, hermitian=True), dtype=np.float64)
 
@@ -93,30 +94,30 @@ def radii_of_curvature(
     *,
     fitted: bool = False,
 ) -> FloatArray:
-    """Return the radii of curvature of a body's surface at a point of it.
+    """Return the radii of curvature of a body's surface at a surface point.
 
     Args:
         pieces: The convex pieces of the body.
         point: (3,) world, m.
         outward: (3,) unit normal out of the body, world axes.
-        tangents: (3, 2) along which they are asked for, world axes.
-        fitted: Whether convex hulls of meshes stand for smooth surfaces: their radii are those of a
-            quadric through the vertices around, where there are enough of them.
+        tangents: (3, 2) directions of the rows and columns, world axes.
+        fitted: Whether convex hulls of meshes represent smooth surfaces: their radii are then those
+            of a quadric through the vertices nearby, if there are enough of them.
 
     Returns:
         (2, 2) symmetric, m.
     """
-    piece = min(pieces, key=lambda one: _distance(one, point, outward))
+    piece = min(pieces, key=lambda candidate: _surface_distance(candidate, point, outward))
     solid, R, t = placed_set(piece)
     local = (point - t) @ R, outward @ R, R.T @ tangents
-    smooth = _of_fitted_surface(solid, *local) if fitted and is_hull(solid) else None
-    return solid.radii_of_curvature(*local) if smooth is None else smooth
+    fitted_radii = _fitted_quadric_radii(solid, *local) if fitted and is_hull(solid) else None
+    return solid.radii_of_curvature(*local) if fitted_radii is None else fitted_radii
 
 
 def is_surface_of(
     pieces: Sequence[CollisionBody], point: FloatArray, outward: FloatArray, tolerance: float
 ) -> bool:
-    """Return whether a point with its normal is one of a body's surface, as far as a tolerance.
+    """Return whether a point with its normal lies on a body's surface within a tolerance.
 
     Args:
         pieces: The convex pieces of the body; there may be none.
@@ -124,16 +125,16 @@ def is_surface_of(
         outward: (3,) unit normal out of the body, world axes.
         tolerance: m.
     """
-    return any(_distance(piece, point, outward) <= tolerance for piece in pieces)
+    return any(_surface_distance(piece, point, outward) <= tolerance for piece in pieces)
 
 
 def has_mesh(pieces: Sequence[CollisionBody]) -> bool:
-    """Return whether a body has a piece that is the hull of a mesh."""
+    """Return whether one of a body's pieces is a hull of points, such as a mesh."""
     return any(is_hull(placed_set(piece)[0]) for piece in pieces)
 
 
-def _distance(piece: CollisionBody, point: FloatArray, outward: FloatArray) -> float:
-    """Return how far a point is from the part of a piece that lies farthest along a direction."""
+def _surface_distance(piece: CollisionBody, point: FloatArray, outward: FloatArray) -> float:
+    """Return the distance of a point from the feature of a piece farthest along a normal, m."""
     solid, R, t = placed_set(piece)
     local, direction = (point - t) @ R, outward @ R
     if isinstance(solid, Plane):
@@ -142,26 +143,26 @@ def _distance(piece: CollisionBody, point: FloatArray, outward: FloatArray) -> f
     return max(abs(below), float(solid.faces_at(local)[1].max()))
 
 
-def _of_fitted_surface(
+def _fitted_quadric_radii(
     solid: Polytope, point: FloatArray, outward: FloatArray, tangents: FloatArray
 ) -> FloatArray | None:
-    """Return the radii of a quadric through the vertices around; None: there are too few."""
+    """Return the radii of a quadric through the vertices nearby; None: too few."""
     arms = solid.vertices - point
     nearest = int(np.einsum("vi,vi->v", arms, arms).argmin())
-    around = [length for _, length in solid.edges[nearest]]
+    lengths = [length for _, length in solid.edges[nearest]]
     # A vertex within a flat face has no edges.
-    reach = max(FITTED_RADIUS, _EDGES_AROUND * float(np.mean(around)) if around else 0.0)
+    reach = max(FITTED_RADIUS, _EDGES_AROUND * float(np.mean(lengths)) if lengths else 0.0)
     u, depth = arms @ tangents, -arms @ outward
-    beside = np.hypot(u[:, 0], u[:, 1])
-    kept = (beside <= reach) & (depth <= _SAME_SURFACE * beside + AT_BORDER)
-    if int(kept.sum()) < _LEAST_VERTICES:
+    distances = np.hypot(u[:, 0], u[:, 1])
+    is_near = (distances <= reach) & (depth <= _SAME_SURFACE * distances + AT_BORDER)
+    if int(is_near.sum()) < _LEAST_VERTICES:
         return None
-    x, y = (u[kept] / reach).T
+    x, y = (u[is_near] / reach).T
     terms = np.column_stack([0.5 * x * x, x * y, 0.5 * y * y, x, y, np.ones_like(x)])
-    found, _, rank, _ = np.linalg.lstsq(terms, depth[kept], rcond=1e-9)
+    coefficients, _, rank, _ = np.linalg.lstsq(terms, depth[is_near], rcond=1e-9)
     if rank < terms.shape[1]:
         return None
-    a, b, c = found[:3] / reach**2
+    a, b, c = coefficients[:3] / reach**2
     values, axes = np.linalg.eigh([[a, b], [b, c]])
     return axes / np.maximum(values, 1.0 / FLAT) @ axes.T
 
@@ -172,57 +173,59 @@ def normal_jumps(
     touching: ContactArrays,
     near: float,
 ) -> list[float]:
-    """Return by how much each contact's normal turns where an edge leaves another edge.
+    """Return the angle by which each contact's normal jumps if the bodies shift.
 
-    Where a face or a curved surface touches, the normal is its own and stays. Where edges or
-    corners meet, a shift makes a face touch: the normal jumps to that of the nearest face.
+    Where a face or a curved surface touches, the normal is that of the surface and persists. Where
+    edges or vertices meet, a shift brings a face into contact: the normal jumps to the face's.
 
     Args:
         pieces: The object's pieces.
         others: Hand links and supports.
         touching: M contacts.
-        near: Faces this near to a contact's point meet there, m.
+        near: Distance from a contact point within which faces meet there, m.
 
     Returns:
-        M angles, rad; zero where nothing jumps.
+        M angles, rad; zero without a jump.
     """
     own, theirs = PlacedBodies.of(pieces), PlacedBodies.of(others)
     by_name: dict[str, list[int]] = {}
     for index, name in enumerate(theirs.shapes.names):
         by_name.setdefault(name, []).append(index)
     jumps = []
-    for one in touching:
-        reach = near + abs(one.distance)
+    for contact in touching:
+        reach = near + abs(contact.distance)
         angle = min(
-            _nearest_face(own, range(len(own)), one.position, -one.normal, reach),
-            _nearest_face(theirs, by_name[one.body], one.position, one.normal, reach),
+            _nearest_face_angle(own, range(len(own)), contact.position, -contact.normal, reach),
+            _nearest_face_angle(
+                theirs, by_name[contact.body], contact.position, contact.normal, reach
+            ),
         )
         jumps.append(angle if np.isfinite(angle) else 0.0)
     return jumps
 
 
-def _nearest_face(
+def _nearest_face_angle(
     bodies: PlacedBodies, rows: Sequence[int], point: FloatArray, outward: FloatArray, reach: float
 ) -> float:
-    """Return the angle to the outward normal of the nearest face at a point, inf without a face."""
-    sets, least = solids_of(bodies.shapes).sets, np.inf
+    """Return the least angle from a normal to those of the faces at a point, rad; inf: no face."""
+    sets, least_angle = solids_of(bodies.shapes).sets, np.inf
     for row in rows:
         T = bodies.poses[row]
         local, direction = T[:3, :3].T @ (point - T[:3, 3]), T[:3, :3].T @ outward
-        one = sets[row]
-        if one.is_curved:
-            if (np.abs(local - one.center) <= one.half_extents + 2.0 * reach).all():
+        solid = sets[row]
+        if solid.is_curved:
+            if (np.abs(local - solid.center) <= solid.half_extents + 2.0 * reach).all():
                 return 0.0
             continue
-        normals, heights = one.faces_at(local)
+        normals, heights = solid.faces_at(local)
         if heights.max() <= 2.0 * reach:
             cosines = np.clip(normals[heights > -2.0 * reach] @ direction, -1.0, 1.0)
-            least = min(least, float(np.arccos(cosines.max(initial=-1.0))))
-    return least
+            least_angle = min(least_angle, float(np.arccos(cosines.max(initial=-1.0))))
+    return least_angle
 
 
 class Velocities(NamedTuple):
-    """How a body moves in each of k motions.
+    """Velocities of a body in each of k motions.
 
     Attributes:
         linear: (3, k) velocity of one of its points, world axes.
@@ -234,13 +237,13 @@ class Velocities(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """How two nearest points move in each of k motions.
+    """Rates of change of the nearest points of two bodies in each of k motions.
 
     Attributes:
-        gap: (k,) of the gap.
-        normal: (3, k) of the normal from the first body to the second.
-        middle: (3, k) of the point midway.
-        smooth: Whether these are derivatives: the bodies are not both pointed there.
+        gap: (k,) rate of the gap.
+        normal: (3, k) rate of the normal from the first body to the second.
+        middle: (3, k) velocity of the point midway.
+        smooth: Whether these are derivatives: false where both bodies are pointed.
     """
 
     gap: FloatArray
@@ -250,7 +253,7 @@ class Rates(NamedTuple):
 
 
 def nearest_patch(first: Sequence[CollisionBody], second: Sequence[CollisionBody]) -> Patch:
-    """Find where two bodies, of one convex piece or more each, are nearest or deepest.
+    """Return the patch at which two bodies, of one or more convex pieces, are nearest or deepest.
 
     Returns:
         The normal from the first body to the second, and the points midway: several where faces or
@@ -259,63 +262,65 @@ def nearest_patch(first: Sequence[CollisionBody], second: Sequence[CollisionBody
     Raises:
         SceneError: If both are half-spaces, or a shape cannot be used.
     """
-    patches = [_of_pieces(one, other) for one in first for other in second]
+    patches = [_patch_of_pieces(piece, other) for piece in first for other in second]
     return min(patches, key=lambda patch: min(patch.gaps))
 
 
-def _of_pieces(one: CollisionBody, other: CollisionBody) -> Patch:
-    sets = placed_set(one)[0], placed_set(other)[0]
-    if isinstance(sets[1], Plane):
-        if isinstance(sets[0], Plane):
-            raise SceneError(f"'{one.name}' and '{other.name}' are both flat without an end")
-        patch = find_patch(other, one, math.inf, math.inf)
-        found = None if patch is None else patch._replace(normal=-patch.normal)
+def _patch_of_pieces(first: CollisionBody, second: CollisionBody) -> Patch:
+    solids = placed_set(first)[0], placed_set(second)[0]
+    if isinstance(solids[1], Plane):
+        if isinstance(solids[0], Plane):
+            raise SceneError(f"'{first.name}' and '{second.name}' are both flat without an end")
+        patch = find_patch(second, first, math.inf, math.inf)
+        result = None if patch is None else patch._replace(normal=-patch.normal)
     else:
-        found = find_patch(one, other, math.inf, math.inf)
-    assert found is not None  # noqa: S101 - no gap is too wide
+        result = find_patch(first, second, math.inf, math.inf)
+    assert result is not None  # noqa: S101 - no gap is too wide
     is_rough = any(
-        not isinstance(one, Plane) and one.is_curved and one.half_extents[0] > one.swept_radius
-        for one in sets
+        not isinstance(solid, Plane)
+        and solid.is_curved
+        and solid.half_extents[0] > solid.swept_radius
+        for solid in solids
     )
-    return _settled(one, other, found) if is_rough and len(found.gaps) == 1 else found
+    return _refined_patch(first, second, result) if is_rough and len(result.gaps) == 1 else result
 
 
-def _settled(one: CollisionBody, other: CollisionBody, patch: Patch) -> Patch:
-    """Return a patch of one point by Newton's method: on rims coal stops at some 1e-5 of a turn."""
+def _refined_patch(first_body: CollisionBody, second_body: CollisionBody, patch: Patch) -> Patch:
+    """Refine a patch of one point by Newton's method: at rims coal errs by some 1e-5 of a turn."""
     n = patch.normal
     for _ in range(_MOST_STEPS):
-        features = _farthest(one, n), _farthest(other, -n)
+        features = _farthest_feature(first_body, n), _farthest_feature(second_body, -n)
         if max(map(len, features)) > 2 or min(map(len, features)) > 1:
-            return patch  # of a face, or of two edges that cross, the normal is known
+            return patch  # the normal of a face or of two crossing edges is exact already
         for feature in features:
             if len(feature) > 1:
-                along = feature[1] - feature[0]
-                n = n - (n @ along) / (along @ along) * along
+                edge = feature[1] - feature[0]
+                n = n - (n @ edge) / (edge @ edge) * edge
         n = n / np.linalg.norm(n)
-        first, second = _nearest_of(*features)
+        first, second = _nearest_points(*features)
         gap, tangents = float(n @ (second - first)), plane_basis(n).T
-        off = tangents.T @ (second - first)
-        if np.abs(off).max() < _SETTLED:
-            same = n @ patch.normal > _SAME_NORMAL and abs(gap - patch.gaps[0]) < _SAME_GAP
-            return Patch(n, 0.5 * (first + second)[None], [gap]) if same else patch
-        bent = radii_of_curvature([one], first, n, tangents) + radii_of_curvature(
-            [other], second, -n, tangents
+        misalignment = tangents.T @ (second - first)
+        if np.abs(misalignment).max() < _CONVERGED:
+            is_same = n @ patch.normal > _SAME_NORMAL and abs(gap - patch.gaps[0]) < _SAME_GAP
+            return Patch(n, 0.5 * (first + second)[None], [gap]) if is_same else patch
+        radii_sum = radii_of_curvature([first_body], first, n, tangents) + radii_of_curvature(
+            [second_body], second, -n, tangents
         )
-        n = n + tangents @ _solved(bent + gap * np.eye(2), off)
+        n = n + tangents @ _normal_rates(radii_sum + gap * np.eye(2), misalignment)
         n = n / np.linalg.norm(n)
     return patch
 
 
-def _farthest(body: CollisionBody, direction: FloatArray) -> FloatArray:
-    """(K, 3) ends of what lies farthest along a direction, world, m."""
+def _farthest_feature(body: CollisionBody, direction: FloatArray) -> FloatArray:
+    """Return the (K, 3) vertices of the feature farthest along a direction, world, m."""
     solid, R, t = placed_set(body)
     if isinstance(solid, Plane):
         return np.zeros((3, 3))
     return solid.feature(direction @ R) @ R.T + t
 
 
-def _nearest_of(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the nearest points of two points, or of a point and a segment."""
+def _nearest_points(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the nearest points of two points, or of a point and a segment, (3,) each."""
     if len(first) > 1:
         return foot_on_segment(second[0], *first), second[0]
     return first[0], second[0] if len(second) == 1 else foot_on_segment(first[0], *second)
@@ -324,38 +329,38 @@ def _nearest_of(first: FloatArray, second: FloatArray) -> tuple[FloatArray, Floa
 def face_along(
     name: str, pieces: Sequence[CollisionBody], T_world_body: FloatArray, direction: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the plane of the face of a body that looks along a direction.
+    """Return the plane of a body's face whose normal is along a direction.
 
     Args:
-        name: What messages call the direction.
+        name: Name of the direction in messages.
         pieces: The body's pieces.
-        T_world_body: (4, 4) the body's pose.
+        T_world_body: (4, 4) pose of the body.
         direction: (3,) out of the body, its own axes.
 
     Returns:
         (3,) outward normal and offset along it, m, in the body's own frame.
 
     Raises:
-        ArgumentError: If no face looks that way.
+        ArgumentError: If no face has such a normal.
     """
     along = direction / np.linalg.norm(direction)
-    best, found = -1.0, (along, 0.0)
+    best, plane = -1.0, (along, 0.0)
     for piece in pieces:
         solid, T = placed_set(piece)[0], np.linalg.inv(T_world_body) @ piece.T_world_geometry
         normals, offsets = solid.flat_faces()
         for normal, offset in zip(normals @ T[:3, :3].T, offsets, strict=True):
             if normal @ along > best:
-                best, found = float(normal @ along), (normal, float(offset + normal @ T[:3, 3]))
+                best, plane = float(normal @ along), (normal, float(offset + normal @ T[:3, 3]))
     if best < math.cos(PARALLEL_ANGLE):
-        axis = found[0].round(3).tolist() if best > -1.0 else "none"
+        axis = plane[0].round(3).tolist() if best > -1.0 else "none"
         raise ArgumentError(
             name, f"is {direction.tolist()}; no face looks that way, the nearest looks along {axis}"
         )
-    return found
+    return plane
 
 
 def half_space(name: str, normal: FloatArray, offset: float, T: FloatArray) -> CollisionBody:
-    """Return the half-space below a plane that is given in the frame of a body at a pose (4, 4)."""
+    """Return the half-space below a plane given in the frame of a body at a pose (4, 4)."""
     return CollisionBody(name, coal.Halfspace(np.array(normal), float(offset)), T)
 
 
@@ -365,51 +370,51 @@ def nearest_rates(
     patch: Patch,
     velocities: tuple[Velocities, Velocities],
 ) -> Rates:
-    """Return how the nearest points of two bodies move, a single point of the patch.
+    """Return the rates of the nearest points of two bodies, at one point of a patch.
 
     Args:
         first: The pieces of the first body.
-        second: Those of the second.
-        patch: Where they are near.
-        velocities: Of both bodies, each at its own nearest point.
+        second: The pieces of the second body.
+        patch: The patch at which they are nearest; its point of the smallest gap counts.
+        velocities: The velocities of both bodies, each at its own nearest point.
     """
     n, gap = patch.normal, min(patch.gaps)
     middle = patch.points[int(np.argmin(patch.gaps))]
-    one, other = velocities
+    first_velocity, second_velocity = velocities
     tangents = plane_basis(n).T
     radii = (
         radii_of_curvature(first, middle - 0.5 * gap * n, n, tangents),
         radii_of_curvature(second, middle + 0.5 * gap * n, -n, tangents),
     )
-    turns = [tangents.T @ np.cross(body.angular.T, n).T for body in velocities]
-    apart = other.linear - one.linear
-    bent = radii[0] + radii[1] + gap * np.eye(2)
-    smooth = len(patch.gaps) == 1 and float(np.linalg.eigvalsh(bent)[0]) > _LEAST_RADIUS
-    pulls = tangents.T @ apart + radii[0] @ turns[0] + radii[1] @ turns[1]
-    turning = _solved(bent, pulls)
-    on_first = one.linear + tangents @ (radii[0] @ (turning - turns[0]))
-    on_second = other.linear - tangents @ (radii[1] @ (turning - turns[1]))
-    return Rates(n @ apart, tangents @ turning, 0.5 * (on_first + on_second), smooth)
+    normal_turns = [tangents.T @ np.cross(body.angular.T, n).T for body in velocities]
+    relative = second_velocity.linear - first_velocity.linear
+    radii_sum = radii[0] + radii[1] + gap * np.eye(2)
+    smooth = len(patch.gaps) == 1 and float(np.linalg.eigvalsh(radii_sum)[0]) > _LEAST_RADIUS
+    right_side = tangents.T @ relative + radii[0] @ normal_turns[0] + radii[1] @ normal_turns[1]
+    normal_rate = _normal_rates(radii_sum, right_side)
+    on_first = first_velocity.linear + tangents @ (radii[0] @ (normal_rate - normal_turns[0]))
+    on_second = second_velocity.linear - tangents @ (radii[1] @ (normal_rate - normal_turns[1]))
+    return Rates(n @ relative, tangents @ normal_rate, 0.5 * (on_first + on_second), smooth)
 
 
-def _solved(bent: FloatArray, pulls: FloatArray) -> FloatArray:
-    """Return how a normal turns; the pseudoinverse is not exact enough beside `FLAT`."""
+def _normal_rates(radii_sum: FloatArray, right_side: FloatArray) -> FloatArray:
+    """Solve for the rate of a normal; a pseudoinverse is too inexact with entries of `FLAT`."""
     try:
-        return np.asarray(np.linalg.solve(bent, pulls), dtype=np.float64)
-    except np.linalg.LinAlgError:  # two corners that touch
-        return np.zeros_like(pulls)
+        return np.asarray(np.linalg.solve(radii_sum, right_side), dtype=np.float64)
+    except np.linalg.LinAlgError:  # two vertices that touch
+        return np.zeros_like(right_side)
 
 
 def rates_over_face(normal: FloatArray, gap: float, point: Velocities, plane: Velocities) -> Rates:
-    """Return how a point of one body and its foot on a plane of another one move.
+    """Return the rates of a point of one body and its foot on a plane of another body.
 
     Args:
         normal: (3,) unit, from the point to the plane.
-        gap: Between the point and its foot, m.
+        gap: Distance between the point and its foot, m.
         point: The velocity of the point.
         plane: The velocity of the other body, at the foot.
     """
-    turning = np.cross(plane.angular.T, normal).T
-    opening = normal @ (plane.linear - point.linear)
-    across = np.outer(normal, opening) + gap * turning
-    return Rates(opening, turning, point.linear + 0.5 * across, smooth=True)
+    normal_rate = np.cross(plane.angular.T, normal).T
+    gap_rate = normal @ (plane.linear - point.linear)
+    offset_rate = np.outer(normal, gap_rate) + gap * normal_rate
+    return Rates(gap_rate, normal_rate, point.linear + 0.5 * offset_rate, smooth=True)

@@ -1,6 +1,6 @@
-"""Signed distances between bodies, as coal measures them, and which of many bodies may touch.
+"""Signed distances between bodies, measured by coal, and the pairs of bodies that may touch.
 
-The latter by the boxes around their convex sets, all at once.
+Such pairs are found from the bounding boxes of the bodies' convex sets, in one vectorized pass.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from graspless_pin.geometry.poses import rigid, transformed
 from graspless_pin.problem.checks import FloatArray
 
 POINT_RADIUS = 1e-6
-"""m, of the sphere that stands for a point in coal."""
+"""Radius of the sphere that represents a point in coal, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +41,13 @@ class Solids:
     """K convex sets in the frames of their geometries.
 
     Attributes:
-        names: K names of the bodies that they are pieces of.
+        names: K names of the bodies that the sets are pieces of.
         sets: K sets.
-        ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
-            large before small, then by the kind of geometry; names decide between like shapes.
-        centers: (K, 3) centres of boxes around them, m.
-        half_extents: (K, 3) half the edge lengths of these boxes, m.
-        reaches: (K,) radii of spheres around them about these centres, m.
+        ranks: Sort keys that decide which of two bodies comes first: half-spaces before polytopes
+            before curved shapes, large before small, then by the kind of geometry and by name.
+        centers: (K, 3) centres of the bounding boxes, m.
+        half_extents: (K, 3) half the edge lengths of the bounding boxes, m.
+        reaches: (K,) radii of bounding spheres about these centres, m.
     """
 
     names: tuple[str, ...]
@@ -59,27 +59,28 @@ class Solids:
 
     @cached_property
     def for_loops(self) -> Any:
-        """The same sets as the compiled loops take them."""
+        """The same sets as `compiled.core.ConvexSets`."""
         faces = [
-            np.column_stack([one.face_normals, one.face_offsets])
-            if isinstance(one, Polytope)
+            np.column_stack([solid.face_normals, solid.face_offsets])
+            if isinstance(solid, Polytope)
             else np.empty((0, 4))
-            for one in self.sets
+            for solid in self.sets
         ]
         planes = [
-            [*one.normal, one.offset] if isinstance(one, Plane) else [0.0] * 4 for one in self.sets
+            [*solid.normal, solid.offset] if isinstance(solid, Plane) else [0.0] * 4
+            for solid in self.sets
         ]
         kinds = [
             core.PLANE
-            if isinstance(one, Plane)
+            if isinstance(solid, Plane)
             else core.POLYTOPE
-            if isinstance(one, Polytope)
+            if isinstance(solid, Polytope)
             else core.BALL
-            if one.is_sphere
+            if solid.is_sphere
             else core.REVOLVED
-            if isinstance(one, SolidOfRevolution)
+            if isinstance(solid, SolidOfRevolution)
             else core.OTHER
-            for one in self.sets
+            for solid in self.sets
         ]
         return core.ConvexSets(
             kinds=kinds,
@@ -95,10 +96,10 @@ class Solids:
 
 @partial(Derived, most=math.inf)
 def solids_of(shapes: BodyShapes) -> Solids:
-    """Return the sets of some shapes, remembered for as long as the shapes live.
+    """Return the convex sets of shapes, cached while the shapes live.
 
     Raises:
-        SceneError: A geometry is of a kind that contacts cannot be found for.
+        SceneError: A geometry is of a kind that contact detection does not support.
         MeshError: The points of a hull all lie in one plane.
     """
     sets = tuple(
@@ -110,27 +111,26 @@ def solids_of(shapes: BodyShapes) -> Solids:
         sets,
         tuple(
             (
-                0 if isinstance(one, Plane) else 2 if one.is_curved else 1,
-                -one.radius,
+                0 if isinstance(solid, Plane) else 2 if solid.is_curved else 1,
+                -solid.radius,
                 type(geometry).__name__,
                 name,
             )
-            for name, geometry, one in zip(shapes.names, shapes.geometries, sets, strict=True)
+            for name, geometry, solid in zip(shapes.names, shapes.geometries, sets, strict=True)
         ),
-        np.array([one.center for one in sets]).reshape(-1, 3),
-        np.array([one.half_extents for one in sets]).reshape(-1, 3),
-        np.array([one.radius for one in sets]),
+        np.array([solid.center for solid in sets]).reshape(-1, 3),
+        np.array([solid.half_extents for solid in sets]).reshape(-1, 3),
+        np.array([solid.radius for solid in sets]),
     )
 
 
 def near_pairs(
     first: Sequence[CollisionBody], second: Sequence[CollisionBody], tolerance: float
 ) -> list[tuple[int, int]]:
-    """Pairs whose gap may be within the tolerance; half-spaces are always near.
+    """Return the pairs whose gap may be within the tolerance; half-spaces are always near.
 
-    A pair is far if a side of the first body's box, along that body's own axes, parts it from the
-    sphere around the second, or if a side of one of the boxes along the bodies' own axes parts the
-    two boxes.
+    A pair is far if a face of the first body's box, aligned with that body's axes, separates it
+    from the second's bounding sphere, or if a face of either box separates the two boxes.
 
     Args:
         first: P bodies, no half-spaces.
@@ -138,53 +138,55 @@ def near_pairs(
         tolerance: m.
 
     Returns:
-        Indices into ``first`` and ``second``, ordered by the second, then by the first.
+        Indices into ``first`` and ``second``, sorted by the second, then by the first.
 
     Raises:
-        SceneError: A geometry is of a kind that contacts cannot be found for.
+        SceneError: A geometry is of a kind that contact detection does not support.
     """
-    gaps = least_gaps(PlacedBodies.of(first), PlacedBodies.of(second))
+    gaps = gap_lower_bounds(PlacedBodies.of(first), PlacedBodies.of(second))
     k, p = np.nonzero(gaps <= tolerance)
     return list(zip(p.tolist(), k.tolist(), strict=True))
 
 
 def deep_pairs(
-    one: PlacedBodies, two: PlacedBodies, pairs: NDArray[np.intp], depth: float
+    bodies: PlacedBodies, others: PlacedBodies, pairs: NDArray[np.intp], depth: float
 ) -> NDArray[np.intp]:
-    """Return those of some pairs whose bodies may overlap by more than a depth.
+    """Return the pairs, out of given ones, whose bodies may overlap by more than a depth.
 
-    The sphere around the first is compared with the sphere and the box around the second, or with
-    the half-space that it is.
+    The bounding sphere of the first body is compared with the bounding sphere and box of the
+    second, or with the second itself if it is a half-space.
 
     Args:
-        one: Bodies, no half-spaces.
-        two: Bodies.
+        bodies: Bodies, no half-spaces.
+        others: Bodies.
         pairs: (P, 2) indices into both.
         depth: m, not negative.
     """
-    solids, others = solids_of(one.shapes), solids_of(two.shapes)
+    solids, other_solids = solids_of(bodies.shapes), solids_of(others.shapes)
     first, second = pairs.T
-    centers = box_centers(one)[first]
-    offsets = centers - box_centers(two)[second]
-    local = (offsets[:, None] @ two.poses[second, :3, :3])[:, 0]
-    beyond = np.linalg.norm(np.maximum(np.abs(local) - others.half_extents[second], 0.0), axis=1)
-    gaps = np.linalg.norm(offsets, axis=1) - others.reaches[second]
-    # How deep a centre is inside the box is not known.
+    centers = box_centers(bodies)[first]
+    offsets = centers - box_centers(others)[second]
+    local = (offsets[:, None] @ others.poses[second, :3, :3])[:, 0]
+    beyond = np.linalg.norm(
+        np.maximum(np.abs(local) - other_solids.half_extents[second], 0.0), axis=1
+    )
+    gaps = np.linalg.norm(offsets, axis=1) - other_solids.reaches[second]
+    # Inside the box, the depth of the centre is not known.
     gaps = np.maximum(gaps, np.where(beyond > 0.0, beyond, -np.inf))
-    for index, solid in enumerate(others.sets):
+    for index, solid in enumerate(other_solids.sets):
         if isinstance(solid, Plane):
-            T, on_it = two.poses[index], second == index
+            T, is_of_plane = others.poses[index], second == index
             normal = T[:3, :3] @ solid.normal
-            gaps[on_it] = (centers[on_it] - T[:3, 3]) @ normal - solid.offset
+            gaps[is_of_plane] = (centers[is_of_plane] - T[:3, 3]) @ normal - solid.offset
     return pairs[gaps - solids.reaches[first] < -depth]
 
 
-def least_gaps(one: PlacedBodies, two: PlacedBodies) -> FloatArray:
+def gap_lower_bounds(first: PlacedBodies, second: PlacedBodies) -> FloatArray:
     """Return (K, P) lower bounds on the signed distances of K other bodies and P bodies, m."""
-    solids, others, R = solids_of(one.shapes), solids_of(two.shapes), one.poses[:, :3, :3]
-    # For each of the second's bodies and each of the first's, in the frame of the latter.
-    axes = R.transpose(0, 2, 1) @ two.poses[:, None, :3, :3]
-    offsets = box_centers(two)[:, None] - box_centers(one)
+    solids, others, R = solids_of(first.shapes), solids_of(second.shapes), first.poses[:, :3, :3]
+    # (K, P, ...) arrays for bodies k of the second and p of the first, in the frame of body p.
+    axes = R.transpose(0, 2, 1) @ second.poses[:, None, :3, :3]
+    offsets = box_centers(second)[:, None] - box_centers(first)
     local = (offsets[..., None, :] @ R)[..., 0, :]
     size = np.abs(axes)
     reach = np.minimum(
@@ -197,19 +199,19 @@ def least_gaps(one: PlacedBodies, two: PlacedBodies) -> FloatArray:
 
 
 def box_centers(bodies: PlacedBodies) -> FloatArray:
-    """(K, 3) centres of the boxes around bodies, world frame, m."""
+    """Return the (K, 3) centres of the bounding boxes of bodies, world frame, m."""
     rotated = bodies.poses[:, :3, :3] @ solids_of(bodies.shapes).centers[..., None]
     return rotated[..., 0] + bodies.poses[:, :3, 3]
 
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """How far two bodies are apart.
+    """The signed distance of two bodies.
 
     Attributes:
         distance: Gap, negative where they overlap, m.
-        normal: (3,) unit vector from the first body to the second, world axes: where the second
-            moves with velocity v, the distance grows by ``normal @ v``.
+        normal: (3,) unit vector from the first body to the second, world axes: if the second
+            moves with velocity v, the distance grows at the rate ``normal @ v``.
     """
 
     distance: float
@@ -217,13 +219,13 @@ class Separation:
 
 
 def separation(first: CollisionBody, second: CollisionBody) -> Separation:
-    """Measure the signed distance of two bodies and the direction in which it grows."""
+    """Return the signed distance of two bodies and the direction in which it grows."""
     result = coal.DistanceResult()
     distance = coal.distance(
         first.geometry,
-        _transform(first.T_world_geometry),
+        _coal_pose(first.T_world_geometry),
         second.geometry,
-        _transform(second.T_world_geometry),
+        _coal_pose(second.T_world_geometry),
         DISTANCE_REQUEST,
         result,
     )
@@ -231,37 +233,37 @@ def separation(first: CollisionBody, second: CollisionBody) -> Separation:
 
 
 def point_body(point: FloatArray) -> CollisionBody:
-    """Return a body about a point (3,), world, m, as coal takes it: `POINT_RADIUS` wide."""
+    """Return a sphere of radius `POINT_RADIUS` that represents a point (3,), world, m, in coal."""
     return CollisionBody("point", coal.Sphere(POINT_RADIUS), rigid(point))
 
 
 def distances_to_point(bodies: Sequence[CollisionBody], point: FloatArray) -> FloatArray:
     """Return the (K,) signed distances of K bodies to a point (3,), world, m: negative inside."""
-    there = point_body(point)
-    return np.array([separation(there, body).distance + POINT_RADIUS for body in bodies])
+    point_sphere = point_body(point)
+    return np.array([separation(point_sphere, body).distance + POINT_RADIUS for body in bodies])
 
 
 def nearest_separation(
     first: Sequence[CollisionBody], second: Sequence[CollisionBody]
 ) -> Separation:
-    """Measure the pair of pieces, one of each of two bodies, with the smallest signed distance.
+    """Return the separation of the two pieces, one of each body, with the least signed distance.
 
-    That is the bodies' distance where they are apart. Where they overlap, at least one of them must
-    move by its amount.
+    It is the distance of the bodies if they are apart. If they overlap, its amount is a lower bound
+    on the motion that separates them.
 
     Args:
         first: The pieces of the first body, at least one.
-        second: Those of the second.
+        second: The pieces of the second body.
     """
-    pairs = (separation(one, other) for one in first for other in second)
-    return min(pairs, key=lambda found: found.distance)
+    pairs = (separation(piece, other) for piece in first for other in second)
+    return min(pairs, key=lambda pair: pair.distance)
 
 
 def bounded_set(item: LinkGeometry) -> BoundedSet:
-    """Return the set that a link's shape fills, in the shape's own frame.
+    """Return the set that a link's collision shape fills, in the shape's own frame.
 
     Raises:
-        SceneError: If the shape is a half-space or of a kind that contacts cannot be found for.
+        SceneError: If the shape is a half-space or of a kind without contact detection.
     """
     solid = convex_set(item.link, item.shape)
     if isinstance(solid, Plane):
@@ -270,51 +272,53 @@ def bounded_set(item: LinkGeometry) -> BoundedSet:
 
 
 class LinkDistances:
-    """Signed distances of the shapes of some links to a fixed body, at any configuration.
+    """Signed distances of the collision shapes of links to a fixed body, at any configuration.
 
     The distance to a body of several convex pieces is that to the nearest, or deepest, of them.
 
-    It costs a fraction of making a new `Hand` for each configuration.
+    This is much cheaper than making a new `Hand` for each configuration.
 
     Attributes:
-        links: (K) link of each shape, in model order; a link with several shapes comes up again.
-        shapes: (K) geometries with their poses, `LinkGeometry`.
+        links: (K) link of each shape, in model order; a link with several shapes is repeated.
+        shapes: (K) collision shapes with their poses.
     """
 
     def __init__(self, hand: Hand, links: Collection[str], pieces: PlacedBodies) -> None:
-        """Take the shapes of ``links`` in ``hand``, to be measured against a body's pieces."""
+        """Prepare the shapes of ``links`` of ``hand`` and the pieces of the fixed body."""
         self.shapes = tuple(item for item in hand.tree.geometries if item.link in links)
         self.links = tuple(item.link for item in self.shapes)
         self._tree = hand.tree
-        self._pieces = [(piece.geometry, _transform(piece.T_world_geometry)) for piece in pieces]
+        self._pieces = [(piece.geometry, _coal_pose(piece.T_world_geometry)) for piece in pieces]
         self._centers, self._radii = box_centers(pieces), solids_of(pieces.shapes).reaches
 
     def at(self, positions: FloatArray) -> FloatArray:
         """Return the (K,) signed distances with all joints at (n,) ``positions``, m."""
         T_world_joint = self._tree.kinematics(positions).T_world_joint
         poses = [T_world_joint[item.joint] @ item.T_joint_geometry for item in self.shapes]
-        return np.array([self._nearest(*one) for one in zip(self.shapes, poses, strict=True)])
+        return np.array(
+            [self._nearest_distance(*one) for one in zip(self.shapes, poses, strict=True)]
+        )
 
-    def _nearest(self, item: LinkGeometry, T: FloatArray) -> float:
-        """Return the signed distance of a shape at a pose to the nearest piece."""
-        there = _transform(T)
-        order, least = [0], [-np.inf]
+    def _nearest_distance(self, item: LinkGeometry, T: FloatArray) -> float:
+        """Return the signed distance, m, of a shape at a pose to the nearest piece."""
+        pose = _coal_pose(T)
+        order, bounds = [0], [-np.inf]
         if len(self._pieces) > 1:
             solid = bounded_set(item)
             offsets = self._centers - transformed(T, solid.center)
             gaps = np.linalg.norm(offsets, axis=1) - self._radii - solid.radius
-            order, least = np.argsort(gaps).tolist(), gaps.tolist()
+            order, bounds = np.argsort(gaps).tolist(), gaps.tolist()
         nearest = np.inf
         for index in order:
-            if least[index] >= nearest:
+            if bounds[index] >= nearest:
                 break
             geometry, T_world_piece = self._pieces[index]
             distance = coal.distance(
-                item.shape, there, geometry, T_world_piece, DISTANCE_REQUEST, coal.DistanceResult()
+                item.shape, pose, geometry, T_world_piece, DISTANCE_REQUEST, coal.DistanceResult()
             )
             nearest = min(nearest, float(distance))
         return nearest
 
 
-def _transform(T: FloatArray) -> Any:
+def _coal_pose(T: FloatArray) -> Any:
     return coal.Transform3s(np.array(T[:3, :3]), np.array(T[:3, 3]))

@@ -1,4 +1,4 @@
-"""Where an object touches a hand and its supports: points, normals into the object, gaps."""
+"""Contact detection between an object and a hand or supports: points, normals, gaps."""
 
 from __future__ import annotations
 
@@ -16,25 +16,30 @@ from graspless_pin.geometry.bodies.convex_sets import Plane
 from graspless_pin.geometry.bodies.polytopes import Polytope
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.distances import near_pairs, solids_of
-from graspless_pin.geometry.contact.merging import Touch, is_on_both, merge_touches, on_surfaces
+from graspless_pin.geometry.contact.merging import (
+    Touch,
+    is_midway,
+    merge_touches,
+    midsurface_points,
+)
 from graspless_pin.geometry.contact.patches import find_patch
 from graspless_pin.geometry.contact.polygons import corner_groups, group_means, hull_order
 from graspless_pin.problem.checks import FloatArray
 
-_ORIGIN = np.eye(4)
-_MOST_FACES = 1024  # that are kept; a fine mesh that rolls about has more
+_IDENTITY = np.eye(4)
+_MOST_CACHED_FACES = 1024  # cached faces; a fine mesh that rolls has more
 
 
 @dataclass(frozen=True)
 class ContactLimits:
-    """What counts as contact.
+    """Tolerances of contact detection.
 
     Attributes:
-        tolerance: Points closer than this are in contact, m.
-        max_penetration: Deepest overlap that passes for contact, m.
-        max_points: Largest number of points of one patch, at least 3.
-        merge_distance: Points of one pair of bodies closer together than this become one, m; not
-            more than the tolerance.
+        tolerance: Largest gap of a contact point, m.
+        max_penetration: Largest overlap of a contact, m.
+        max_points: Largest number of contact points of one patch, at least 3.
+        merge_distance: Distance below which points of one pair of bodies are merged, m; not more
+            than the tolerance.
     """
 
     tolerance: float = 1e-3
@@ -58,10 +63,10 @@ class ContactLimits:
 
 
 class PatchContacts(NamedTuple):
-    """The contacts that stand for one patch.
+    """The contact points that represent one patch.
 
     Attributes:
-        place: The place of its pair among all near pairs.
+        place: The index of its pair among all near pairs.
         positions: (K, 3) world, m.
         normal: (3,) unit, into the object, world axes.
         gaps: K, m.
@@ -74,11 +79,11 @@ class PatchContacts(NamedTuple):
 
 
 class _Face(NamedTuple):
-    """A face of a polytope and the points that stand for it where it lies on a plane.
+    """A face of a polytope and its contact points when it lies on a plane.
 
     Attributes:
-        corners: (V, 4) [x, y, z, 1] of all its corners, geometry frame, m.
-        points: (G, 4) of the contact points, counterclockwise seen from inside the polytope.
+        corners: (V, 4) [x, y, z, 1] of all its vertices, geometry frame, m.
+        points: (G, 4) contact points, counterclockwise seen from inside the polytope.
     """
 
     corners: FloatArray
@@ -88,25 +93,25 @@ class _Face(NamedTuple):
 def near_and_closed_form(
     pieces: PlacedBodies, bodies: PlacedBodies, limits: ContactLimits
 ) -> tuple[Sequence[tuple[int, int]], list[PatchContacts], list[int]]:
-    """Find the pairs that may touch, and the contacts of faces on half-spaces.
+    """Find the pairs that may touch, and the contacts of flat faces on half-spaces.
 
     Args:
         pieces: The object's pieces.
         bodies: Hand links or supports.
-        limits: What counts as contact.
+        limits: The tolerances.
 
     Returns:
-        The pairs, indices of a piece and a body; the contacts; and the places of the pairs that are
-        left to the general search.
+        The pairs, indices of a piece and a body; the contacts; and the indices of the pairs that
+        remain for the general search.
     """
     if not bodies.shapes.names:
         return [], [], []
     pairs = near_pairs(pieces, bodies, limits.tolerance)
-    solids, others = solids_of(pieces.shapes).sets, solids_of(bodies.shapes).sets
+    object_sets, other_sets = solids_of(pieces.shapes).sets, solids_of(bodies.shapes).sets
     names = [bodies.shapes.names[k] for _, k in pairs]
-    found, remaining = [], []
+    contacts, remaining = [], []
     for place, (p, k) in enumerate(pairs):
-        solid, plane, rows = solids[p], others[k], None
+        solid, plane, patch = object_sets[p], other_sets[k], None
         if (
             isinstance(plane, Plane)
             and isinstance(solid, Polytope)
@@ -115,19 +120,21 @@ def near_and_closed_form(
             T, T_plane = pieces.poses[p], bodies.poses[k]
             normal = T_plane[:3, :3] @ plane.normal
             offset = float(normal @ T_plane[:3, 3]) + plane.offset
-            face = _face(solid, solid.farthest_vertices(-normal @ T[:3, :3]), limits)
-            rows = None if face is None else _on_plane(face, T, normal, offset, place, limits)
-        if rows is None:
+            face = _flat_face(solid, solid.farthest_vertices(-normal @ T[:3, :3]), limits)
+            patch = (
+                None if face is None else _plane_contacts(face, T, normal, offset, place, limits)
+            )
+        if patch is None:
             remaining.append(place)
         else:
-            found.append(rows)
-    return pairs, found, remaining
+            contacts.append(patch)
+    return pairs, contacts, remaining
 
 
-def _on_plane(
+def _plane_contacts(
     face: _Face, T: FloatArray, normal: FloatArray, offset: float, place: int, limits: ContactLimits
 ) -> PatchContacts | None:
-    """Contacts of a face at a pose T (4, 4) with a half-space; None if not all of it is near."""
+    """Return contacts of a face at a pose T (4, 4) with a half-space; None if some of it is far."""
     gaps = (face.corners @ T[:3].T @ normal - offset).tolist()
     if not -limits.max_penetration <= min(gaps) <= max(gaps) <= limits.tolerance:
         return None
@@ -137,31 +144,31 @@ def _on_plane(
     return PatchContacts(place, points, normal, heights.tolist())
 
 
-@lru_cache(maxsize=_MOST_FACES)
-def _face(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _Face | None:
-    """Return the face with some corners as if flat; None for an edge, corner or rough face."""
+@lru_cache(maxsize=_MOST_CACHED_FACES)
+def _flat_face(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _Face | None:
+    """Return the face with given vertices; None for an edge, a vertex or a rough face."""
     outward = solid.face_normal(corners)
     if outward is None:
         return None
-    around = solid.vertices[list(corners)]
-    order = hull_order(around, -outward)
+    vertices = solid.vertices[list(corners)]
+    order = hull_order(vertices, -outward)
     groups = corner_groups(
-        around[order],
+        vertices[order],
         -outward,
         object_first=False,
-        T_second=_ORIGIN,
-        T_object=_ORIGIN,
+        T_second=_IDENTITY,
+        T_object=_IDENTITY,
         merge_distance=limits.merge_distance,
         max_points=limits.max_points,
     )
-    points = group_means(around[order], groups)
+    points = group_means(vertices[order], groups)
     if len(groups) < len(corners):
         points += solid.heights_from(points, outward)[:, None] * outward
-    return _Face(_homogeneous(around), _homogeneous(points))
+    return _Face(_homogeneous(vertices), _homogeneous(points))
 
 
 def _homogeneous(points: FloatArray) -> FloatArray:
-    """Rows [x, y, z, 1] of points (K, 3)."""
+    """Return rows [x, y, z, 1] of points (K, 3)."""
     return np.column_stack([points, np.ones(len(points))])
 
 
@@ -173,67 +180,67 @@ def contact_arrays(
 ) -> ContactArrays:
     """Find all points at which hand links, or supports, touch the object.
 
-    A face on a face gives the corners of the common part, a line its two ends, a curved or pointed
-    touch one point; a circular rim counts as the regular polygon of `RIM_POINTS` points inscribed
-    in it. Bodies of one name are the pieces of one body: what they share in one plane gives the
-    extreme points of all of it, and the seams between them give nothing.
+    A face on a face yields the vertices of the common part, a line its two ends, a curved or
+    pointed contact one point; a circular rim is replaced by the inscribed regular polygon of
+    `RIM_POINTS` points. Bodies of one name are the pieces of one body: coplanar patches of them
+    yield the extreme points of their union, and seams between pieces yield no contact.
 
     Args:
         object_bodies: The manipulated object's convex pieces.
         others: Hand links or supports.
-        kind: Which of them.
-        limits: What counts as contact.
+        kind: Whether ``others`` are hand links or supports.
+        limits: The tolerances.
 
     Returns:
-        Contacts in the order of ``others``. Those of one patch share their normal and run
-        counterclockwise about it, from the point that comes first by x, then y, then z in the
-        object's geometry frame. A face that lies on a half-space has the points that it has
-        without any gap or tilt, so that they do not change as it moves.
+        Contacts in the order of ``others``. Those of one patch share their normal and are ordered
+        counterclockwise about it, from the point that is first by x, then y, then z in the object's
+        geometry frame. A face that lies on a half-space has the points that it has without any gap
+        or tilt, so that they do not change as it moves.
 
     Raises:
         ArgumentError: The object has no pieces.
         SceneError: Bodies overlap by more than ``max_penetration``, the object is a half-space, or
-            a geometry is of a kind that cannot be used.
+            a geometry is of an unsupported kind.
     """
     pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
     if not pieces.shapes.names:
         raise ArgumentError("object_bodies", "needs at least one piece")
-    if any(isinstance(one, Plane) for one in solids_of(pieces.shapes).sets):
+    if any(isinstance(solid, Plane) for solid in solids_of(pieces.shapes).sets):
         raise SceneError(
             f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "
             "give the object a box, sphere, cylinder, capsule, cone or mesh"
         )
-    pairs, found, remaining = near_and_closed_form(pieces, bodies, limits)
+    pairs, contacts, remaining = near_and_closed_form(pieces, bodies, limits)
     if remaining:
-        touches = _touches(pieces, bodies, pairs, remaining, limits)
-        found += _rows_of(touches, pieces, bodies, kind, limits)
-    found.sort(key=lambda patch: patch.place)
-    names, places = bodies.shapes.names, [patch.place for patch in found for _ in patch.gaps]
+        touches = _touches_by_body(pieces, bodies, pairs, remaining, limits)
+        contacts += _patch_contacts(touches, pieces, bodies, kind, limits)
+    contacts.sort(key=lambda patch: patch.place)
+    names, places = bodies.shapes.names, [patch.place for patch in contacts for _ in patch.gaps]
     return ContactArrays(
         tuple([names[pairs[place][1]] for place in places]),
         (kind,) * len(places),
-        np.concatenate([np.empty((0, 3)), *(patch.positions for patch in found)]),
-        np.array([patch.normal for patch in found for _ in patch.gaps]).reshape(-1, 3),
-        tuple([gap for patch in found for gap in patch.gaps]),
+        np.concatenate([np.empty((0, 3)), *(patch.positions for patch in contacts)]),
+        np.array([patch.normal for patch in contacts for _ in patch.gaps]).reshape(-1, 3),
+        tuple([gap for patch in contacts for gap in patch.gaps]),
     )
 
 
-def _touches(
+def _touches_by_body(
     pieces: PlacedBodies,
     bodies: PlacedBodies,
     pairs: Sequence[tuple[int, int]],
     places: Sequence[int],
     limits: ContactLimits,
 ) -> dict[str, list[tuple[int, Touch]]]:
-    """Where the pairs at some places touch, by the body's name, with their places."""
+    """Return the touches of the pairs at given indices, with the index, by the body's name."""
     touches: dict[str, list[tuple[int, Touch]]] = {}
-    ranks, others = solids_of(pieces.shapes).ranks, solids_of(bodies.shapes).ranks
+    object_ranks, other_ranks = solids_of(pieces.shapes).ranks, solids_of(bodies.shapes).ranks
     for place in places:
         p, k = pairs[place]
         piece, body = pieces[p], bodies[k]
-        # Whichever of the two is the object, the pair is computed in the same order, so that
-        # swapping them changes nothing but the normal's sign.
-        object_first = ranks[p] < others[k]
+        # The order of the pair does not depend on which of the two is the object, so that swapping
+        # them changes only the normal's sign.
+        object_first = object_ranks[p] < other_ranks[k]
         pair = (piece, body) if object_first else (body, piece)
         patch = find_patch(*pair, limits.tolerance, limits.max_penetration)
         if patch is not None:
@@ -242,21 +249,21 @@ def _touches(
     return touches
 
 
-def _rows_of(
+def _patch_contacts(
     touches: Mapping[str, Sequence[tuple[int, Touch]]],
     pieces: PlacedBodies,
     bodies: PlacedBodies,
     kind: BodyKind,
     limits: ContactLimits,
 ) -> list[PatchContacts]:
-    """Return the contacts that stand for what was found, all of a body at the place of its first.
+    """Return the contacts of all touches, those of one body under the index of its first pair.
 
     Raises:
         StateError: Bodies overlap too deeply.
     """
-    found: list[PatchContacts] = []
-    for name, placed in touches.items():
-        merged = [touch for _, touch in placed]
+    contacts: list[PatchContacts] = []
+    for name, body_touches in touches.items():
+        merged = [touch for _, touch in body_touches]
         if len(merged) > 1:
             own = [bodies[k] for k, other in enumerate(bodies.shapes.names) if other == name]
             merged = merge_touches(merged, pieces, own, limits.merge_distance)
@@ -270,13 +277,13 @@ def _rows_of(
                 "touch",
             )
         for touch in merged:
-            points, gaps = _contacts_of(touch, limits)
-            found.append(PatchContacts(placed[0][0], points, touch.into_object, gaps))
-    return found
+            points, gaps = _points_and_gaps(touch, limits)
+            contacts.append(PatchContacts(body_touches[0][0], points, touch.into_object, gaps))
+    return contacts
 
 
-def _contacts_of(touch: Touch, limits: ContactLimits) -> tuple[FloatArray, list[float]]:
-    """Return the contact points (K, 3) that stand for one patch, and their gaps."""
+def _points_and_gaps(touch: Touch, limits: ContactLimits) -> tuple[FloatArray, list[float]]:
+    """Return the contact points (K, 3) that represent one patch, and their gaps."""
     points, gaps = touch.points, touch.gaps
     if len(points) == 1:
         return points, gaps
@@ -295,10 +302,10 @@ def _contacts_of(touch: Touch, limits: ContactLimits) -> tuple[FloatArray, list[
     if len(groups) == len(points):
         return middles, means
     if not touch.parts:
-        return on_surfaces(touch, middles, means)
-    for k, group in enumerate(groups):  # between pieces there may be a step or a slit
-        if len(group) > 1 and not is_on_both(touch, middles[k], means[k]):
-            away = np.linalg.norm(points[group] - middles[k], axis=1)
-            corner = group[int(away.round(9).argmin())]
-            middles[k], means[k] = points[corner], gaps[corner]
+        return midsurface_points(touch, middles, means)
+    for k, group in enumerate(groups):  # there may be a step or a slit between pieces
+        if len(group) > 1 and not is_midway(touch, middles[k], means[k]):
+            distances = np.linalg.norm(points[group] - middles[k], axis=1)
+            nearest = group[int(distances.round(9).argmin())]
+            middles[k], means[k] = points[nearest], gaps[nearest]
     return middles, means

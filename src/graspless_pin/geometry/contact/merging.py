@@ -1,8 +1,8 @@
-"""Contacts of two bodies that are made of several convex pieces, as if each were one piece.
+"""Merging the contacts of two bodies of several convex pieces, as if each were one piece.
 
-Where two pieces meet, one of them may report its border as a contact although the surface goes on
-in the other; such patches are dropped. Patches in one plane become one, and of patches in one place
-the one with the smallest gap stays.
+Where two pieces meet, the border of one may appear as a contact although the surface continues in
+the other; such patches are dropped. Coplanar patches are joined, and of patches at one location
+only the one with the smallest gap is kept.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from graspless_pin.geometry.contact.patches import placed_set
 from graspless_pin.geometry.contact.polygons import hull_order
 from graspless_pin.problem.checks import FloatArray
 
-_COS_FLAT = math.cos(math.radians(45.0))  # what is steeper is a step or groove, not a seam
+_COS_FLAT = math.cos(math.radians(45.0))  # steeper surfaces form a step or groove, not a seam
 _INTO_COSINE = -0.1  # cosine below which a direction goes into a surface
-_STEP_SHARE = 0.1  # part of a piece's size by which it passes another's face where they make a step
-_ON_SURFACE = 5e-6  # m: how far means of corners may be off a surface
-_STRAIGHT_OFFSET = 2e-5  # m: corners that stick out by less are of pieces that are turned a little
-_SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a line, where it is looked at
+_STEP_SHARE = 0.1  # share of a piece's size by which it protrudes past another's face at a step
+_ON_SURFACE = 5e-6  # m: largest distance of a mean of vertices from a surface
+_STRAIGHT_OFFSET = 2e-5  # m: vertices that protrude by less are due to slightly rotated pieces
+_SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a segment, where it is sampled
 _SAME_GAP = 1e-6  # m: gaps that differ by less are the same
 
 
@@ -40,7 +40,7 @@ class Touch:
         normal: (3,) from the first to the second, world axes.
         points: (K, 3) midway between the bodies, counterclockwise about the normal, world, m.
         gaps: K signed gaps, m.
-        parts: The patches of several pieces in one plane that it joins; empty: it is of one pair.
+        parts: The coplanar patches that are joined in it; empty: it is a patch of one pair.
     """
 
     object_piece: CollisionBody
@@ -63,102 +63,105 @@ def merge_touches(
     other_pieces: Sequence[CollisionBody],
     merge_distance: float,
 ) -> list[Touch]:
-    """Merge what the pieces of two bodies report.
+    """Merge the patches that the pieces of two bodies yield.
 
     Args:
         touches: All patches between the two bodies.
         object_pieces: All pieces of the object.
         other_pieces: All pieces of the other body.
-        merge_distance: Points closer than this are one, m.
+        merge_distance: Distance below which points are merged, m.
 
     Returns:
-        The patches that are left, with extreme points only.
+        The remaining patches, with extreme points only.
     """
-    apparent = [t for t in touches if not _is_seam(t, object_pieces, other_pieces)]
+    without_seams = [t for t in touches if not _is_seam(t, object_pieces, other_pieces)]
     merged = [
-        group[0] if len(group) == 1 else _union(group, merge_distance)
-        for group in _coplanar(apparent or touches)
+        group[0] if len(group) == 1 else _joined_patch(group, merge_distance)
+        for group in _coplanar_groups(without_seams or touches)
     ]
     kept: list[Touch] = []
     for touch in sorted(merged, key=lambda t: min(t.gaps)):
         if not any(
-            _repeats(touch, other, merge_distance)
+            _is_duplicate(touch, kept_touch, merge_distance)
             or (
-                touch.other_piece is other.other_piece
-                and _leads_to(touch, other, object_pieces, 0.5)
+                touch.other_piece is kept_touch.other_piece
+                and _continues_to(touch, kept_touch, object_pieces, 0.5)
             )
             or (
-                touch.object_piece is other.object_piece
-                and _leads_to(touch, other, other_pieces, -0.5)
+                touch.object_piece is kept_touch.object_piece
+                and _continues_to(touch, kept_touch, other_pieces, -0.5)
             )
-            for other in kept
+            for kept_touch in kept
         ):
             kept.append(touch)
     return [touch for touch in merged if touch in kept]
 
 
-def on_surfaces(
+def midsurface_points(
     touch: Touch, points: FloatArray, gaps: Sequence[float]
 ) -> tuple[FloatArray, list[float]]:
-    """Move points between two bodies onto the middle between their surfaces.
+    """Move points between two bodies to the middle between their surfaces.
 
-    Only hulls have surfaces that are not flat where they touch.
+    Only hulls may have surfaces that are not flat where they touch.
 
     Args:
         touch: The touch.
         points: (K, 3) inside its patch, world, m.
-        gaps: K gaps there if both surfaces are flat, m.
+        gaps: K gaps of flat surfaces at these points, m.
 
     Returns:
         The points (K, 3) and their gaps.
     """
-    inward, half = touch.into_object, 0.5 * np.array(gaps)
+    into_object, half = touch.into_object, 0.5 * np.array(gaps)
     sides = []
-    for piece, direction in ((touch.other_piece, inward), (touch.object_piece, -inward)):
+    for piece, direction in ((touch.other_piece, into_object), (touch.object_piece, -into_object)):
         solid, R, t = placed_set(piece)
         if is_hull(solid):
             sides.append(solid.heights_from((points - t) @ R, direction @ R))
         else:
             sides.append(-half)
     low, high = sides[0], -sides[1]
-    return points + (0.5 * (low + high))[:, None] * inward, (high - low).tolist()
+    return points + (0.5 * (low + high))[:, None] * into_object, (high - low).tolist()
 
 
-def is_on_both(touch: Touch, point: FloatArray, gap: float) -> bool:
-    """Return whether a point (3,) of joined patches is midway between the bodies' surfaces."""
+def is_midway(touch: Touch, point: FloatArray, gap: float) -> bool:
+    """Return whether a point (3,) of a joined patch is midway between the bodies' surfaces."""
     half = 0.5 * gap * touch.into_object
     sides = (
-        ({one.object_piece for one in touch.parts}, point + half),
-        ({one.other_piece for one in touch.parts}, point - half),
+        ({part.object_piece for part in touch.parts}, point + half),
+        ({part.other_piece for part in touch.parts}, point - half),
     )
-    return all(abs(min(_height(one, at) for one in pieces)) <= _ON_SURFACE for pieces, at in sides)
+    return all(
+        abs(min(_height_over(piece, midpoint) for piece in pieces)) <= _ON_SURFACE
+        for pieces, midpoint in sides
+    )
 
 
 def _is_seam(
     touch: Touch, object_pieces: Sequence[CollisionBody], other_pieces: Sequence[CollisionBody]
 ) -> bool:
-    """Return whether either body's surface goes on in another of its pieces where the patch is."""
+    """Return whether another piece of either body continues its surface at the patch."""
     middle, half = touch.points.mean(axis=0), 0.5 * math.fsum(touch.gaps) / len(touch.gaps)
     inward = touch.into_object
     return any(
-        _covers(piece, touch.object_piece, middle + half * inward, -inward)
+        _rules_out_contact(piece, touch.object_piece, middle + half * inward, -inward)
         for piece in object_pieces
         if piece is not touch.object_piece
     ) or any(
-        _covers(piece, touch.other_piece, middle - half * inward, inward)
+        _rules_out_contact(piece, touch.other_piece, middle - half * inward, inward)
         for piece in other_pieces
         if piece is not touch.other_piece
     )
 
 
-def _covers(
+def _rules_out_contact(
     piece: CollisionBody, own: CollisionBody, point: FloatArray, outward: FloatArray
 ) -> bool:
-    """Return whether a point of one piece is no contact point with another piece of the body there.
+    """Return whether another piece of a body rules out a point of one piece as a contact point.
 
-    That is, if the point lies inside the other piece, if the direction leads into that piece, or if
-    the piece's surface goes through the point and rises along the direction: then the bodies come
-    nearer elsewhere. Where the two pieces make a step or groove, both have contacts of their own.
+    It does if the point lies inside the other piece, if the direction leads into that piece, or if
+    the piece's surface passes through the point and rises along the direction: then the bodies are
+    nearer elsewhere. At a step or groove between the pieces, both have contacts of their own.
 
     Args:
         piece: The other piece.
@@ -174,32 +177,32 @@ def _covers(
         return False
     if highest < -SAME_SURFACE:
         return True
-    here = normals[heights >= -SAME_SURFACE]
-    cosines = here @ direction
+    near_normals = normals[heights >= -SAME_SURFACE]
+    cosines = near_normals @ direction
     k = int(cosines.argmax())
     if cosines[k] < _INTO_COSINE:
         return True
     if not solid.has_higher_points(local, direction):
         return False
-    return cosines[k] >= _COS_FLAT or not _passes(own, point, R @ here[k])
+    return cosines[k] >= _COS_FLAT or not _protrudes_through(own, point, R @ near_normals[k])
 
 
-def _passes(piece: CollisionBody, point: FloatArray, normal: FloatArray) -> bool:
-    """Whether a piece passes through a plane, and so makes a step with what lies behind that."""
+def _protrudes_through(piece: CollisionBody, point: FloatArray, normal: FloatArray) -> bool:
+    """Return whether a piece protrudes through a plane, and so forms a step with what is behind."""
     solid, R, t = placed_set(piece)
     if isinstance(solid, Plane):
         return True
-    reach = float(solid.support_values((normal @ R)[None])[0] - normal @ (point - t))
-    return reach > _STEP_SHARE * solid.radius
+    protrusion = float(solid.support_values((normal @ R)[None])[0] - normal @ (point - t))
+    return protrusion > _STEP_SHARE * solid.radius
 
 
-def _coplanar(touches: Sequence[Touch]) -> list[list[Touch]]:
-    """Patches by common plane, in their order; the first of each group has the smallest gap."""
+def _coplanar_groups(touches: Sequence[Touch]) -> list[list[Touch]]:
+    """Group patches by plane, in their order; the first of each group has the smallest gap."""
     groups: list[list[Touch]] = []
     order = {id(touch): k for k, touch in enumerate(touches)}
     for touch in sorted(touches, key=lambda t: min(t.gaps)):
         for group in groups:
-            if _in_plane(touch, group[0]):
+            if _is_coplanar(touch, group[0]):
                 group.append(touch)
                 break
         else:
@@ -207,7 +210,7 @@ def _coplanar(touches: Sequence[Touch]) -> list[list[Touch]]:
     return sorted(groups, key=lambda group: min(order[id(touch)] for touch in group))
 
 
-def _in_plane(touch: Touch, seed: Touch) -> bool:
+def _is_coplanar(touch: Touch, seed: Touch) -> bool:
     if touch.into_object @ seed.into_object < math.cos(2.0 * PARALLEL_ANGLE):
         return False
     arms = touch.points - seed.points.mean(axis=0)
@@ -215,46 +218,48 @@ def _in_plane(touch: Touch, seed: Touch) -> bool:
     return bool((np.abs(arms @ seed.normal) <= reach).all())
 
 
-def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
-    """Join the patches of one plane, but for points where the bodies lean away from each other.
+def _joined_patch(group: Sequence[Touch], merge_distance: float) -> Touch:
+    """Join coplanar patches, without the points at which the bodies diverge.
 
-    That is, where the gap has grown by more than `PARALLEL_ANGLE` from every nearer point. A patch
-    that is one point gives way to a nearer point in the same place.
+    There the gap grows by more than `PARALLEL_ANGLE` from every nearer point. A patch of one point
+    is dropped if there is a nearer point within the merge distance.
     """
     seed = group[0]
     points = np.concatenate([touch.points for touch in group])
     gaps = np.concatenate([touch.gaps for touch in group])
-    single = np.array([len(touch.points) == 1 for touch in group for _ in touch.points])
+    is_single = np.array([len(touch.points) == 1 for touch in group for _ in touch.points])
     kept = np.zeros(len(points), dtype=bool)
     for k in np.argsort(gaps, kind="stable").tolist():
         distances = np.linalg.norm(points[kept] - points[k], axis=1)
         rises = gaps[k] - gaps[kept] - PARALLEL_ANGLE * distances
-        apart = merge_distance if single[k] else 0.0
-        kept[k] = not kept.any() or (rises.min() <= _SAME_GAP and distances.min() >= apart)
+        least_distance = merge_distance if is_single[k] else 0.0
+        kept[k] = not kept.any() or (rises.min() <= _SAME_GAP and distances.min() >= least_distance)
     points, gaps = points[kept], gaps[kept]
     order = hull_order(points, seed.normal, _STRAIGHT_OFFSET)
     return replace(seed, points=points[order], gaps=gaps[order].tolist(), parts=tuple(group))
 
 
-def _repeats(touch: Touch, other: Touch, merge_distance: float) -> bool:
-    """Whether all of a patch's points are points of another that faces about the same way."""
+def _is_duplicate(touch: Touch, other: Touch, merge_distance: float) -> bool:
+    """Return whether all points of a patch are points of another with about the same normal."""
     if touch.into_object @ other.into_object < _COS_FLAT:
         return False
     distances = np.linalg.norm(touch.points[:, None] - other.points, axis=2)
     return bool((distances.min(axis=1) < merge_distance).all())
 
 
-def _leads_to(touch: Touch, nearer: Touch, pieces: Sequence[CollisionBody], side: float) -> bool:
-    """Whether a body goes straight on from a single point to a nearer touch of the same piece.
+def _continues_to(
+    touch: Touch, nearer: Touch, pieces: Sequence[CollisionBody], side: float
+) -> bool:
+    """Return whether a body continues from a single point to a nearer touch of the same piece.
 
-    The distance from a convex piece is convex along a straight line, so that the point is no
-    minimum of it: it is the border of a piece where the body's surface goes on.
+    The distance from a convex piece is convex along a straight line, so that the point is not a
+    minimum of it: it is at the border of a piece where the body's surface continues.
 
     Args:
-        touch: The touch in question.
-        nearer: One with a smaller gap.
+        touch: The touch of a single point.
+        nearer: A touch with a smaller gap.
         pieces: All pieces of the body.
-        side: Where its surface lies, in gaps from the middle into the object.
+        side: Location of its surface, in gaps from the middle into the object.
     """
     if len(touch.points) > 1:
         return False
@@ -266,12 +271,12 @@ def _leads_to(touch: Touch, nearer: Touch, pieces: Sequence[CollisionBody], side
     start = touch.points[0] + side * touch.gaps[0] * touch.into_object
     end = nearer.points[k] + side * nearer.gaps[k] * nearer.into_object
     return all(
-        any(_height(piece, start + share * (end - start)) <= SAME_SURFACE for piece in pieces)
+        any(_height_over(piece, start + share * (end - start)) <= SAME_SURFACE for piece in pieces)
         for share in _SHARES
     )
 
 
-def _height(piece: CollisionBody, point: FloatArray) -> float:
-    """Height (at most the distance) of a point over a piece, negative inside, m."""
+def _height_over(piece: CollisionBody, point: FloatArray) -> float:
+    """Return the height (at most the distance) of a point over a piece, negative inside, m."""
     solid, R, t = placed_set(piece)
     return float(solid.faces_at((point - t) @ R)[1].max())

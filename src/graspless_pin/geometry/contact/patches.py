@@ -1,11 +1,11 @@
-"""Where two convex bodies touch: in the polygon that they share, at a gap of either sign or none.
+"""Contact patches of two convex bodies: the polygon that they share, at a signed gap.
 
-coal's nearest points tell where two bodies are close. Direction and points are then found from the
-bodies' own faces, edges and corners (`convex_sets`): the signed distance of convex bodies is the
-largest gap that any direction leaves between them, so among coal's normal and the normals of the
-faces at hand the one with the largest gap is right. Along it, the face, edge or corner of each body
-that lies farthest is projected onto the contact plane, and their common part is where they touch. A
-half-space, and a sphere on a face, need no coal.
+coal's nearest points locate the contact. Direction and points are then found from the bodies' own
+faces, edges and vertices (`convex_sets`): the signed distance of convex bodies is the largest gap
+over all directions, so among coal's normal and the normals of nearby faces the one with the largest
+gap is right. Along it, the farthest feature (face, edge or vertex) of each body is projected onto
+the contact plane; the patch is their intersection. Half-spaces, and spheres on faces, do not need
+coal.
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ from graspless_pin.geometry.poses import unit_vector
 from graspless_pin.problem.checks import FloatArray
 
 DISTANCE_REQUEST: Any = coal.DistanceRequest()
-"""With coal's default of 1e-6, one pair in hundreds comes out inside out at a micrometre of gap."""
+"""Tolerance 1e-9: at coal's default of 1e-6 one pair in hundreds is inverted at gaps of 1e-6 m."""
 DISTANCE_REQUEST.gjk_tolerance = DISTANCE_REQUEST.epa_tolerance = 1e-9
 
 _IDENTITY: Any = coal.Transform3s()
 _DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
-_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure; of small bodies, less
+_PULLED_APART = 1e-3  # m: a gap at which coal's direction is reliable; less for small bodies
 _PULLED_SHARE = 0.02  # of the smaller radius
 _MOST_ATTEMPTS = 5
 _AGREED_COSINE = 1.0 - 1e-5  # cosine between a face normal and coal's direction
-_SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
+_SAME_GAP = 1e-9  # m: directions whose gaps differ by less are equivalent
 
 
 def convex_set(name: str, geometry: Any) -> ConvexSet:
-    """Return the set that a coal geometry fills, remembered while the geometry object lives.
+    """Return the set that a coal geometry fills, cached while the geometry object lives.
 
     Args:
         name: Name of the body, for the message.
         geometry: coal primitive or convex hull.
 
     Raises:
-        SceneError: The geometry is a triangle soup or a kind that contacts cannot be found for.
+        SceneError: The geometry is a triangle soup or of a kind without contact detection.
         MeshError: The points of a hull all lie in one plane.
     """
     try:
-        return _set_of(geometry)
+        return _cached_set(geometry)
     except (SceneError, MeshError) as error:
         raise type(error)(f"body '{name}': {error}") from error
 
@@ -78,7 +78,7 @@ def placed_set(body: CollisionBody) -> tuple[ConvexSet, FloatArray, FloatArray]:
 
 
 @partial(Derived, most=math.inf)
-def _set_of(geometry: Any) -> ConvexSet:
+def _cached_set(geometry: Any) -> ConvexSet:
     kind = kind_of(geometry)
     if kind is None or geometry.getSweptSphereRadius() != 0.0:
         raise SceneError(
@@ -107,13 +107,13 @@ class Patch(NamedTuple):
 def find_patch(
     first: CollisionBody, second: CollisionBody, tolerance: float, max_penetration: float
 ) -> Patch | None:
-    """Find where two bodies touch.
+    """Find the patch at which two bodies touch.
 
     Args:
         first: Half-space, polytope or curved body.
         second: The other body; not a half-space.
-        tolerance: Gaps up to this count as touching, m.
-        max_penetration: Overlaps up to this pass for contact, m.
+        tolerance: Largest gap that counts as touching, m.
+        max_penetration: Largest overlap that counts as contact, m.
 
     Returns:
         The patch; None if the gap is wider than the tolerance.
@@ -127,7 +127,7 @@ def find_patch(
     if isinstance(one, Plane):
         normal = R @ one.normal
         subject = two.feature(-(normal @ R_second)) @ R_second.T + origin_second
-        return _on_plane(normal, float(normal @ origin) + one.offset, subject, tolerance)
+        return _half_space_patch(normal, float(normal @ origin) + one.offset, subject, tolerance)
     t = (origin_second - origin) @ R
     if isinstance(one, Polytope) and two.is_sphere:
         face, height, on_face = one.highest_face(t)
@@ -138,15 +138,15 @@ def find_patch(
             normal = R @ one.face_normals[face]
             middle = origin_second - 0.5 * (height + two.radius) * normal
             return Patch(normal, middle[None], [gap])
-    pair = _Pair(first, one, second, two, R.T @ R_second, t)
-    nearest = pair.nearest(tolerance, max_penetration)
-    if nearest is None:
+    pair = _BodyPair(first, one, second, two, R.T @ R_second, t)
+    contact = pair.nearest_direction(tolerance, max_penetration)
+    if contact is None:
         return None
-    points, gaps = pair.shared(*nearest, tolerance)
-    return Patch(R @ nearest[0], points @ R.T + origin, gaps)
+    points, gaps = pair.shared_points(*contact, tolerance)
+    return Patch(R @ contact[0], points @ R.T + origin, gaps)
 
 
-def _on_plane(
+def _half_space_patch(
     normal: FloatArray, offset: float, subject: FloatArray, tolerance: float
 ) -> Patch | None:
     heights = subject @ normal - offset
@@ -159,36 +159,36 @@ def _on_plane(
     return Patch(normal, points[order], [gaps[touching[k]] for k in order])
 
 
-def _heights(
+def _surface_distances(
     solid: BoundedSet,
     direction: FloatArray,
     points: FloatArray,
     feature: FloatArray,
     basis: FloatArray,
 ) -> FloatArray:
-    """Return how far (K,) a body's surface is from points (K, 3) along a direction, own frame, m.
+    """Return distances (K,) of points (K, 3) to a body's surface along a direction, own frame, m.
 
-    Of a hull it is the surface itself. All others touch along a plane or a line, that of the
-    feature (N, 3), which goes on beyond them; ``basis`` (2, 3) spans what is across the direction.
+    For a hull it is the surface itself. Other sets touch along the plane or line of the feature
+    (N, 3), which is extended beyond it; ``basis`` (2, 3) spans the plane across the direction.
     """
     if is_hull(solid):
         return solid.heights_from(points, direction)
-    flat = feature @ np.vstack([basis, direction]).T
-    over = plane_fit([(u, v, h) for u, v, h in flat.tolist()])
-    return np.array([over((u, v)) for u, v in (points @ basis.T).tolist()]) - points @ direction
+    coordinates = feature @ np.vstack([basis, direction]).T
+    plane = plane_fit([(u, v, h) for u, v, h in coordinates.tolist()])
+    return np.array([plane((u, v)) for u, v in (points @ basis.T).tolist()]) - points @ direction
 
 
 @dataclass(frozen=True, eq=False)
-class _Pair:
+class _BodyPair:
     """Two bounded bodies in the frame of the first.
 
     Attributes:
         first: The first body.
-        one: Its set.
+        one: The convex set of the first body.
         second: The second body.
-        two: Its set.
-        R: (3, 3) rotation of the second in the first's frame.
-        t: (3,) its origin there, m.
+        two: The convex set of the second body.
+        R: (3, 3) rotation of the second body in the first's frame.
+        t: (3,) origin of the second body in the first's frame, m.
     """
 
     first: CollisionBody
@@ -198,123 +198,123 @@ class _Pair:
     R: FloatArray
     t: FloatArray
 
-    def nearest(
+    def nearest_direction(
         self, tolerance: float, max_penetration: float
     ) -> tuple[FloatArray, FloatArray, float] | None:
-        """Search for the direction from one body to the other and a point between them.
+        """Search for the contact normal from the first body to the second and a point between them.
 
-        coal's direction is only as good as its distance, and at a gap of a micrometre that is poor.
-        Of all directions the true one leaves the largest gap, so that the faces near the nearest
-        points are tried against it. An overlap along no face is asked for again with the bodies
-        pulled apart, first along their middles, then along the best direction so far: of rims that
-        overlap by a hair, coal may take any direction for the shallowest, while of bodies apart it
-        is sure.
+        coal's direction is only as accurate as its distance, which is poor at micrometre gaps. The
+        true direction has the largest gap of all, so it is compared with the normals of the faces
+        near the nearest points. If the best direction of an overlap is not a face normal, coal is
+        called again with the bodies pulled apart, first along their centres, then along the best
+        direction so far: for slightly overlapping rims coal may return any direction, while for
+        separated bodies it is reliable.
 
         Returns:
             Direction (3,), point (3,) and gap, m; None if the bodies are far apart.
         """
         fixed = np.concatenate([self.one.constant_normals, -self.two.constant_normals @ self.R.T])
-        fixed_gaps = self._gaps(fixed)
+        fixed_gaps = self._gaps_along(fixed)
         if len(fixed) and float(fixed_gaps.max()) > tolerance:
             return None
-        middles = unit_vector(self.t + self.R @ self.two.center - self.one.center)
-        best_gap, best, witness = -np.inf, middles, self.t
-        pulled = min(_PULLED_APART, _PULLED_SHARE * min(self.one.radius, self.two.radius))
-        apart = np.zeros(3)
+        center_axis = unit_vector(self.t + self.R @ self.two.center - self.one.center)
+        best_gap, best, witness = -np.inf, center_axis, self.t
+        pull_gap = min(_PULLED_APART, _PULLED_SHARE * min(self.one.radius, self.two.radius))
+        offset = np.zeros(3)
         for attempt in range(_MOST_ATTEMPTS):
-            distance, on_first, on_second, guess = self._ask_coal(apart)
+            distance, on_first, on_second, coal_direction = self._coal_distance(offset)
             if attempt == 0 and distance > tolerance + _DISTANCE_ERROR:
                 return None
-            guess = middles if guess is None else guess
-            nearby = self._directions_near(on_first, on_second, guess)
-            gaps = np.concatenate([fixed_gaps, self._gaps(nearby)])
+            coal_direction = center_axis if coal_direction is None else coal_direction
+            candidates = self._candidate_directions(on_first, on_second, coal_direction)
+            gaps = np.concatenate([fixed_gaps, self._gaps_along(candidates)])
             k = int((gaps >= gaps.max() - _SAME_GAP).argmax())
-            direction = fixed[k] if k < len(fixed) else nearby[k - len(fixed)]
+            direction = fixed[k] if k < len(fixed) else candidates[k - len(fixed)]
             gain = float(gaps[k]) - best_gap
             if gain > 0.0:
                 best_gap, best = float(gaps[k]), direction
                 witness = 0.5 * (on_first + on_second)
-            on_a_face = k < len(gaps) - 1 and direction @ guess > _AGREED_COSINE
-            known = on_a_face and (attempt > 0 or k < len(fixed))
-            settled = known or (attempt >= 2 and gain <= _SAME_GAP)
-            if best_gap >= 0.0 or (settled and best_gap >= -max_penetration):
+            on_a_face = k < len(gaps) - 1 and direction @ coal_direction > _AGREED_COSINE
+            is_confirmed = on_a_face and (attempt > 0 or k < len(fixed))
+            is_settled = is_confirmed or (attempt >= 2 and gain <= _SAME_GAP)
+            if best_gap >= 0.0 or (is_settled and best_gap >= -max_penetration):
                 break
-            axis = middles if attempt == 0 else best
-            apart = (pulled - float(self._gaps(axis[None])[0])) * axis
+            axis = center_axis if attempt == 0 else best
+            offset = (pull_gap - float(self._gaps_along(axis[None])[0])) * axis
         return (best, witness, best_gap) if best_gap <= tolerance else None
 
-    def _gaps(self, directions: FloatArray) -> FloatArray:
-        """Gap that each direction (K, 3) leaves between the bodies."""
+    def _gaps_along(self, directions: FloatArray) -> FloatArray:
+        """Return the gap (K,) between the bodies along each direction (K, 3), m."""
         return (
             directions @ self.t
             - self.two.support_values(-(directions @ self.R))
             - self.one.support_values(directions)
         )
 
-    def _directions_near(
+    def _candidate_directions(
         self, on_first: FloatArray, on_second: FloatArray, guess: FloatArray
     ) -> FloatArray:
-        """Directions (K, 3) to try for nearest points and coal's direction, which comes last."""
-        beside = self.two.normals_near((on_second - self.t) @ self.R, -(guess @ self.R))
+        """Return directions (K, 3) to try for nearest points, with coal's direction as the last."""
+        second_normals = self.two.normals_near((on_second - self.t) @ self.R, -(guess @ self.R))
         return np.concatenate(
             [
                 self.one.normals_near(on_first, guess),
-                -beside @ self.R.T,
-                self._across_edges(guess),
+                -second_normals @ self.R.T,
+                self._crossed_edges_normal(guess),
                 guess[None],
             ]
         )
 
-    def _across_edges(self, guess: FloatArray) -> FloatArray:
-        """Return the common normal (1, 3) of crossing edges, along the guess; (0, 3) for others."""
+    def _crossed_edges_normal(self, guess: FloatArray) -> FloatArray:
+        """Return the common normal (1, 3) of two crossing edges, along the guess; else (0, 3)."""
         first = self.one.feature(guess)
         second = self.two.feature(-(guess @ self.R)) if len(first) == 2 else first
         if len(first) == len(second) == 2:
-            edge, other = first[1] - first[0], (second[1] - second[0]) @ self.R.T
-            normal = np.cross(edge, other)
+            edge, other_edge = first[1] - first[0], (second[1] - second[0]) @ self.R.T
+            normal = np.cross(edge, other_edge)
             length = float(np.linalg.norm(normal))
-            if length > 1e-3 * np.linalg.norm(edge) * np.linalg.norm(other):
+            if length > 1e-3 * np.linalg.norm(edge) * np.linalg.norm(other_edge):
                 return (np.sign(normal @ guess) * normal / length)[None]
         return np.empty((0, 3))
 
-    def _ask_coal(
-        self, apart: FloatArray
+    def _coal_distance(
+        self, offset: FloatArray
     ) -> tuple[float, FloatArray, FloatArray, FloatArray | None]:
-        """Distance, nearest points and direction with the second body moved by ``apart``."""
+        """Return coal's distance, nearest points and direction with the second body shifted."""
         result: Any = coal.DistanceResult()
-        placed = coal.Transform3s(np.ascontiguousarray(self.R), self.t + apart)
+        pose = coal.Transform3s(np.ascontiguousarray(self.R), self.t + offset)
         distance = coal.distance(
-            self.first.geometry, _IDENTITY, self.second.geometry, placed, DISTANCE_REQUEST, result
+            self.first.geometry, _IDENTITY, self.second.geometry, pose, DISTANCE_REQUEST, result
         )
-        guess = np.array(result.normal)
-        sure = bool(np.isfinite(guess).all() and guess.any())
+        direction = np.array(result.normal)
+        is_valid = bool(np.isfinite(direction).all() and direction.any())
         return (
             float(distance),
             np.array(result.getNearestPoint1()),
-            np.array(result.getNearestPoint2()) - apart,
-            unit_vector(guess) if sure else None,
+            np.array(result.getNearestPoint2()) - offset,
+            unit_vector(direction) if is_valid else None,
         )
 
-    def shared(
+    def shared_points(
         self, normal: FloatArray, witness: FloatArray, gap: float, tolerance: float
     ) -> tuple[FloatArray, list[float]]:
-        """Return points (K, 3) of what the bodies share along a direction, and their gaps, m."""
+        """Return the points (K, 3) that the bodies share along a normal, and their gaps, m."""
         window = self.one.feature(normal)
         back = -(normal @ self.R)
         subject = self.two.feature(back) @ self.R.T + self.t
         if len(subject) == 1 or len(window) == 1:
-            # Along the direction that leaves the largest gap the point is one of the nearest pair.
+            # Along the direction of the largest gap a single point is one of the nearest points.
             side = -0.5 if len(subject) == 1 else 0.5
             return (subject if len(subject) == 1 else window) + side * gap * normal, [gap]
-        # With nothing in common the bodies meet at the borders of their features. Where all corners
-        # are too far apart, surfaces that bend less than `PARALLEL_ANGLE` touch between them.
+        # Without an intersection the bodies meet at the borders of their features. If the gaps at
+        # all vertices are too wide, surfaces bent by less than `PARALLEL_ANGLE` touch between them.
         basis = plane_basis(normal)
-        flat, other = _project(window, basis), _project(subject, basis)
-        polygon = intersection(flat, other) or shared_border(flat, other)
+        first, second = _project(window, basis), _project(subject, basis)
+        polygon = intersection(first, second) or shared_border(first, second)
         feet = np.array([*polygon, basis @ witness]) @ basis
-        low = _heights(self.one, normal, feet, window, basis)
-        across = (subject - self.t) @ self.R, basis @ self.R
-        high = -_heights(self.two, back, (feet - self.t) @ self.R, *across)
+        low = _surface_distances(self.one, normal, feet, window, basis)
+        second_frame = (subject - self.t) @ self.R, basis @ self.R
+        high = -_surface_distances(self.two, back, (feet - self.t) @ self.R, *second_frame)
         middles = feet + (0.5 * (low + high))[:, None] * normal
         gaps = (high - low).tolist()
         kept = [k for k in range(len(polygon)) if gaps[k] <= tolerance] or [-1]

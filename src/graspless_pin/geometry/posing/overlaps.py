@@ -13,7 +13,7 @@ from graspless_pin.caching import Derived
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import BodyKind
-from graspless_pin.geometry.contact.distances import deep_pairs, least_gaps, separation
+from graspless_pin.geometry.contact.distances import deep_pairs, gap_lower_bounds, separation
 from graspless_pin.geometry.hand.configuration import posed_links
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import KinematicTree
@@ -175,7 +175,7 @@ def least_clearance(
         )
     least = lesser_clearance(links, moved, least, np.full(len(links), -depth))
     pairs = pairs_of(hand.tree)
-    bounds = least_gaps(links, links)[pairs[:, 1], pairs[:, 0]]
+    bounds = gap_lower_bounds(links, links)[pairs[:, 1], pairs[:, 0]]
     for place in np.argsort(bounds, kind="stable").tolist():
         if bounds[place] >= least.distance:
             break
@@ -196,7 +196,7 @@ def lesser_clearance(
     """
     if not len(one) or not len(two):
         return least
-    bounds = least_gaps(one, two)
+    bounds = gap_lower_bounds(one, two)
     bounds = np.where(bounds < below, bounds, np.inf)
     for place in np.argsort(bounds, axis=None, kind="stable").tolist():
         if bounds.flat[place] >= least.distance:
