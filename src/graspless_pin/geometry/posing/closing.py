@@ -1,6 +1,6 @@
 """Closing fingers on an object until they touch it.
 
-The way of a finger to the object: which way it closes, how far it may step, where it stops.
+For each finger: the closing direction of its joints, the step sizes, and where it stops.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from graspless_pin.geometry.posing.finger_joints import (
     flexion_rates,
     groups_of_fingers,
     hand_at,
-    searched_ranges,
+    search_ranges,
 )
-from graspless_pin.geometry.posing.overlaps import Clearance, lesser_clearance
+from graspless_pin.geometry.posing.overlaps import Clearance, smaller_clearance
 from graspless_pin.problem.checks import FloatArray, check_known, real_number, truth_values
 from graspless_pin.records import Brief
 
 DEEPEST_START = 1e-3
-"""Overlap up to which a finger counts as touching before it closes, m."""
+"""Largest overlap of a finger with the object before it closes, m."""
 
-_SHORTEST_MARCH = 1e-4  # m that a link moves at least per step: what a step may jump over
-_SAMPLED_POSTURES = 12  # postures tried in each sense to find out which one closes
-_UNLIMITED = 2.0 * math.pi  # rad or m that a joint without limits may go: once around
+_SHORTEST_MARCH = 1e-4  # m: least travel of a link per step; thinner parts may be jumped over
+_SAMPLED_POSTURES = 12  # postures sampled in each direction to decide which one closes
+_UNLIMITED = 2.0 * math.pi  # rad or m: range of a joint without limits, one turn
 _SMALLEST_STEP = 1e-12
 
 
-class March:
-    """One group of fingers on its way to the object.
+class FingerMarch:
+    """The closing motion of one group of fingers towards the object.
 
     Vectors (a,) are positions or rates of the independent joints.
     """
@@ -52,7 +52,7 @@ class March:
     def __init__(
         self, hand: Hand, target: ManipulatedObject, fingers: Sequence[str], gap: float
     ) -> None:
-        """Prepare a group of fingers that share joints, or one finger."""
+        """Prepare one finger, or a group of fingers that share joints."""
         self._hand = hand
         self._target = target
         self._fingers = fingers
@@ -60,14 +60,14 @@ class March:
         tree = hand.tree
         self._coupling = tree.coupling
         start = tree.coupling.independent(hand.positions)
-        self._lower, self._upper = searched_ranges(tree, start, _UNLIMITED)
+        self._lower, self._upper = search_ranges(tree, start, _UNLIMITED)
         links = {link for finger in fingers for link in hand.fingers[finger].links}
         self._distances = LinkDistances(hand, links, target.placed_bodies)
-        self._reach = _reaches(self._distances, hand)
+        self._speed_bounds = _speed_bounds(self._distances, hand)
 
     def refuse_overlap(self, independent: FloatArray) -> None:
-        """Raise SceneError if a finger is in the object before it closes."""
-        distances = self._at(independent)
+        """Raise SceneError if a finger overlaps the object before it closes."""
+        distances = self._distances_at(independent)
         worst = int(np.argmin(distances)) if len(distances) else -1
         if worst >= 0 and distances[worst] < -DEEPEST_START:
             raise SceneError(
@@ -76,57 +76,57 @@ class March:
                 "the finger or move the hand"
             )
 
-    def rates(self, independent: FloatArray, given: Mapping[int, float]) -> FloatArray:
-        """Return the closing rates: the given ones, flexion towards the object for the others."""
+    def closing_rates(self, independent: FloatArray, given: Mapping[int, float]) -> FloatArray:
+        """Return the (a,) closing rates: given ones, else those that flex towards the object."""
         flexion: dict[int, float] = {}
         fixed: dict[int, float] = {}
         for finger in self._fingers:
             flexion = flexion_rates(self._hand, finger) | flexion
             columns = driving_columns(self._hand, finger)
             fixed |= {column: rate for column, rate in given.items() if column in columns}
-        senses = []
+        choices = []
         for sense in (1.0, -1.0):
             rates = np.zeros(len(independent))
             for column, rate in (flexion | fixed).items():
                 rates[column] = fixed.get(column, sense * rate)
-            senses.append(rates)
-        paths = [self._longest_path(independent, rates) for rates in senses]
-        misses = [self._miss(independent, r, s) for r, s in zip(senses, paths, strict=True)]
-        if abs(misses[0] - misses[1]) > self._gap:
-            return senses[int(np.argmin(misses))]
-        return senses[int(np.argmax(paths))]
+            choices.append(rates)
+        paths = [self._longest_path(independent, rates) for rates in choices]
+        sums = [self._distance_sum(independent, r, s) for r, s in zip(choices, paths, strict=True)]
+        if abs(sums[0] - sums[1]) > self._gap:
+            return choices[int(np.argmin(sums))]
+        return choices[int(np.argmax(paths))]
 
     def close(
         self, independent: FloatArray, rates: FloatArray, *, wrap: bool
     ) -> tuple[FloatArray, set[int]]:
-        """March until all joints have stopped.
+        """Close the fingers until all joints have stopped.
 
         Returns:
-            Where the joints stopped, and the columns of those that stopped at their limits.
+            The (a,) final positions, and the columns of the joints that stopped at their limits.
         """
         rates = rates.copy()
         at_limit: set[int] = set()
         while True:
-            remaining = self._remaining(independent, rates)
-            ended = remaining <= _SMALLEST_STEP
-            if ended.any():
+            remaining = self._remaining_path(independent, rates)
+            has_ended = remaining <= _SMALLEST_STEP
+            if has_ended.any():
                 ends = np.where(rates > 0.0, self._upper, self._lower)
-                independent = np.where(ended, ends, independent)
-                at_limit.update(np.flatnonzero(ended).tolist())
-                rates[ended] = 0.0
+                independent = np.where(has_ended, ends, independent)
+                at_limit.update(np.flatnonzero(has_ended).tolist())
+                rates[has_ended] = 0.0
                 continue
-            speeds = self._reach @ np.abs(self._coupling.S @ rates)
+            speeds = self._speed_bounds @ np.abs(self._coupling.S @ rates)
             moving = speeds > 0.0
             if not moving.any():
                 return independent, at_limit
-            distances = self._at(independent)
+            distances = self._distances_at(independent)
             touching = moving & (distances <= self._gap)
             if touching.any():
                 if not wrap:
                     return independent, at_limit
-                rates[self._columns_moving(touching)] = 0.0
+                rates[self._moving_columns(touching)] = 0.0
                 continue
-            # No link moves faster than its speed bound, so that none can jump over the object.
+            # No link exceeds its speed bound, so none can jump over the object.
             step = max(
                 float(np.min(distances[moving] / speeds[moving])),
                 _SHORTEST_MARCH / float(speeds.max()),
@@ -137,28 +137,30 @@ class March:
     def _advance(
         self, independent: FloatArray, rates: FloatArray, step: float, moving: NDArray[np.bool_]
     ) -> FloatArray:
-        """Go a step, or as much of it as keeps the moving links out of the object."""
-        there = self._gone(independent, rates, step)
-        if np.min(self._at(there)[moving]) >= 0.0:
-            return there
+        """Return the positions after a step, shortened so that moving links stay outside."""
+        positions = self._positions_after(independent, rates, step)
+        if np.min(self._distances_at(positions)[moving]) >= 0.0:
+            return positions
         free, blocked = 0.0, step
         while blocked - free > _SMALLEST_STEP:
             middle = 0.5 * (free + blocked)
-            there = self._gone(independent, rates, middle)
-            nearest = float(np.min(self._at(there)[moving]))
+            positions = self._positions_after(independent, rates, middle)
+            nearest = float(np.min(self._distances_at(positions)[moving]))
             if 0.0 <= nearest <= self._gap:
-                return there
+                return positions
             free, blocked = (middle, blocked) if nearest > 0.0 else (free, middle)
-        return self._gone(independent, rates, blocked)
+        return self._positions_after(independent, rates, blocked)
 
-    def _gone(self, independent: FloatArray, rates: FloatArray, step: float) -> FloatArray:
-        """Return the positions after a step; joints at rest stay exactly where they are."""
+    def _positions_after(
+        self, independent: FloatArray, rates: FloatArray, step: float
+    ) -> FloatArray:
+        """Return the positions after a step; joints at rest keep their exact positions."""
         return np.where(
             rates == 0.0, independent, np.clip(independent + step * rates, self._lower, self._upper)
         )
 
-    def _remaining(self, independent: FloatArray, rates: FloatArray) -> FloatArray:
-        """Path until each joint's limit, (a,), infinite for joints at rest."""
+    def _remaining_path(self, independent: FloatArray, rates: FloatArray) -> FloatArray:
+        """Return the path (a,) until each joint's limit, infinite for joints at rest."""
         ends = np.where(rates > 0.0, self._upper, self._lower)
         path = np.full(len(rates), np.inf)
         turning = rates != 0.0
@@ -166,31 +168,32 @@ class March:
         return path
 
     def _longest_path(self, independent: FloatArray, rates: FloatArray) -> float:
-        """Path until the last joint reaches its limit."""
-        remaining = self._remaining(independent, rates)
+        """Return the path until the last joint reaches its limit."""
+        remaining = self._remaining_path(independent, rates)
         return max(float(np.max(remaining, initial=0.0, where=np.isfinite(remaining))), 0.0)
 
-    def _miss(self, independent: FloatArray, rates: FloatArray, path: float) -> float:
-        """Sum of how close each link comes to the object on its way, m."""
+    def _distance_sum(self, independent: FloatArray, rates: FloatArray, path: float) -> float:
+        """Return the sum of the links' least distances from the object along a path, m."""
         postures = [
-            self._gone(independent, rates, s) for s in np.linspace(0.0, path, _SAMPLED_POSTURES)
+            self._positions_after(independent, rates, s)
+            for s in np.linspace(0.0, path, _SAMPLED_POSTURES)
         ]
-        nearest = np.min([self._at(posture) for posture in postures], axis=0)
-        return float(np.maximum(nearest, 0.0).sum())
+        least_distances = np.min([self._distances_at(posture) for posture in postures], axis=0)
+        return float(np.maximum(least_distances, 0.0).sum())
 
-    def _columns_moving(self, shapes: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return which independent joints move any of the shapes, (a,)."""
-        joints = (self._reach[shapes] > 0.0).any(axis=0)
+    def _moving_columns(self, shapes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the (a,) mask of independent joints that move any of the shapes."""
+        joints = (self._speed_bounds[shapes] > 0.0).any(axis=0)
         return (self._coupling.S[joints] != 0.0).any(axis=0)
 
-    def _at(self, independent: FloatArray) -> FloatArray:
+    def _distances_at(self, independent: FloatArray) -> FloatArray:
         return self._distances.at(self._coupling.all_positions(independent))
 
 
-def _reaches(distances: LinkDistances, hand: Hand) -> FloatArray:
-    """Return (K, n) the largest speed of any point of shape k at unit rate of joint i.
+def _speed_bounds(distances: LinkDistances, hand: Hand) -> FloatArray:
+    """Return (K, n) bounds on the speed of any point of shape k at unit rate of joint i.
 
-    That is the length of the chain from the joint to the far side of the shape, whatever the
+    The bound is the length of the chain from the joint to the far side of the shape, in any
     posture, and 1 for a prismatic joint.
     """
     model = hand.tree.pinocchio_model
@@ -201,15 +204,15 @@ def _reaches(distances: LinkDistances, hand: Hand) -> FloatArray:
         length = float(np.linalg.norm(center[:3])) + solid.radius
         joint = item.joint
         while joint > 0:
-            slide = _longest_slide(hand, joint - 1)
+            slide = _largest_displacement(hand, joint - 1)
             row[joint - 1] = length if slide is None else 1.0
             length += float(np.linalg.norm(model.jointPlacements[joint].translation)) + (slide or 0)
             joint = int(model.parents[joint])
     return reach
 
 
-def _longest_slide(hand: Hand, joint: int) -> float | None:
-    """Return how far a prismatic joint goes, m; None for a revolute one."""
+def _largest_displacement(hand: Hand, joint: int) -> float | None:
+    """Return the largest displacement of a prismatic joint, m; None for a revolute joint."""
     if hand.tree.joint_kinds[joint] != "prismatic":
         return None
     ends = np.abs([hand.tree.lower[joint], hand.tree.upper[joint]])
@@ -218,12 +221,12 @@ def _longest_slide(hand: Hand, joint: int) -> float | None:
 
 @dataclass(frozen=True)
 class FingerClosing:
-    """How one finger ended.
+    """The result of closing one finger.
 
     Attributes:
-        finger: Its name.
+        finger: Name of the finger.
         touching: Links that touch the object, in model order.
-        at_limit: Joints that closed until their limit.
+        at_limit: Joints that stopped at their limit.
         distance: From the nearest of its links to the object, m; infinite if it has no shape.
     """
 
@@ -239,7 +242,7 @@ class ClosingResult(Brief):
 
     Attributes:
         hand: The hand at its new configuration.
-        fingers: What became of each finger that was closed, in the order they were named.
+        fingers: The result of each finger that was closed, in the order they were named.
     """
 
     hand: Hand
@@ -256,7 +259,7 @@ class ClosingResult(Brief):
         return all(finger.touching for finger in self.fingers)
 
     def __str__(self) -> str:
-        """One line a finger."""
+        """Return one line for each finger."""
         lines = []
         for finger in self.fingers:
             if finger.touching:
@@ -280,23 +283,23 @@ def close_hand(
 ) -> ClosingResult:
     """Close fingers on an object at rest until they touch it or reach their limits.
 
-    A finger closes with its last joint and the joints about parallel to it, at equal rates, in the
-    sense that brings its links nearer to the object; spread and opposition stay as they are. Each
-    finger closes by itself; fingers that share a motor close together. Supports and other fingers
-    do not stop a finger: ask `unwanted_overlaps` afterwards.
+    A finger closes with its last joint and the joints roughly parallel to it, at equal rates, in
+    the direction that brings its links nearer to the object; spread and opposition joints do not
+    move. Each finger closes by itself; fingers that share a motor close together. Supports and
+    other fingers do not stop a finger: check `unwanted_overlaps` afterwards.
 
     Args:
         hand: The hand, with its fingers open.
         target: The object.
         fingers: Fingers to close; None closes all.
         wrap: False stops a finger at the first touch. True stops only the joints that move the
-            touching link and goes on with those beyond it.
+            touching link; the joints beyond it continue.
         rates: Rate by joint, relative to 1 for the others, rad or m: the sign is the direction,
             zero holds the joint. It replaces the rule above for the joints that it names.
         gap: Largest distance that counts as touching, m. Fingers stop between zero and this.
 
     Returns:
-        The hand with closed fingers, and what touched and what stopped at a limit.
+        The hand with closed fingers, the touching links and the joints that stopped at a limit.
 
     Raises:
         ArgumentError: If a finger or joint is unknown, or a number out of range.
@@ -314,46 +317,48 @@ def close_hand(
     names = chosen_fingers(hand, fingers)
     if not real_number("gap", gap, 0.0):
         raise ArgumentError("gap", f"needs a positive length in metres, got {gap!r}")
-    given = _given_rates(hand, names, rates or {})
+    given = _checked_rates(hand, names, rates or {})
     at_limit: set[int] = set()
     independent = hand.tree.coupling.independent(hand.positions)
     for group in groups_of_fingers(hand, names):
-        march = March(hand, target, group, gap)
+        march = FingerMarch(hand, target, group, gap)
         march.refuse_overlap(independent)
-        independent, stopped = march.close(independent, march.rates(independent, given), wrap=wrap)
+        independent, stopped = march.close(
+            independent, march.closing_rates(independent, given), wrap=wrap
+        )
         at_limit |= stopped
     closed = hand_at(hand, independent)
     return ClosingResult(
-        closed, tuple(_report(closed, target, name, at_limit, gap) for name in names)
+        closed, tuple(_finger_closing(closed, target, name, at_limit, gap) for name in names)
     )
 
 
-def _given_rates(
+def _checked_rates(
     hand: Hand, fingers: Sequence[str], rates: Mapping[str, float]
 ) -> dict[int, float]:
-    """Return the given rates by column, checked."""
+    """Return the checked rates by column of the independent joints."""
     leaders = hand.tree.leader_names
     columns = sorted({column for finger in fingers for column in driving_columns(hand, finger)})
-    known = [leaders[column] for column in columns]
-    check_known("rates", "joint of the closing fingers", rates, known)
+    names = [leaders[column] for column in columns]
+    check_known("rates", "joint of the closing fingers", rates, names)
     return {
         leaders.index(name): real_number(f"rates[{name!r}]", rate, -np.inf)
         for name, rate in rates.items()
     }
 
 
-def _report(
+def _finger_closing(
     hand: Hand, target: ManipulatedObject, finger: str, at_limit: set[int], gap: float
 ) -> FingerClosing:
-    """Measure where a finger ended."""
-    probe = LinkDistances(hand, hand.fingers[finger].links, target.placed_bodies)
-    distances = probe.at(hand.positions)
+    """Return the result of one finger in the closed hand."""
+    link_distances = LinkDistances(hand, hand.fingers[finger].links, target.placed_bodies)
+    distances = link_distances.at(hand.positions)
     return FingerClosing(
         finger=finger,
         touching=tuple(
             dict.fromkeys(
                 link
-                for link, distance in zip(probe.links, distances, strict=True)
+                for link, distance in zip(link_distances.links, distances, strict=True)
                 if distance <= gap
             )
         ),
@@ -367,16 +372,16 @@ def _report(
 
 
 _LEAST_STEP = 5e-4  # m
-_OPPOSITE_COSINE = -0.3  # cosine between the ways of two fingers to the object
+_OPPOSITE_COSINE = -0.3  # cosine between the directions of two fingers to the object
 
 
 def shortfall(bodies: PlacedBodies, others: PlacedBodies, clearance: float) -> float:
-    """Return by how much bodies miss a clearance from others, zero if they keep it, m."""
-    return clearance - lesser_clearance(bodies, others, Clearance(clearance, ())).distance
+    """Return by how much bodies violate a clearance from others, zero if they keep it, m."""
+    return clearance - smaller_clearance(bodies, others, Clearance(clearance, ())).distance
 
 
 def moved_bodies(bodies: PlacedBodies, T: FloatArray) -> PlacedBodies:
-    """Return bodies moved by a (4, 4) pose, world axes."""
+    """Return bodies displaced by a (4, 4) transform, world axes."""
     return PlacedBodies(bodies.shapes, T @ bodies.poses)
 
 
@@ -386,38 +391,38 @@ def back_until_free(
     direction: FloatArray,
     farthest: float,
 ) -> tuple[float | None, int]:
-    """Return how far bodies go back until they keep clear of all obstacles.
+    """Return the distance by which bodies retract until they clear all obstacles.
 
-    Each step is as long as the deepest overlap: nowhere nearer are they free.
+    Each step equals the largest shortfall: at any shorter distance the bodies are not clear.
 
     Args:
-        bodies: What moves.
+        bodies: The moving bodies.
         obstacles: Bodies, and the clearance from each, m.
-        direction: (3,) unit vector of the approach, world axes; bodies go against it.
-        farthest: How far they may go, m.
+        direction: (3,) unit vector of the approach, world axes; bodies retract against it.
+        farthest: Largest distance, m.
 
     Returns:
-        How far they go, m, or None if that is not enough; and the obstacle that was last in the
-        way, -1 without one.
+        The distance, m, or None if the largest one is not enough; and the index of the obstacle
+        that required the last step, -1 without one.
     """
-    back, last = 0.0, -1
-    while back <= farthest:
-        there = moved_bodies(bodies, rigid(-back * direction))
-        missing = [shortfall(there, others, clearance) for others, clearance in obstacles]
-        worst = int(np.argmax(missing))
-        if missing[worst] == 0.0:
-            return back, last
-        back, last = back + max(missing[worst], _LEAST_STEP), worst
+    distance, last = 0.0, -1
+    while distance <= farthest:
+        moved = moved_bodies(bodies, rigid(-distance * direction))
+        shortfalls = [shortfall(moved, others, clearance) for others, clearance in obstacles]
+        worst = int(np.argmax(shortfalls))
+        if shortfalls[worst] == 0.0:
+            return distance, last
+        distance, last = distance + max(shortfalls[worst], _LEAST_STEP), worst
     return None, last
 
 
 def centering_shift(
     hand: Hand, jaws: Sequence[Sequence[str]], target: PlacedBodies
 ) -> FloatArray | None:
-    """Return how to shift a hand whose jaws close together so that two are equally near.
+    """Return the shift of a hand that makes two opposite jaws equally distant from the object.
 
     These are the nearest jaw and the nearest of those opposite to it. A gripper with one motor
-    touches an object that is off its middle on one side only.
+    touches an object that is off its centre on one side only.
 
     Args:
         hand: The hand.
@@ -428,12 +433,12 @@ def centering_shift(
         (3,) m, world axes; None: no jaw is opposite.
     """
     bodies = hand.placed_bodies
-    own = [[one for one in bodies if one.name in links] for links in jaws]
+    own = [[piece for piece in bodies if piece.name in links] for links in jaws]
     reached = [nearest_separation(pieces, target) for pieces in own if pieces]
-    first = min(reached, key=lambda one: one.distance)
-    opposite = [one for one in reached if float(one.normal @ first.normal) < _OPPOSITE_COSINE]
+    first = min(reached, key=lambda jaw: jaw.distance)
+    opposite = [jaw for jaw in reached if float(jaw.normal @ first.normal) < _OPPOSITE_COSINE]
     if not opposite:
         return None
-    second = min(opposite, key=lambda one: one.distance)
+    second = min(opposite, key=lambda jaw: jaw.distance)
     apart = first.normal - second.normal
     return (first.distance - second.distance) * apart / float(apart @ apart)

@@ -1,7 +1,6 @@
-"""Which independent joints move a finger or a palm, how far they go, and hands moved so.
+"""Independent joints that move a finger or a palm: their ranges, flexion, and inverse kinematics.
 
-Which joints flex a finger; arms that bring a palm to a pose, or as near as they come, while their
-bases stay.
+Also arms that bring a palm to a pose, or as near as possible, with fixed bases.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from graspless_pin.problem.checks import FloatArray, check_known
 from graspless_pin.records import Record
 
 AT_LIMIT = 1e-4
-"""Share of a joint's range within which it stands at one of its ends."""
+"""Distance from an end of a joint's range within which it is at its limit, as a share of it."""
 
 _COS_PARALLEL = math.cos(math.radians(30.0))
 
@@ -45,36 +44,36 @@ def chosen_fingers(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]
 
 
 def driving_columns(hand: Hand, finger: str) -> list[int]:
-    """Return which independent joints (columns of the coupling) drive a finger's joints."""
+    """Return the independent joints (columns of the coupling) that drive a finger's joints."""
     index = hand.tree.joint_index
     return hand.tree.coupling.drivers(index[joint] for joint in hand.fingers[finger].joints)
 
 
-def searched_ranges(tree: KinematicTree, start: FloatArray, most: float) -> tuple[FloatArray, ...]:
-    """Return the (a,) lowest and highest positions of independent joints that are searched.
+def search_ranges(tree: KinematicTree, start: FloatArray, most: float) -> tuple[FloatArray, ...]:
+    """Return the (a,) lower and upper bounds of the independent joints in a search.
 
     Args:
         tree: The kinematic tree.
-        start: (a,) where the joints stand.
-        most: How far from there a joint goes that has no limit, rad or m.
+        start: (a,) positions of the joints.
+        most: Range to each side of ``start`` for a joint without a limit, rad or m.
     """
     ends = zip(tree.ranges, (-most, most), strict=True)
-    return tuple(np.where(np.isfinite(end), end, start + beyond) for end, beyond in ends)
+    return tuple(np.where(np.isfinite(limit), limit, start + reach) for limit, reach in ends)
 
 
-def least_misses(
-    misses: Callable[[FloatArray], FloatArray],
+def least_squares_positions(
+    residuals: Callable[[FloatArray], FloatArray],
     jacobian: Callable[[FloatArray], FloatArray],
     start: FloatArray,
     bounds: Sequence[FloatArray],
     evaluations: int,
 ) -> FloatArray:
-    """Return the positions within bounds with the least squares of misses, found from a start."""
+    """Return the least-squares solution of residuals within bounds, found from a start."""
     lower, upper = bounds
-    inside = _INSIDE * (upper - lower)
+    margin = _START_MARGIN * (upper - lower)
     return least_squares(
-        misses,
-        np.clip(start, lower + inside, upper - inside),
+        residuals,
+        np.clip(start, lower + margin, upper - margin),
         jac=jacobian,  # pyright: ignore[reportArgumentType] - a function will do
         bounds=(lower, upper),
         xtol=1e-12,
@@ -90,7 +89,7 @@ def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[list[str]]:
 
 
 def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
-    """Return the shapes of the last link of a finger that has some."""
+    """Return the collision shapes of the last link of a finger that has any."""
     spec = hand.fingers[finger]
     shaped = {item.link for item in hand.tree.geometries}
     ends = [*spec.links, *(() if spec.tip is None else (spec.tip,))]
@@ -99,7 +98,7 @@ def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
 
 
 def hand_at(hand: Hand, independent: FloatArray) -> Hand:
-    """Return a hand at (a,) positions of its independent joints; what stays is not checked."""
+    """Return a hand at (a,) positions of its independent joints; joints that stay are unchecked."""
     leaders = hand.tree.coupling.leaders
     return hand.with_configuration(
         {
@@ -111,25 +110,25 @@ def hand_at(hand: Hand, independent: FloatArray) -> Hand:
 
 
 def joints_at_limit(hand: Hand, finger: str) -> tuple[str, ...]:
-    """Return the independent joints that move a finger and stand at an end of their range."""
+    """Return the independent joints that move a finger and are at an end of their range."""
     lower, upper = hand.tree.ranges
     independent = hand.tree.coupling.independent(hand.positions)
-    named = []
+    at_limit = []
     for column in driving_columns(hand, finger):
         position = independent[column]
         span = upper[column] - lower[column]
-        slack = AT_LIMIT * span if np.isfinite(span) else AT_LIMIT
-        if span > 0.0 and min(position - lower[column], upper[column] - position) <= slack:
-            named.append(hand.tree.leader_names[column])
-    return tuple(named)
+        tolerance = AT_LIMIT * span if np.isfinite(span) else AT_LIMIT
+        if span > 0.0 and min(position - lower[column], upper[column] - position) <= tolerance:
+            at_limit.append(hand.tree.leader_names[column])
+    return tuple(at_limit)
 
 
 def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
-    """Return the joints that flex a finger, as +1 or -1 by column, one sense for the finger.
+    """Return the flexion rates of a finger, +1 or -1 by column, of consistent sense.
 
     A finger flexes about the axis of its last joint and of the joints of the same kind whose axes
-    are within 30 degrees of it, at the hand's configuration. Spread and opposition are not among
-    them.
+    are within 30 degrees of it, at the hand's configuration. Spread and opposition joints are not
+    included.
     """
     tree = hand.tree
     columns = driving_columns(hand, finger)
@@ -151,7 +150,7 @@ def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
 
 
 def bent_hand(hand: Hand, change: FloatArray) -> Hand:
-    """Return the hand with its actuators moved by (L,) rad or m; entries after them are left out.
+    """Return the hand with its actuators moved by (L,) rad or m; further entries are ignored.
 
     Raises:
         SceneError: If a joint would leave its limits.
@@ -164,11 +163,11 @@ def bent_hand(hand: Hand, change: FloatArray) -> Hand:
         raise SceneError(f"a joint stands at its limit: {error}") from error
 
 
-_WRIST = 3
-_LEVER = 0.1  # m: how far from the palm a radian counts as much as it moves there
-_STARTS = 4
-_REACHED = 1e-7  # m: no other start is tried
-_INSIDE = 1e-6  # share of a joint's range that the solver keeps off its ends at the start
+_WRIST_JOINTS = 3
+_LEVER = 0.1  # m: lever arm that weighs rotations of the palm against translations
+_START_COUNT = 4
+_REACHED_ERROR = 1e-7  # m: residual at which no other start is tried
+_START_MARGIN = 1e-6  # margin of the start from the ends of a joint's range, as a share of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,21 +176,21 @@ class Arm(Record):
 
     Attributes:
         joint: Pinocchio index of the joint that carries the palm.
-        columns: The independent joints that move it.
+        columns: The independent joints that move the palm.
     """
 
     joint: int
     columns: tuple[int, ...]
 
     def moved_links(self, tree: KinematicTree) -> frozenset[str]:
-        """Return all links that the arm moves."""
+        """Return all links that the arm's joints move."""
         joints = tree.coupling.S[:, list(self.columns)].any(axis=1)
         return frozenset(
             link for link, own in tree.link_joints.items() if (tree.supports[own] & joints).any()
         )
 
     def links(self, tree: KinematicTree) -> frozenset[str]:
-        """Return the links that the palm carries, its own among them."""
+        """Return the links that the palm's joint carries, the palm's own among them."""
         return frozenset(
             link
             for link, own in tree.link_joints.items()
@@ -200,67 +199,67 @@ class Arm(Record):
 
 
 def arm_above(hand: Hand, carrier: int) -> Arm | None:
-    """Return the arm that carries a body; None: its base or a wrist of three joints carries it.
+    """Return the arm that carries a body; None: at most three joints (a wrist) move it.
 
     Args:
         hand: The hand.
-        carrier: Pinocchio index of the joint that the palm hangs on, 0 for the base.
+        carrier: Pinocchio index of the joint that carries the palm, 0 for the base.
     """
     tree = hand.tree
     moving = np.flatnonzero(tree.supports[carrier]) if carrier else np.array([], dtype=int)
     lower, upper = tree.ranges
     columns = [k for k in tree.coupling.drivers(moving.tolist()) if upper[k] > lower[k]]
-    return Arm(carrier, tuple(columns)) if len(columns) > _WRIST else None
+    return Arm(carrier, tuple(columns)) if len(columns) > _WRIST_JOINTS else None
 
 
 def brought_palm(
     hand: Hand, arm: Arm, T_world_palm: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Bring a palm to a pose, or as near as its arm gets it: least squares from several starts.
+    """Solve an arm's inverse kinematics for a palm pose, by least squares from several starts.
 
     Args:
-        hand: The hand; the first start is where its arm is.
+        hand: The hand; the first start is its configuration.
         arm: The arm.
-        T_world_palm: (4, 4) wanted pose of the joint that carries the palm.
-        rng: Where further starts are drawn from.
+        T_world_palm: (4, 4) desired pose of the joint that carries the palm.
+        rng: Random generator of further starts.
 
     Returns:
-        (a,) positions of the independent joints, and the (4, 4) pose that they bring it to.
+        (a,) positions of the independent joints, and the (4, 4) pose at these positions.
     """
     tree, columns = hand.tree, list(arm.columns)
     positions = tree.coupling.independent(hand.positions)
-    lower, upper = (ends[columns] for ends in searched_ranges(tree, positions, np.pi))
-    feet = np.vstack([np.zeros(3), _LEVER * np.eye(3)])  # points of the palm
-    wanted = feet @ T_world_palm[:3, :3].T + T_world_palm[:3, 3]
+    lower, upper = (ends[columns] for ends in search_ranges(tree, positions, np.pi))
+    palm_points = np.vstack([np.zeros(3), _LEVER * np.eye(3)])  # points of the palm
+    target_points = palm_points @ T_world_palm[:3, :3].T + T_world_palm[:3, 3]
     S = tree.coupling.S[:, columns]
 
-    def at(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def palm_kinematics(values: FloatArray) -> tuple[FloatArray, FloatArray]:
         positions[columns] = values
         kinematics = tree.kinematics(tree.coupling.all_positions(positions))
         return kinematics.T_world_joint[arm.joint], kinematics.J * tree.supports[arm.joint]
 
-    def points(values: FloatArray) -> FloatArray:
-        T = at(values)[0]
-        return feet @ T[:3, :3].T + T[:3, 3]
+    def points_at(values: FloatArray) -> FloatArray:
+        T = palm_kinematics(values)[0]
+        return palm_points @ T[:3, :3].T + T[:3, 3]
 
     def jacobian(values: FloatArray) -> FloatArray:
-        J = at(values)[1] @ S
-        turns = np.cross(J[3:].T, points(values)[:, None])
+        J = palm_kinematics(values)[1] @ S
+        turns = np.cross(J[3:].T, points_at(values)[:, None])
         return np.asarray(J[:3] + turns.transpose(0, 2, 1), dtype=np.float64).reshape(
             -1, len(values)
         )
 
-    def misses(values: FloatArray) -> FloatArray:
-        return (points(values) - wanted).ravel()
+    def residuals(values: FloatArray) -> FloatArray:
+        return (points_at(values) - target_points).ravel()
 
-    best, least = positions[columns].copy(), np.inf
-    for attempt in range(_STARTS):
+    best, least_error = positions[columns].copy(), np.inf
+    for attempt in range(_START_COUNT):
         start = best if attempt == 0 else rng.uniform(lower, upper)
-        found = least_misses(misses, jacobian, start, (lower, upper), 60)
-        miss = float(np.linalg.norm(misses(found)))
-        if miss < least:
-            best, least = found, miss
-        if least <= _REACHED:
+        solution = least_squares_positions(residuals, jacobian, start, (lower, upper), 60)
+        error = float(np.linalg.norm(residuals(solution)))
+        if error < least_error:
+            best, least_error = solution, error
+        if least_error <= _REACHED_ERROR:
             break
-    T_there = at(best)[0]
-    return positions, T_there
+    T_reached = palm_kinematics(best)[0]
+    return positions, T_reached

@@ -1,6 +1,6 @@
-"""Inverse kinematics that puts fingertips on given points of an object.
+"""Inverse kinematics that places fingertips on given points of an object.
 
-Postures of fingers whose tips reach given points, away from the joints' limits if possible.
+Postures of fingers whose tips reach given points, away from the joint limits if possible.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from graspless_pin.geometry.posing.finger_joints import (
     groups_of_fingers,
     hand_at,
     joints_at_limit,
-    least_misses,
-    searched_ranges,
+    least_squares_positions,
+    search_ranges,
     tip_shapes,
 )
 from graspless_pin.problem.checks import FloatArray, read_only, real_number, whole_number
 
 
-class Tip:
-    """The tip of one finger and where it should be.
+class FingertipGoal:
+    """The tip of one finger and its goal.
 
     Attributes:
-        finger: The finger's name.
+        finger: Name of the finger.
         link: The link at its tip.
-        point: (3,) where it should touch the object, world, m.
-        normal: (3,) unit normal there into the object, world axes.
+        point: (3,) point of the object that it is to touch, world, m.
+        normal: (3,) unit normal at the point, into the object, world axes.
     """
 
     def __init__(
@@ -74,8 +74,8 @@ class Tip:
         links = {*hand.fingers[finger].links, self.link}
         self._distances = LinkDistances(hand, links, target.placed_bodies)
 
-    def touch(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the tip's point farthest along the normal and its Jacobian.
+    def touch_point(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the tip's point that is farthest along the normal, and its Jacobian.
 
         Args:
             positions: (n,) of all joints.
@@ -86,180 +86,197 @@ class Tip:
         tree = self._tree
         kinematics, joint = tree.kinematics(positions), self._shapes[0].joint
         T_world_joint = kinematics.T_world_joint[joint]
-        touch, fixed = max(
-            (_farthest(item, T_world_joint, self.normal) for item in self._shapes),
-            key=lambda found: float(found[0] @ self.normal),
+        point, fixed = max(
+            (_farthest_point(item, T_world_joint, self.normal) for item in self._shapes),
+            key=lambda candidate: float(candidate[0] @ self.normal),
         )
         by_joint = tree.point_jacobians(kinematics.J, [joint], fixed[None])[0]
-        return touch, by_joint @ tree.coupling.S
+        return point, by_joint @ tree.coupling.S
 
-    def overlaps(self, positions: FloatArray) -> dict[str, float]:
-        """Return how deep each link of the finger is in the object, without those outside."""
-        deepest: dict[str, float] = {}
+    def link_overlaps(self, positions: FloatArray) -> dict[str, float]:
+        """Return the overlap of each link of the finger with the object, if it has any, m."""
+        overlaps: dict[str, float] = {}
         distances = self._distances.at(positions)
         for link, distance in zip(self._distances.links, distances.tolist(), strict=True):
             if distance < 0.0:
-                deepest[link] = max(deepest.get(link, 0.0), -distance)
-        return deepest
+                overlaps[link] = max(overlaps.get(link, 0.0), -distance)
+        return overlaps
 
 
-def _farthest(
+def _farthest_point(
     item: LinkGeometry, T_world_joint: FloatArray, normal: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a shape's point farthest along a normal, and the body-fixed point it moves with.
+    """Return a shape's point farthest along a normal, and the body-fixed point that it moves with.
 
-    A sphere's farthest point slides over it as it turns and so moves like its centre.
+    The farthest point of a sphere moves over its surface as it rotates, and so moves like its
+    centre.
     """
     solid = bounded_set(item)
     T = T_world_joint @ item.T_joint_geometry
-    touch = T[:3, :3] @ solid.feature(T[:3, :3].T @ normal).mean(axis=0) + T[:3, 3]
-    return touch, touch - solid.swept_radius * normal
+    point = T[:3, :3] @ solid.feature(T[:3, :3].T @ normal).mean(axis=0) + T[:3, 3]
+    return point, point - solid.swept_radius * normal
 
 
-_UNLIMITED = np.pi  # rad or m to each side of where it stands that a joint without limits is tried
+_UNLIMITED = np.pi  # rad or m to each side: search range of a joint without limits
 _MOST_EVALUATIONS = 100
-_EASY = 0.8  # middle share of a joint's range in which nothing pulls it
-_PULL = 1e-3  # m of miss that weigh as much as half a joint's range outside of that share
+_FREE_SHARE = 0.8  # middle share of a joint's range that is not penalised
+_LIMIT_WEIGHT = 1e-3  # m: tip error that weighs as much as half a joint's range outside that share
 
 
-def reach(
-    hand: Hand, tips: Sequence[Tip], independent: FloatArray, *, tolerance: float, starts: int
+def best_posture(
+    hand: Hand,
+    tips: Sequence[FingertipGoal],
+    independent: FloatArray,
+    *,
+    tolerance: float,
+    starts: int,
 ) -> FloatArray:
     """Find the best posture of fingers that share joints.
 
-    The points come first; among postures that reach them, those whose links are not in the object,
-    and among these, those with no joint at a limit. What freedom the points leave takes joints out
-    of the outermost tenths of their ranges.
+    The error of the tips is minimised first; among postures that reach the points, those without
+    overlap with the object are preferred, and among these, those with no joint at a limit. The
+    remaining freedom moves joints out of the outermost tenths of their ranges.
 
     Args:
         hand: The hand.
         tips: The fingers' tips.
         independent: (a,) positions of all independent joints to start from.
-        tolerance: Miss and overlap that pass, m.
-        starts: How many postures to start from.
+        tolerance: Largest tip error and overlap that are accepted, m.
+        starts: Number of starting postures.
 
     Returns:
-        (a,) positions of the independent joints; those of other fingers as they were.
+        (a,) positions of the independent joints; those of other fingers are unchanged.
     """
-    search = _Search(hand, tips, independent)
+    search = _PostureSearch(hand, tips, independent)
     random = np.random.default_rng(0)
     lower, upper = search.lower, search.upper
-    best, least_fault = search.now, (np.inf, np.inf, np.inf)
+    best, least_faults = search.start, (np.inf, np.inf, np.inf)
     for attempt in range(starts if len(best) else 0):
         start = random.uniform(lower, upper)
         if attempt == 0:
-            start = search.now
+            start = search.start
         elif attempt == 1:
             start = 0.5 * (lower + upper)
-        found = search.nearest(start)
-        fault = search.fault(found, tolerance)
-        if fault[0] == 0.0 and search.crowding(found) > _EASY:
-            eased = search.eased(found)
-            fault_then = search.fault(eased, tolerance)
-            if fault_then <= fault and search.crowding(eased) < search.crowding(found):
-                found, fault = eased, fault_then
-        if fault < least_fault:
-            best, least_fault = found, fault
-        if not any(fault):
+        posture = search.nearest_posture(start)
+        faults = search.faults(posture, tolerance)
+        if faults[0] == 0.0 and search.limit_proximity(posture) > _FREE_SHARE:
+            relaxed = search.relaxed_posture(posture)
+            relaxed_faults = search.faults(relaxed, tolerance)
+            if relaxed_faults <= faults and search.limit_proximity(
+                relaxed
+            ) < search.limit_proximity(posture):
+                posture, faults = relaxed, relaxed_faults
+        if faults < least_faults:
+            best, least_faults = posture, faults
+        if not any(faults):
             break
-    return search.completed(best)
+    return search.independent_positions(best)
 
 
-class _Search:
-    """The joints of one group of fingers as a least-squares problem; vectors are theirs only."""
+class _PostureSearch:
+    """The least-squares problem of one group of fingers; vectors are of their joints only."""
 
-    def __init__(self, hand: Hand, tips: Sequence[Tip], independent: FloatArray) -> None:
-        lower, upper = searched_ranges(hand.tree, independent, _UNLIMITED)
+    def __init__(self, hand: Hand, tips: Sequence[FingertipGoal], independent: FloatArray) -> None:
+        lower, upper = search_ranges(hand.tree, independent, _UNLIMITED)
         driving = {column for tip in tips for column in driving_columns(hand, tip.finger)}
         self._columns = [column for column in sorted(driving) if lower[column] < upper[column]]
         self._tips = tips
         self._coupling = hand.tree.coupling
         self._independent = independent
-        self.now = independent[self._columns]
+        self.start = independent[self._columns]
         self.lower, self.upper = lower[self._columns], upper[self._columns]
-        self._middle = 0.5 * (self.lower + self.upper)
+        self._mid_range = 0.5 * (self.lower + self.upper)
         self._half = 0.5 * (self.upper - self.lower)
 
-    def completed(self, values: FloatArray) -> FloatArray:
-        """Return the positions (a,) of all independent joints."""
+    def independent_positions(self, values: FloatArray) -> FloatArray:
+        """Return the (a,) positions of all independent joints."""
         full = self._independent.copy()
         full[self._columns] = values
         return full
 
-    def nearest(self, start: FloatArray) -> FloatArray:
-        """Return the posture with the least misses that is found from a start."""
+    def nearest_posture(self, start: FloatArray) -> FloatArray:
+        """Return the posture with the least tip errors found from a start."""
         bounds = self.lower, self.upper
-        return least_misses(self._misses, self._jacobian, start, bounds, _MOST_EVALUATIONS)
+        return least_squares_positions(
+            self._tip_errors, self._jacobian, start, bounds, _MOST_EVALUATIONS
+        )
 
-    def eased(self, values: FloatArray) -> FloatArray:
-        """Return a posture with about the same misses and joints farther from their limits."""
+    def relaxed_posture(self, values: FloatArray) -> FloatArray:
+        """Return a posture with about the same tip errors and joints farther from their limits."""
 
         def residuals(values: FloatArray) -> FloatArray:
-            share = self._share(values)
-            outside = share - np.clip(share, -_EASY, _EASY)
-            return np.concatenate([self._misses(values), _PULL * outside])
+            share = self._range_shares(values)
+            outside = share - np.clip(share, -_FREE_SHARE, _FREE_SHARE)
+            return np.concatenate([self._tip_errors(values), _LIMIT_WEIGHT * outside])
 
         def jacobian(values: FloatArray) -> FloatArray:
-            outside = np.abs(self._share(values)) > _EASY
-            return np.vstack([self._jacobian(values), np.diag(_PULL * outside / self._half)])
+            outside = np.abs(self._range_shares(values)) > _FREE_SHARE
+            return np.vstack(
+                [self._jacobian(values), np.diag(_LIMIT_WEIGHT * outside / self._half)]
+            )
 
-        inward = self._middle + np.clip(self._share(values), -_EASY, _EASY) * self._half
+        inward = (
+            self._mid_range
+            + np.clip(self._range_shares(values), -_FREE_SHARE, _FREE_SHARE) * self._half
+        )
         bounds = self.lower, self.upper
-        return self.nearest(least_misses(residuals, jacobian, inward, bounds, _MOST_EVALUATIONS))
+        return self.nearest_posture(
+            least_squares_positions(residuals, jacobian, inward, bounds, _MOST_EVALUATIONS)
+        )
 
-    def crowding(self, values: FloatArray) -> float:
-        """Return how near to its limits any joint is: 0 half way between them, 1 at one of them."""
-        return float(np.abs(self._share(values)).max())
+    def limit_proximity(self, values: FloatArray) -> float:
+        """Return the largest distance of a joint from mid-range over its half-range, 0 to 1."""
+        return float(np.abs(self._range_shares(values)).max())
 
-    def fault(self, values: FloatArray, tolerance: float) -> tuple[float, float, float]:
-        """Return largest miss, deepest overlap and crowding, each zero where it passes."""
-        positions = self._positions(values)
-        misses = self._misses(values).reshape(-1, 3)
-        miss = float(np.linalg.norm(misses, axis=1).max())
-        depths = [depth for tip in self._tips for depth in tip.overlaps(positions).values()]
-        overlap, crowding = max(depths, default=0.0), self.crowding(values)
+    def faults(self, values: FloatArray, tolerance: float) -> tuple[float, float, float]:
+        """Return largest tip error, overlap and limit proximity, each zero if acceptable."""
+        positions = self._joint_positions(values)
+        errors = self._tip_errors(values).reshape(-1, 3)
+        miss = float(np.linalg.norm(errors, axis=1).max())
+        depths = [depth for tip in self._tips for depth in tip.link_overlaps(positions).values()]
+        overlap, proximity = max(depths, default=0.0), self.limit_proximity(values)
         return (
             miss if miss > tolerance else 0.0,
             overlap if overlap > tolerance else 0.0,
-            crowding if crowding > 1.0 - 2.0 * AT_LIMIT else 0.0,
+            proximity if proximity > 1.0 - 2.0 * AT_LIMIT else 0.0,
         )
 
-    def _share(self, values: FloatArray) -> FloatArray:
-        """Positions as shares of the way from the middle of the range to its ends, -1 to 1."""
-        return (values - self._middle) / self._half
+    def _range_shares(self, values: FloatArray) -> FloatArray:
+        """Return the positions relative to mid-range over the half-range, -1 to 1."""
+        return (values - self._mid_range) / self._half
 
-    def _misses(self, values: FloatArray) -> FloatArray:
-        positions = self._positions(values)
-        return np.concatenate([tip.touch(positions)[0] - tip.point for tip in self._tips])
+    def _tip_errors(self, values: FloatArray) -> FloatArray:
+        positions = self._joint_positions(values)
+        return np.concatenate([tip.touch_point(positions)[0] - tip.point for tip in self._tips])
 
     def _jacobian(self, values: FloatArray) -> FloatArray:
-        positions = self._positions(values)
-        return np.vstack([tip.touch(positions)[1][:, self._columns] for tip in self._tips])
+        positions = self._joint_positions(values)
+        return np.vstack([tip.touch_point(positions)[1][:, self._columns] for tip in self._tips])
 
-    def _positions(self, values: FloatArray) -> FloatArray:
-        return self._coupling.all_positions(self.completed(values))
+    def _joint_positions(self, values: FloatArray) -> FloatArray:
+        return self._coupling.all_positions(self.independent_positions(values))
 
 
 SURFACE_TOLERANCE = 1e-3
-"""How far off the object's surface a given point may lie, m."""
+"""Largest distance of a given point from the object's surface, m."""
 
-_OUTSIDE = 2.0 * SURFACE_TOLERANCE  # how far a point is moved to see whether it gets out
+_RAY_LENGTH = 2.0 * SURFACE_TOLERANCE  # m: shift of a point that tests if it leaves
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedFingertip:
-    """How well a fingertip got to its point.
+    """The placement of one fingertip.
 
     Attributes:
-        finger: Its name.
+        finger: Name of the finger.
         link: The link at its tip.
-        position: (3,) read-only point of the tip that lies farthest along the normal, world, m:
-            what should be at the given point.
+        position: (3,) read-only point of the tip farthest along the normal, world, m: it should
+            coincide with the given point.
         residual: Distance from the given point, m.
-        overlapping: Links of the finger that are in the object by more than the tolerance, in
+        overlapping: Links of the finger that overlap the object by more than the tolerance, in
             model order.
-        overlap: How deep the deepest of its links is in the object, zero without any, m.
-        at_limit: Joints that move the finger and stand at a limit of theirs.
+        overlap: Largest overlap of its links with the object, zero without any, m.
+        at_limit: Joints that move the finger and are at one of their limits.
     """
 
     finger: str
@@ -273,14 +290,14 @@ class PlacedFingertip:
 
 @dataclass(frozen=True, eq=False)
 class FingertipPlacement:
-    """A hand whose fingertips have been put on points of an object.
+    """A hand whose fingertips have been placed on points of an object.
 
     See the example of `place_fingertips`.
 
     Attributes:
         hand: The hand at its new configuration.
-        fingertips: One per finger, in the order they were given.
-        tolerance: Residual or overlap up to which a fingertip counts as placed, m.
+        fingertips: The placements, one per finger, in the order they were given.
+        tolerance: Largest residual or overlap of a fingertip that counts as placed, m.
     """
 
     hand: Hand
@@ -289,11 +306,11 @@ class FingertipPlacement:
 
     @property
     def reached(self) -> bool:
-        """Whether every fingertip is at its point and no finger is in the object."""
+        """Whether every fingertip is at its point and no finger overlaps the object."""
         return all(max(tip.residual, tip.overlap) <= self.tolerance for tip in self.fingertips)
 
     def __str__(self) -> str:
-        """One line a finger."""
+        """Return one line for each finger."""
         lines = []
         for tip in self.fingertips:
             line = f"{tip.finger}: {tip.link} {tip.residual * 1e3:.3f} mm from its point"
@@ -315,26 +332,26 @@ def place_fingertips(
 ) -> FingertipPlacement:
     """Move fingers so that their tips touch an object at given points.
 
-    Of each finger the tip's point that lies farthest along the normal goes to the given point, so
-    that a rounded tip touches there from outside. All independent joints of the named fingers may
-    move, within their limits, whatever their control mode; the other fingers and the base stay.
-    Where a finger has joints to spare, the solution near the hand's configuration is taken, but no
-    joint stays in the outermost tenth of its range without need. Each finger is solved by bounded
-    nonlinear least squares from that configuration and, as long as it misses its point, is in the
-    object or has a joint at a limit, from mid-range and from repeatable random ones; these three
-    count in this order.
+    The point of each fingertip that is farthest along the normal moves to the given point, so that
+    a rounded tip touches there from outside. All independent joints of the named fingers may move,
+    within their limits, whatever their control mode; the other fingers and the base do not move.
+    Where a finger is redundant, the solution near the hand's configuration is taken, but no joint
+    stays in the outermost tenth of its range without need. Each finger is solved by bounded
+    nonlinear least squares from that configuration and, as long as it misses its point, overlaps
+    the object or has a joint at a limit, from mid-range and from repeatable random configurations;
+    these three faults count in this order.
 
     Args:
         hand: The hand.
         target: The object.
         goals: By finger, the (3,) point on the object's surface and the (3,) normal there into the
             object, world, m; the normal of any length.
-        tolerance: Residual and overlap that pass, m.
-        starts: How many configurations to start from, at least 1.
+        tolerance: Largest residual and overlap that are accepted, m.
+        starts: Number of configurations to start from, at least 1.
 
     Returns:
-        The hand with the fingers at their best, by how much each missed and which joints ended at
-        a limit: an unreachable point is not an error.
+        The hand with the best posture of the fingers, each residual, and the joints at a limit: an
+        unreachable point is not an error.
 
     Raises:
         ArgumentError: If a finger is unknown or has no collision shape or joint, a point is more
@@ -357,21 +374,22 @@ def place_fingertips(
         raise ArgumentError("tolerance", f"needs a positive length in metres, got {tolerance!r}")
     starts = whole_number("starts", starts, 1)
     tips = {
-        name: Tip(hand, target, name, *_checked_goal(target, name, goals[name])) for name in names
+        name: FingertipGoal(hand, target, name, *_checked_goal(target, name, goals[name]))
+        for name in names
     }
     independent = hand.tree.coupling.independent(hand.positions)
     for group in groups_of_fingers(hand, names):
         members = [tips[name] for name in group]
-        independent = reach(hand, members, independent, tolerance=tolerance, starts=starts)
-    moved = hand_at(hand, independent)
-    placed = tuple(_report(tips[name], moved, tolerance) for name in names)
-    return FingertipPlacement(moved, placed, tolerance)
+        independent = best_posture(hand, members, independent, tolerance=tolerance, starts=starts)
+    placed_hand = hand_at(hand, independent)
+    placed = tuple(_placed_fingertip(tips[name], placed_hand, tolerance) for name in names)
+    return FingertipPlacement(placed_hand, placed, tolerance)
 
 
-def _report(tip: Tip, hand: Hand, tolerance: float) -> PlacedFingertip:
-    """Measure how well a tip got there."""
-    position, _ = tip.touch(hand.positions)
-    overlaps = tip.overlaps(hand.positions)
+def _placed_fingertip(tip: FingertipGoal, hand: Hand, tolerance: float) -> PlacedFingertip:
+    """Return the placement of one fingertip."""
+    position, _ = tip.touch_point(hand.positions)
+    overlaps = tip.link_overlaps(hand.positions)
     return PlacedFingertip(
         finger=tip.finger,
         link=tip.link,
@@ -386,11 +404,11 @@ def _report(tip: Tip, hand: Hand, tolerance: float) -> PlacedFingertip:
 def _checked_goal(
     target: ManipulatedObject, finger: str, goal: tuple[ArrayLike, ArrayLike]
 ) -> tuple[FloatArray, FloatArray]:
-    """Check where a fingertip is to go.
+    """Check the goal of a fingertip.
 
     Args:
         target: The object.
-        finger: Whose goal it is, for the message.
+        finger: Name of the finger, for the message.
         goal: (3,) point on the object's surface and (3,) normal there into the object, world.
 
     Returns:
@@ -405,31 +423,31 @@ def _checked_goal(
         point, normal = (np.array(part, dtype=np.float64) for part in goal)
     except (TypeError, ValueError) as error:
         raise ArgumentError(argument, f"needs (point, normal), got {goal!r}") from error
-    for what, vector in (("point", point), ("normal", normal)):
+    for part_name, vector in (("point", point), ("normal", normal)):
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise ArgumentError(
-                argument, f"the {what} needs three finite numbers, got {vector.tolist()}"
+                argument, f"the {part_name} needs three finite numbers, got {vector.tolist()}"
             )
     if not np.any(normal):
         raise ArgumentError(argument, "the normal must not be zero")
     normal /= np.linalg.norm(normal)
-    off, outward = _off_surface(target, point)
-    if abs(off) > SURFACE_TOLERANCE:
-        side = "outside" if off > 0.0 else "inside"
-        nearest = point - off * outward
-        message = f"the point {point.tolist()} is {abs(off) * 1e3:.1f} mm {side} the surface of "
+    height, outward = _surface_distance(target, point)
+    if abs(height) > SURFACE_TOLERANCE:
+        side = "outside" if height > 0.0 else "inside"
+        nearest = point - height * outward
+        message = f"the point {point.tolist()} is {abs(height) * 1e3:.1f} mm {side} the surface of "
         message += f"object '{target.name}'"
-        if not _is_within(target, nearest, outward):
+        if not _continues_outwards(target, nearest, outward):
             message += f"; the nearest point of it is {nearest.round(6).tolist()}"
         raise ArgumentError(argument, message)
-    ahead, _ = _off_surface(target, point + SURFACE_TOLERANCE * normal)
-    if ahead > off + 0.5 * SURFACE_TOLERANCE:
+    height_ahead, _ = _surface_distance(target, point + SURFACE_TOLERANCE * normal)
+    if height_ahead > height + 0.5 * SURFACE_TOLERANCE:
         raise ArgumentError(
             argument,
             f"the normal {normal.round(6).tolist()} points out of object '{target.name}'; normals "
             "point into it",
         )
-    if _is_within(target, point, -normal):
+    if _continues_outwards(target, point, -normal):
         raise ArgumentError(
             argument,
             f"the point {point.tolist()} lies inside object '{target.name}' where two of its "
@@ -438,19 +456,19 @@ def _checked_goal(
     return point, normal
 
 
-def _is_within(target: ManipulatedObject, point: FloatArray, outward: FloatArray) -> bool:
-    """Return whether the object goes on outwards of a point on the surface of one of its pieces."""
+def _continues_outwards(target: ManipulatedObject, point: FloatArray, outward: FloatArray) -> bool:
+    """Return whether the object continues outwards of a surface point of one of its pieces."""
     _, aside, across = np.linalg.svd(outward[None])[2]
     rays = [outward, *(outward + turn for turn in (aside, -aside, across, -across))]
-    reached = [point + _OUTSIDE * ray / np.linalg.norm(ray) for ray in rays]
-    return max(_off_surface(target, there)[0] for there in reached) < 0.25 * _OUTSIDE
+    ray_ends = [point + _RAY_LENGTH * ray / np.linalg.norm(ray) for ray in rays]
+    return max(_surface_distance(target, ray_end)[0] for ray_end in ray_ends) < 0.25 * _RAY_LENGTH
 
 
-def _off_surface(target: ManipulatedObject, point: FloatArray) -> tuple[float, FloatArray]:
-    """Return a point's signed distance from the object's surface and the direction outwards.
+def _surface_distance(target: ManipulatedObject, point: FloatArray) -> tuple[float, FloatArray]:
+    """Return a point's signed distance from the object's surface and the outward direction.
 
     Inside an object of several convex pieces it is the distance from the surface of the piece in
-    which the point lies deepest.
+    which the point is deepest.
     """
-    apart = nearest_separation(target.collision_bodies(), [point_body(point)])
-    return apart.distance + POINT_RADIUS, apart.normal
+    nearest = nearest_separation(target.collision_bodies(), [point_body(point)])
+    return nearest.distance + POINT_RADIUS, nearest.normal

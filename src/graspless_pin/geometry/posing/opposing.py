@@ -1,4 +1,4 @@
-"""Postures in which the fingers of a hand oppose each other, and how they open from there."""
+"""Postures in which the fingers of a hand oppose each other, and their open postures."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ from graspless_pin.geometry.posing.finger_joints import (
     driving_columns,
     flexion_rates,
     groups_of_fingers,
-    searched_ranges,
+    search_ranges,
     tip_shapes,
 )
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import Record
 
-_MOST_ROUNDS = 3  # times the count of postures, while fewer than a fourth of it are good
+_MOST_ROUNDS = 3  # most tries over the count of postures, while fewer than a fourth are good
 _GOOD_FRACTION = 4
-_START_WEIGHT = 0.01  # m a half-range: how far off a tip may stay for a posture near the start
-_OVERLAP_WEIGHT = 3.0  # how much more tips that overlap count than tips that are apart
+_START_WEIGHT = 0.01  # m of tip error per half-range from the start
+_OVERLAP_WEIGHT = 3.0  # weight of overlapping tips over that of separate ones
 _MOST_EVALUATIONS = 40
 _INSIDE = 1e-6  # of a joint's range
 _SLOWEST = 0.05  # of the quickest joint's rate
 _SAME_PLACE = 1e-9  # m
-_AJAR = 0.4  # of the way to the open ends, where fingers should not be in each other
-_OVERLAP = 1e-3  # m that collision shapes may be too wide
-_BESIDE_COSINE = 0.5  # cosine between ways of closing, above which fingers stand beside each other
-_NEARLY_CLOSED = 0.05  # of the way to the open ends
+_AJAR = 0.4  # share of the way to the open ends at which fingers should not overlap
+_OVERLAP = 1e-3  # m: tolerated overlap, since collision shapes may be too wide
+_BESIDE_COSINE = 0.5  # cosine between closing directions above which fingers are side by side
+_NEARLY_CLOSED = 0.05  # share of the way to the open ends
 
 
 @dataclass(frozen=True, eq=False)
 class OpposingPosture(Record):
-    """A posture in which fingertips are as near each other as they come, and how to leave it.
+    """A posture in which fingertips are as near each other as possible, and its open posture.
 
-    Points are in the world, with the hand's bases where they are. Vectors (a,) are of the
+    Points are in the world frame, for the hand's current bases. Vectors (a,) are of the
     independent joints.
 
     Attributes:
         closed: (a,) positions in which the tips meet, or one tip and the palm, rad or m.
         opened: (a,) positions with the joints that flex the fingers at their open ends.
-        palm: (3,) middle of the first joints of the fingers that meet, m.
-        meeting: (3,) middle of their tips at ``closed``, m.
-        closing: (3,) unit vector along which most of them close, of either sense.
-        opposition: Smallest cosine between the ways in which two of the tips close; -1: head on.
-        overlap: Deepest overlap of the hand in itself with the fingers ajar, m.
+        palm: (3,) mean position of the first joints of the fingers that meet, m.
+        meeting: (3,) mean position of their tips at ``closed``, m.
+        closing: (3,) unit vector along which most of them close, of either sign.
+        opposition: Smallest cosine between the closing directions of two tips; -1: head on.
+        overlap: Largest overlap of the hand with itself with the fingers partly open, m.
     """
 
     closed: FloatArray
@@ -71,23 +71,23 @@ class OpposingPosture(Record):
 
     @property
     def axis(self) -> FloatArray:
-        """(3,) unit vector from the palm to where the tips meet: the way the hand approaches."""
+        """(3,) unit vector from the palm to the meeting point: the approach direction."""
         return unit_vector(self.meeting - self.palm, _SAME_PLACE)
 
     def closing_rates(self, opened: FloatArray) -> FloatArray:
-        """Return (a,) rates that lead from an opened posture through the closed one.
+        """Return (a,) rates that lead from an open posture through the closed one.
 
         Args:
             opened: (a,) positions between ``closed`` and ``opened``.
         """
         travel, full_travel = self.closed - opened, self.closed - self.opened
-        quickest = float(np.abs(travel).max(initial=_SAME_PLACE))
-        slow = (full_travel != 0.0) & (np.abs(travel) < _SLOWEST * quickest)
-        return np.where(slow, np.copysign(_SLOWEST, full_travel), travel / quickest)
+        largest = float(np.abs(travel).max(initial=_SAME_PLACE))
+        is_slow = (full_travel != 0.0) & (np.abs(travel) < _SLOWEST * largest)
+        return np.where(is_slow, np.copysign(_SLOWEST, full_travel), travel / largest)
 
 
 def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]:
-    """Return those of the named fingers, or of all, that have a joint that moves and a shape.
+    """Return the fingers, of the named ones or all, with a movable joint and a collision shape.
 
     Raises:
         ArgumentError: If the hand has no fingers, a finger is unknown, or none of them has both.
@@ -95,90 +95,94 @@ def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, 
     names = chosen_fingers(hand, fingers)
     if not names:
         raise ArgumentError("fingers", "is empty; name at least one, or leave it out for all")
-    able = tuple(name for name in names if driving_columns(hand, name) and tip_shapes(hand, name))
-    if not able:
+    driven = tuple(name for name in names if driving_columns(hand, name) and tip_shapes(hand, name))
+    if not driven:
         raise ArgumentError(
             "fingers", f"none of {', '.join(names)} has both a joint and a collision shape"
         )
     tree = hand.tree
-    drivers = {name: [tree.leader_names[k] for k in driving_columns(hand, name)] for name in able}
-    moved = tuple(name for name in able if not tree.locked.issuperset(drivers[name]))
-    if not moved:
-        still = ", ".join(dict.fromkeys(joint for name in able for joint in drivers[name]))
+    drivers = {name: [tree.leader_names[k] for k in driving_columns(hand, name)] for name in driven}
+    movable = tuple(name for name in driven if not tree.locked.issuperset(drivers[name]))
+    if not movable:
+        fixed = ", ".join(dict.fromkeys(joint for name in driven for joint in drivers[name]))
         raise ArgumentError(
             "fingers",
-            f"none of {', '.join(able)} moves: the lower and the upper limit of {still} are the "
+            f"none of {', '.join(driven)} moves: the lower and the upper limit of {fixed} are the "
             "same; correct <limit lower upper> in the robot's file",
         )
-    return moved
+    return movable
 
 
 def opposing_postures(
     hand: Hand, fingers: tuple[str, ...], count: int, rng: np.random.Generator
 ) -> tuple[OpposingPosture, ...]:
-    """Find postures in which fingertips meet: there a hand is meant to hold things.
+    """Find postures in which fingertips meet, in which a hand is meant to hold objects.
 
-    Some of the fingers are chosen at random, and their tips brought as near to their middle as they
-    come without overlap, from random positions of their joints. The other fingers close straight.
-    Joints that do not move these fingers stay. A finger that is alone closes on the link that
-    carries it, as a jaw does on a fixed one.
+    Some of the fingers are chosen at random, and their tips are brought as near to their mean
+    position as possible without overlap, from random joint positions. The other fingers are fully
+    flexed, with their other joints near zero. Joints that move none of the fingers do not move. A
+    single finger closes on the link that carries it, like a jaw on a fixed one.
 
     Args:
         hand: The hand.
         fingers: Fingers with joints and shapes: see `fingers_that_close`.
-        count: How many postures to try; three times as many where next to none is good.
-        rng: Where fingers and starts are drawn from.
+        count: Number of postures to try; up to three times as many if few are good.
+        rng: Random generator of fingers and starts.
 
     Returns:
-        The postures in which the fingers are clear of each other and oppose each other, those first
-        that do so most; the best one if none does.
+        The postures in which the fingers do not overlap and oppose each other, the most opposed
+        first; only the best one if there are none.
     """
     start = hand.tree.coupling.independent(hand.positions)
-    lower, upper = searched_ranges(hand.tree, start, np.pi)
-    first, *more = fingers
-    fixed = () if more or not is_fixed_jaw(hand, first) else carrier_links(hand, first)
-    if fixed:
-        return (_on_fixed_jaw(hand, first, fixed, (lower, upper)),)
-    found, good = [], []
+    lower, upper = search_ranges(hand.tree, start, np.pi)
+    first, *others = fingers
+    carrier = () if others or not is_fixed_jaw(hand, first) else carrier_links(hand, first)
+    if carrier:
+        return (_fixed_jaw_posture(hand, first, carrier, (lower, upper)),)
+    postures, good = [], []
     for tried in range(_MOST_ROUNDS * count):
         if tried >= count and len(good) >= count // _GOOD_FRACTION:
             break
         size = int(rng.integers(min(2, len(fingers)), len(fingers) + 1))
         chosen = rng.permutation(len(fingers))[:size].tolist()
         members = tuple([fingers[index] for index in sorted(chosen)])
-        one = _posture(hand, fingers, members, (lower, upper), rng)
-        found.append(one)
-        good += [one] if one.overlap <= _OVERLAP and one.opposition < _BESIDE_COSINE else []
-    found, good = (
-        sorted(some, key=lambda one: (max(one.overlap - _OVERLAP, 0.0), one.opposition))
-        for some in (found, good)
+        posture = _meeting_posture(hand, fingers, members, (lower, upper), rng)
+        postures.append(posture)
+        good += (
+            [posture] if posture.overlap <= _OVERLAP and posture.opposition < _BESIDE_COSINE else []
+        )
+    postures, good = (
+        sorted(
+            group, key=lambda posture: (max(posture.overlap - _OVERLAP, 0.0), posture.opposition)
+        )
+        for group in (postures, good)
     )
-    return tuple(good or found[:1])
+    return tuple(good or postures[:1])
 
 
 def carrier_of(hand: Hand, finger: str) -> int:
-    """Return the Pinocchio index of the joint that carries what a finger hangs on, 0: the base."""
+    """Return the Pinocchio index of the joint that carries a finger's base body, 0: the base."""
     tree = hand.tree
     first = min(tree.joint_index[joint] for joint in hand.fingers[finger].joints)
     return int(tree.pinocchio_model.parents[1 + first])
 
 
 def carrier_links(hand: Hand, finger: str) -> tuple[str, ...]:
-    """Return the links with shapes of the body that a finger hangs on, such as a fixed jaw."""
+    """Return the links with shapes of the body that carries a finger, such as a fixed jaw."""
     tree, carrier = hand.tree, carrier_of(hand, finger)
     mount = tree.mount_of[hand.fingers[finger].joints[0]]
     carried = [item.link for item in tree.geometries if item.joint == carrier]
-    own = [link for link in carried if tree.mount_of[link] == mount]
-    return tuple(dict.fromkeys(own))
+    own_links = [link for link in carried if tree.mount_of[link] == mount]
+    return tuple(dict.fromkeys(own_links))
 
 
 def is_fixed_jaw(hand: Hand, finger: str) -> bool:
-    """Return whether a finger hangs on a palm, which it closes on where it is alone."""
+    """Return whether a palm carries a finger; a single finger then closes on that palm."""
     return any(hand.tree.link_joints[palm] == carrier_of(hand, finger) for palm in hand.palms)
 
 
-class _Tips:
-    """The middles of some fingertips, at any posture."""
+class _FingertipCenters:
+    """Centres of fingertips at any posture."""
 
     def __init__(self, hand: Hand, fingers: Sequence[str]) -> None:
         self._tree = hand.tree
@@ -186,7 +190,7 @@ class _Tips:
             [(item, np.append(bounded_set(item).center, 1.0)) for item in tip_shapes(hand, name)]
             for name in fingers
         ]
-        self._first = [
+        self._first_joints = [
             1 + min(hand.tree.joint_index[joint] for joint in hand.fingers[name].joints)
             for name in fingers
         ]
@@ -194,10 +198,10 @@ class _Tips:
             max(bounded_set(item).half_extents.min() for item, _ in own) for own in self._shapes
         ]
         self._pairs = np.triu_indices(len(fingers), 1)
-        self._least = np.array(thickness)[np.array(self._pairs)].sum(axis=0)
+        self._least_gaps = np.array(thickness)[np.array(self._pairs)].sum(axis=0)
 
-    def at(self, independent: FloatArray) -> FloatArray:
-        """Return (F, 3) the middles, m."""
+    def centers_at(self, independent: FloatArray) -> FloatArray:
+        """Return the (F, 3) centres of the fingertips, m."""
         T = self._joint_poses(independent)
         middles = [
             np.mean([T[item.joint] @ item.T_joint_geometry @ own for item, own in shapes], axis=0)
@@ -206,104 +210,106 @@ class _Tips:
         return np.array(middles)[:, :3]
 
     def palm(self, independent: FloatArray) -> FloatArray:
-        """Return (3,) the middle of the fingers' first joints, m."""
-        return self._joint_poses(independent)[self._first, :3, 3].mean(axis=0)
+        """Return the (3,) mean position of the fingers' first joints, m."""
+        return self._joint_poses(independent)[self._first_joints, :3, 3].mean(axis=0)
 
-    def misses(self, independent: FloatArray) -> FloatArray:
-        """Return how far the tips are from their middle, and what they overlap by, m."""
-        points = self.at(independent)
+    def meeting_residuals(self, independent: FloatArray) -> FloatArray:
+        """Return the tips' offsets from their mean position, and their weighted overlaps, m."""
+        points = self.centers_at(independent)
         gaps = np.linalg.norm(points[self._pairs[0]] - points[self._pairs[1]], axis=1)
-        overlaps = _OVERLAP_WEIGHT * np.maximum(self._least - gaps, 0.0)
+        overlaps = _OVERLAP_WEIGHT * np.maximum(self._least_gaps - gaps, 0.0)
         return np.concatenate([(points - points.mean(axis=0)).ravel(), overlaps])
 
     def _joint_poses(self, independent: FloatArray) -> FloatArray:
         return self._tree.kinematics(self._tree.coupling.all_positions(independent)).T_world_joint
 
 
-def _posture(
+def _meeting_posture(
     hand: Hand,
     fingers: tuple[str, ...],
     members: tuple[str, ...],
     ends: tuple[FloatArray, FloatArray],
     rng: np.random.Generator,
 ) -> OpposingPosture:
-    """Return a posture in which some fingers meet."""
-    tips = _Tips(hand, members)
-    closed = _met(hand, fingers, members, tips, ends, rng)
-    palm, meeting = tips.palm(closed), tips.at(closed).mean(axis=0)
+    """Return a posture in which the tips of given fingers meet."""
+    tips = _FingertipCenters(hand, members)
+    closed = _meeting_positions(hand, fingers, members, tips, ends, rng)
+    palm, meeting = tips.palm(closed), tips.centers_at(closed).mean(axis=0)
     opened = closed.copy()
     for group in groups_of_fingers(hand, fingers):
-        straight, bent = _ends_of_flexion(hand, group, closed, ends, (palm, meeting))
-        columns = np.flatnonzero(straight != bent)
+        straight, flexed = _flexion_ends(hand, group, closed, ends, (palm, meeting))
+        columns = np.flatnonzero(straight != flexed)
         opened[columns] = straight[columns]
         if not set(group) & set(members):
-            closed[columns] = bent[columns]
-    ajar = hand.with_configuration(closed + _AJAR * (opened - closed))
-    directions = tips.at(closed) - tips.at(closed + _NEARLY_CLOSED * (opened - closed))
+            closed[columns] = flexed[columns]
+    half_open = hand.with_configuration(closed + _AJAR * (opened - closed))
+    directions = tips.centers_at(closed) - tips.centers_at(
+        closed + _NEARLY_CLOSED * (opened - closed)
+    )
     directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), _SAME_PLACE)
-    overlap = max((one.depth for one in unwanted_overlaps(ajar)), default=0.0)
+    overlap = max((pair.depth for pair in unwanted_overlaps(half_open)), default=0.0)
     closing = np.linalg.svd(directions)[2][0]
     opposition = float((directions @ directions.T).min())
     return OpposingPosture(closed, opened, palm, meeting, closing, opposition, overlap)
 
 
-def _on_fixed_jaw(
-    hand: Hand, finger: str, fixed: Sequence[str], ends: tuple[FloatArray, FloatArray]
+def _fixed_jaw_posture(
+    hand: Hand, finger: str, jaw_links: Sequence[str], ends: tuple[FloatArray, FloatArray]
 ) -> OpposingPosture:
     """Return the posture in which the far end of a finger is nearest to its carrier."""
-    palm_of = _Tips(hand, [finger]).palm
+    palm_of = _FingertipCenters(hand, [finger]).palm
     ends_of_joints = [hand.tree.coupling.independent(hand.positions) for _ in range(2)]
     for column, rate in flexion_rates(hand, finger).items():
-        for sense, there in zip((1.0, -1.0), ends_of_joints, strict=True):
-            there[column] = ends[int(sense * rate > 0.0)][column]
-    shapes = {item.link for item in tip_shapes(hand, finger)}
+        for sense, positions in zip((1.0, -1.0), ends_of_joints, strict=True):
+            positions[column] = ends[int(sense * rate > 0.0)][column]
+    tip_links = {item.link for item in tip_shapes(hand, finger)}
 
-    def far_end(there: FloatArray) -> tuple[FloatArray, Separation]:
-        """Return the point of the tip that is farthest from its first joint, and its gap."""
-        bodies = hand.with_configuration(there).placed_bodies
+    def far_end(positions: FloatArray) -> tuple[FloatArray, Separation]:
+        """Return the tip's point farthest from the first joint, and its separation from the jaw."""
+        bodies = hand.with_configuration(positions).placed_bodies
         surfaces = [
-            shape_of(one.geometry).surface().moved(one.T_world_geometry)
-            for one in bodies
-            if one.name in shapes
+            shape_of(body.geometry).surface().moved(body.T_world_geometry)
+            for body in bodies
+            if body.name in tip_links
         ]
-        corners = np.vstack([one.vertices for one in surfaces])
-        tip = corners[np.argmax(np.linalg.norm(corners - palm_of(there), axis=1))]
+        corners = np.vstack([surface.vertices for surface in surfaces])
+        tip = corners[np.argmax(np.linalg.norm(corners - palm_of(positions), axis=1))]
         return tip, nearest_separation(
-            [point_body(tip)], [one for one in bodies if one.name in fixed]
+            [point_body(tip)], [body for body in bodies if body.name in jaw_links]
         )
 
-    closed, opened = sorted(ends_of_joints, key=lambda there: far_end(there)[1].distance)
-    half = closed + _AJAR * (opened - closed)
-    tip, between = far_end(half)
+    closed, opened = sorted(ends_of_joints, key=lambda positions: far_end(positions)[1].distance)
+    half_open = closed + _AJAR * (opened - closed)
+    tip, to_jaw = far_end(half_open)
     direction = unit_vector(far_end(closed)[0] - tip, _SAME_PLACE)
     overlap = max(
-        (one.depth for one in unwanted_overlaps(hand.with_configuration(half))), default=0.0
+        (pair.depth for pair in unwanted_overlaps(hand.with_configuration(half_open))), default=0.0
     )
     return OpposingPosture(
         closed=closed,
         opened=opened,
         palm=palm_of(closed),
-        meeting=tip + 0.5 * between.distance * between.normal,
-        closing=unit_vector(direction + between.normal, _SAME_PLACE),
-        opposition=-float(direction @ between.normal),
+        meeting=tip + 0.5 * to_jaw.distance * to_jaw.normal,
+        closing=unit_vector(direction + to_jaw.normal, _SAME_PLACE),
+        opposition=-float(direction @ to_jaw.normal),
         overlap=overlap,
     )
 
 
-def _met(
+def _meeting_positions(
     hand: Hand,
     fingers: Sequence[str],
     members: Sequence[str],
-    tips: _Tips,
+    tips: _FingertipCenters,
     ends: tuple[FloatArray, FloatArray],
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Return (a,) positions in which the tips of some fingers are near each other."""
+    """Return (a,) positions in which the tips of given fingers are near each other."""
     lower, upper = ends
     closed = hand.tree.coupling.independent(hand.positions)
     for finger in fingers:
-        own = driving_columns(hand, finger)
-        closed[own] = np.clip(0.0, lower[own], upper[own])
+        columns = driving_columns(hand, finger)
+        closed[columns] = np.clip(0.0, lower[columns], upper[columns])
     moving = sorted({column for name in members for column in driving_columns(hand, name)})
     moving = [column for column in moving if upper[column] > lower[column]]
     if not moving:
@@ -313,45 +319,47 @@ def _met(
     straight = np.clip(
         closed[moving], lower[moving] + _INSIDE * half, upper[moving] - _INSIDE * half
     )
-    start = straight + rng.random() * (drawn - straight)  # far from straight fingers cross
+    start = straight + rng.random() * (drawn - straight)  # fingers far from straight may cross
 
-    def misses(values: FloatArray) -> FloatArray:
-        there = closed.copy()
-        there[moving] = values
-        return np.concatenate([tips.misses(there), _START_WEIGHT * (values - start) / half])
+    def residuals(values: FloatArray) -> FloatArray:
+        positions = closed.copy()
+        positions[moving] = values
+        return np.concatenate(
+            [tips.meeting_residuals(positions), _START_WEIGHT * (values - start) / half]
+        )
 
     bounds = lower[moving], upper[moving]
-    closed[moving] = least_squares(misses, start, bounds=bounds, max_nfev=_MOST_EVALUATIONS).x
+    closed[moving] = least_squares(residuals, start, bounds=bounds, max_nfev=_MOST_EVALUATIONS).x
     return closed
 
 
-def _ends_of_flexion(
+def _flexion_ends(
     hand: Hand,
     group: Sequence[str],
     closed: FloatArray,
     ends: tuple[FloatArray, FloatArray],
     line: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (a,) positions with fingers at the end that is far from a line, and at the other.
+    """Return (a,) positions with the fingers' flexion at the end far from a line, and at the other.
 
     Args:
         hand: The hand.
         group: Fingers that move together.
         closed: (a,) positions of all joints that do not flex them.
-        ends: (a,) lowest and highest positions.
-        line: Two points of the line, from the palm to where tips meet.
+        ends: (a,) lower and upper limits.
+        line: Two points of the line, from the palm to the meeting point.
     """
     flexion: dict[int, float] = {}
     for finger in group:
         flexion = flexion_rates(hand.with_configuration(closed), finger) | flexion
-    tips, axis = _Tips(hand, group), unit_vector(line[1] - line[0], _SAME_PLACE)
+    tips, axis = _FingertipCenters(hand, group), unit_vector(line[1] - line[0], _SAME_PLACE)
     choices = []
     for sense in (1.0, -1.0):
-        there = closed.copy()
+        positions = closed.copy()
         for column, rate in flexion.items():
-            there[column] = ends[int(sense * rate > 0.0)][column]
-        offsets = tips.at(there) - line[0]
-        aside = offsets - np.outer(offsets @ axis, axis)
-        choices.append((float(np.linalg.norm(aside, axis=1).sum()), there))
-    bent, straight = sorted(choices, key=lambda one: one[0])
-    return straight[1], bent[1]
+            positions[column] = ends[int(sense * rate > 0.0)][column]
+        offsets = tips.centers_at(positions) - line[0]
+        offsets_across = offsets - np.outer(offsets @ axis, axis)
+        choices.append((float(np.linalg.norm(offsets_across, axis=1).sum()), positions))
+    flexed, straight = sorted(choices, key=lambda choice: choice[0])
+    return straight[1], flexed[1]

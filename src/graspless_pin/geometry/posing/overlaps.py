@@ -1,4 +1,4 @@
-"""Where a hand is in itself or in a support, or how far from it; no contact is meant there."""
+"""Unwanted overlaps of a hand with itself or a support, and clearances between such bodies."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from graspless_pin.problem.checks import FloatArray, read_only, real_number
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two bodies that are in each other. See the example of `unwanted_overlaps`.
+    """Two overlapping bodies. See the example of `unwanted_overlaps`.
 
     Attributes:
         link: A hand link.
         other: Another link of the hand, or a support.
-        kind: Whether ``other`` is of the hand too, or a support.
-        depth: How far they must be moved to only touch, m; of bodies in several convex pieces, as
-            far as the deepest pair of pieces tells.
+        kind: Whether ``other`` is a hand link or a support.
+        depth: Distance by which they must be moved to only touch, m; of bodies in several convex
+            pieces, that of the deepest pair of pieces.
     """
 
     link: str
@@ -52,12 +52,12 @@ def unwanted_overlaps(
     Links of one robot are not compared if they are rigidly joined or neighbours at a joint, if an
     SRDF disables the pair (a file of the URDF's name beside it or in ``../srdf``), nor if they
     overlap when all joints are at zero (or at the limit nearest to it): collision shapes are often
-    so wide that they do so for ever.
+    so wide that they overlap in all configurations.
 
     Args:
         hand: The hand at its configuration.
-        supports: What it should stay out of.
-        tolerance: Overlap up to which bodies count as touching only, m.
+        supports: The supports that it must not overlap.
+        tolerance: Largest overlap of bodies that count as only touching, m.
 
     Returns:
         Self-overlaps, then those with supports, each in model order.
@@ -76,33 +76,33 @@ def unwanted_overlaps(
     links = hand.placed_bodies
     compared = [(BodyKind.HAND, links, pairs_of(hand.tree))]
     for pieces in (support.placed_bodies for support in supports):
-        every = np.indices((len(links), len(pieces))).reshape(2, -1).T
-        compared.append((BodyKind.SUPPORT, pieces, every))
+        all_pairs = np.indices((len(links), len(pieces))).reshape(2, -1).T
+        compared.append((BodyKind.SUPPORT, pieces, all_pairs))
     return tuple(
         Overlap(*names, kind, depth)
         for kind, others, pairs in compared
-        for names, depth in _deepest(links, others, pairs, tolerance).items()
+        for names, depth in _deepest_overlaps(links, others, pairs, tolerance).items()
     )
 
 
-def _deepest(
-    one: PlacedBodies, two: PlacedBodies, pairs: NDArray[np.intp], tolerance: float
+def _deepest_overlaps(
+    bodies: PlacedBodies, others: PlacedBodies, pairs: NDArray[np.intp], tolerance: float
 ) -> dict[tuple[str, str], float]:
-    """Return how deep bodies are in others, by their names, if by more than a tolerance, m.
+    """Return the largest overlap above a tolerance of each two bodies, by their names, m.
 
     Args:
-        one: Bodies, no half-spaces.
-        two: Others.
-        pairs: (P, 2) indices into both, of those that are compared.
+        bodies: Bodies, no half-spaces.
+        others: Other bodies.
+        pairs: (P, 2) indices into both: the pairs that are compared.
         tolerance: m, not negative.
     """
-    found: dict[tuple[str, str], float] = {}
-    for i, k in deep_pairs(one, two, pairs, tolerance).tolist():
-        depth = -separation(one[i], two[k]).distance
+    overlaps: dict[tuple[str, str], float] = {}
+    for i, k in deep_pairs(bodies, others, pairs, tolerance).tolist():
+        depth = -separation(bodies[i], others[k]).distance
         if depth > tolerance:
-            names = one[i].name, two[k].name
-            found[names] = max(found.get(names, 0.0), depth)
-    return found
+            names = bodies[i].name, others[k].name
+            overlaps[names] = max(overlaps.get(names, 0.0), depth)
+    return overlaps
 
 
 @Derived
@@ -111,103 +111,105 @@ def pairs_of(tree: KinematicTree) -> NDArray[np.intp]:
     parents = [int(parent) for parent in tree.pinocchio_model.parents]
     robots = [tree.mount_of[link] for link in tree.shapes.names]
     joints = [item.joint for item in tree.geometries]
-    apart, of_one_robot = [], []
+    other_robots, same_robot = [], []
     for j in range(len(joints)):
         for i in range(j):
-            joined = joints[i] == joints[j] or joints[i] == parents[joints[j]]
-            joined |= joints[j] == parents[joints[i]]
+            is_adjacent = joints[i] == joints[j] or joints[i] == parents[joints[j]]
+            is_adjacent |= joints[j] == parents[joints[i]]
             if robots[i] != robots[j]:
-                apart.append((i, j))
-            elif not joined:
-                of_one_robot.append((i, j))
-    links = [frozenset((tree.shapes.names[i], tree.shapes.names[j])) for i, j in of_one_robot]
+                other_robots.append((i, j))
+            elif not is_adjacent:
+                same_robot.append((i, j))
+    links = [frozenset((tree.shapes.names[i], tree.shapes.names[j])) for i, j in same_robot]
     neutral = tree.coupling.all_positions(np.clip(0.0, *tree.ranges))
     bodies = posed_links(tree, neutral).bodies
-    rows = np.array(of_one_robot, dtype=np.intp).reshape(-1, 2)
-    ever = tree.disabled_pairs | {frozenset(names) for names in _deepest(bodies, bodies, rows, 0.0)}
-    own = [pair for pair, names in zip(of_one_robot, links, strict=True) if names not in ever]
-    return read_only(np.array(sorted([*apart, *own]), dtype=np.intp).reshape(-1, 2))
+    rows = np.array(same_robot, dtype=np.intp).reshape(-1, 2)
+    ignored = tree.disabled_pairs | {
+        frozenset(names) for names in _deepest_overlaps(bodies, bodies, rows, 0.0)
+    }
+    compared = [pair for pair, names in zip(same_robot, links, strict=True) if names not in ignored]
+    return read_only(np.array(sorted([*other_robots, *compared]), dtype=np.intp).reshape(-1, 2))
 
 
 class Clearance(NamedTuple):
-    """The two bodies that are nearest to each other, or deepest in each other.
+    """The two bodies with the least signed distance.
 
     Attributes:
-        distance: Between them, m; negative: how far they must be moved to only touch.
-        bodies: Their names; none, where nothing is compared and the distance infinite.
+        distance: Signed distance, m; if negative, its amount is the motion until they only touch.
+        bodies: Their names; empty if no bodies are compared and the distance is infinite.
     """
 
     distance: float
     bodies: tuple[str, ...]
 
 
-_NOTHING = Clearance(np.inf, ())
+_NO_BODIES = Clearance(np.inf, ())
 
 
 def least_clearance(
     hand: Hand | None, supports: Sequence[Support], moved: PlacedBodies, depth: float, gap: float
 ) -> Clearance:
-    """Return the least distance of bodies that shall not touch.
+    """Return the least clearance of bodies that must not touch.
 
-    That is of links and supports, of the pairs of links that `unwanted_overlaps` compares, and of
-    the object and supports that it does not touch. Links that no joint moves count only where they
-    are too deep in a support, and so do links and the object.
+    These are links and supports, the pairs of links that `unwanted_overlaps` compares, and the
+    object and supports that it does not touch. Links that no joint moves count only if they overlap
+    a support by more than ``depth``; links and the object likewise.
 
     Args:
         hand: The hand at its configuration; None: there is none.
         supports: All supports.
-        moved: The object's pieces; empty where it is not looked at.
-        depth: Deepest overlap that passes for contact, m.
-        gap: Largest gap that passes for contact, m.
+        moved: The object's pieces; empty if the object is not considered.
+        depth: Largest overlap of a contact, m.
+        gap: Largest gap of a contact, m.
     """
-    least = _NOTHING
+    least = _NO_BODIES
     for support in supports:
-        own = lesser_clearance(moved, support.placed_bodies, _NOTHING)
-        if not -depth <= own.distance <= gap:
-            least = min(least, own)
+        clearance = smaller_clearance(moved, support.placed_bodies, _NO_BODIES)
+        if not -depth <= clearance.distance <= gap:
+            least = min(least, clearance)
     if hand is None:
         return least
     links = hand.placed_bodies
-    moves = hand.tree.shape_placements[0] > 0
+    is_moved = hand.tree.shape_placements[0] > 0
     for support in supports:
-        least = lesser_clearance(
-            links, support.placed_bodies, least, np.where(moves, np.inf, -depth)
+        least = smaller_clearance(
+            links, support.placed_bodies, least, np.where(is_moved, np.inf, -depth)
         )
-    least = lesser_clearance(links, moved, least, np.full(len(links), -depth))
+    least = smaller_clearance(links, moved, least, np.full(len(links), -depth))
     pairs = pairs_of(hand.tree)
     bounds = gap_lower_bounds(links, links)[pairs[:, 1], pairs[:, 0]]
     for place in np.argsort(bounds, kind="stable").tolist():
         if bounds[place] >= least.distance:
             break
-        least = min(least, _measured(links, links, *pairs[place].tolist()))
+        least = min(least, _pair_clearance(links, links, *pairs[place].tolist()))
     return least
 
 
-def lesser_clearance(
-    one: PlacedBodies, two: PlacedBodies, least: Clearance, below: FloatArray | float = np.inf
+def smaller_clearance(
+    first: PlacedBodies, second: PlacedBodies, least: Clearance, below: FloatArray | float = np.inf
 ) -> Clearance:
-    """Return the least clearance of two bodies, if it is less than one that is known.
+    """Return the clearance of two bodies if it is less than a known one, else the known one.
 
     Args:
-        one: The pieces of the first.
-        two: Those of the second.
-        least: What is known.
-        below: Distances that do not count for a piece of the first, from which on, m.
+        first: The pieces of the first body.
+        second: The pieces of the second body.
+        least: The known clearance.
+        below: Distance from which on a piece of the first body is ignored, m.
     """
-    if not len(one) or not len(two):
+    if not len(first) or not len(second):
         return least
-    bounds = gap_lower_bounds(one, two)
+    bounds = gap_lower_bounds(first, second)
     bounds = np.where(bounds < below, bounds, np.inf)
     for place in np.argsort(bounds, axis=None, kind="stable").tolist():
         if bounds.flat[place] >= least.distance:
             break
-        k, p = divmod(place, len(one))
-        own = _measured(one, two, p, k)
-        if own.distance < np.broadcast_to(below, len(one))[p]:
-            least = min(least, own)
+        k, p = divmod(place, len(first))
+        clearance = _pair_clearance(first, second, p, k)
+        if clearance.distance < np.broadcast_to(below, len(first))[p]:
+            least = min(least, clearance)
     return least
 
 
-def _measured(one: PlacedBodies, two: PlacedBodies, p: int, k: int) -> Clearance:
-    first, second = one[p], two[k]
+def _pair_clearance(bodies: PlacedBodies, others: PlacedBodies, i: int, j: int) -> Clearance:
+    first, second = bodies[i], others[j]
     return Clearance(separation(first, second).distance, (first.name, second.name))
