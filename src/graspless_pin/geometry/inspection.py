@@ -1,6 +1,6 @@
-"""Look at robots: lists of fingers, joints and limits, and audits of what will hurt later.
+"""Inspection of robots: lists of fingers, joints and limits, and audits of faults in their files.
 
-An audit says what to do about each thing that it finds.
+An audit gives advice with each finding.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from graspless_pin.geometry.hand.robot_model import (
     RobotModel,
     is_flat,
     load_link_mesh,
-    looked_for,
-    what_to_do,
+    missing_mesh_advice,
+    search_places_text,
 )
 from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, robot_names
@@ -49,15 +49,14 @@ class JointRecord:
     Attributes:
         name: Its name.
         kind: ``revolute``, ``continuous`` or ``prismatic``.
-        lower: Lowest position, rad or m; -inf without a limit. Where others follow the joint, their
-            limits count, too.
+        lower: Lowest position, rad or m; -inf without a limit. If other joints follow it, their
+            limits are included.
         upper: Highest position, likewise; inf without a limit.
         follows: Multiplier by independent joint that it follows; empty if it is independent.
-        offset: Its position when those stand at zero, rad or m.
-        effort: Its effort limit; None if it follows others, hangs on tendons or is locked.
-        is_held: Whether it is position-controlled unless asked otherwise.
-        is_locked: Whether its limits or a coupling of factor 0 leave it no room: it holds whatever
-            it feels.
+        offset: Position when those are at zero, rad or m.
+        effort: Effort limit; None if the joint follows others, is driven by tendons or is locked.
+        is_held: Whether it is position-controlled by default.
+        is_locked: Whether limits or a coupling of factor 0 leave it no travel: it holds any torque.
     """
 
     name: str
@@ -77,7 +76,7 @@ class RobotRecord:
 
     Attributes:
         name: Its name.
-        origin: Where its model comes from.
+        origin: Where its model is from.
         urdf_path: Its URDF.
         palms: The links that carry fingers.
         fingers: Fingers by name.
@@ -85,7 +84,7 @@ class RobotRecord:
         tendons: Effort limit by tendon.
         stiffness: Gain of position feedback that its file states, see `RobotDescription`.
         damping: The same of the damping.
-        problem: Why it cannot be loaded, if it cannot; then the rest is empty.
+        problem: Why it cannot be loaded; None if it can; otherwise the other fields are empty.
     """
 
     name: str
@@ -101,14 +100,14 @@ class RobotRecord:
 
 
 def list_robots(names: Sequence[str] | None = None) -> tuple[RobotRecord, ...]:
-    """List robots; meshes are read of those whose file names no fingers.
+    """List robots; meshes are read only of robots whose file names no fingers.
 
     Args:
         names: Robot files or example-robot-data models; None lists all robot files that come with
             this package.
 
     Returns:
-        A record of each. One that cannot be loaded says why.
+        A record of each robot; one that cannot be loaded has a ``problem``.
 
     Examples:
         >>> from graspless_pin.geometry import list_robots
@@ -116,10 +115,10 @@ def list_robots(names: Sequence[str] | None = None) -> tuple[RobotRecord, ...]:
         >>> sorted(robot.fingers)
         ['finger_1', 'finger_2', 'finger_3']
     """
-    return tuple(_record(name) for name in (robot_names() if names is None else names))
+    return tuple(_robot_record(name) for name in (robot_names() if names is None else names))
 
 
-def _record(name: str) -> RobotRecord:
+def _robot_record(name: str) -> RobotRecord:
     """Return the record of one robot."""
     try:
         robot = find_robot(name)
@@ -131,8 +130,8 @@ def _record(name: str) -> RobotRecord:
     if robot.root_link is not None:
         origin += f", from the link {robot.root_link} on"
     try:
-        with capture():  # the audit says it
-            # Shapes tell which branches are fingers, and whether it ends in a jaw.
+        with capture():  # the audit emits these findings
+            # Shapes decide which branches are fingers, and whether there is a jaw.
             joined = join_mounts([Mount(robot)], with_shapes=not robot.fingers)
             if robot.fingers and not joined.palms:
                 joined = join_mounts([Mount(robot)])
@@ -146,20 +145,24 @@ def _record(name: str) -> RobotRecord:
         urdf_path=robot.urdf_path,
         palms=joined.palms,
         fingers=joined.fingers,
-        joints=tuple(_joint(joined, index, efforts) for index in range(len(joined.tree.lower))),
+        joints=tuple(
+            _joint_record(joined, index, efforts) for index in range(len(joined.tree.lower))
+        ),
         tendons={tendon: efforts[tendon] for tendon in joined.tendons},
         stiffness=robot.stiffness,
         damping=robot.damping,
     )
 
 
-def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]) -> JointRecord:
+def _joint_record(
+    joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]
+) -> JointRecord:
     """Return the record of one joint."""
     tree, coupling = joined.tree, joined.tree.coupling
     name = tree.joint_names[index]
-    leads = index in coupling.leaders
+    is_leader = index in coupling.leaders
     lower, upper = tree.lower[index], tree.upper[index]
-    if leads:
+    if is_leader:
         lower, upper = (ends[coupling.leaders.index(index)] for ends in tree.ranges)
     follows = {
         tree.leader_names[column]: float(coupling.S[index, column])
@@ -170,49 +173,51 @@ def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]
         kind=tree.joint_kinds[index],
         lower=float(lower),
         upper=float(upper),
-        follows={} if leads else follows,
+        follows={} if is_leader else follows,
         offset=float(coupling.offset[index]),
         effort=efforts.get(name),
         is_held=name in joined.held_joints,
-        is_locked=name in tree.locked or not (leads or follows),
+        is_locked=name in tree.locked or not (is_leader or follows),
     )
 
 
 _HOLLOW_RATIO = 2.0
-"""Hull over mesh in volume, which only a closed one has: below, a cut rarely changes contacts."""
+"""Volume of the hull over that of a closed mesh below which a cut rarely changes contacts."""
 
 
 def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Finding]:
-    """Find meshes that are missing, of a strange size, unusable or far from convex."""
-    # Loaded here: it loads trimesh, which a list of robots goes without.
+    """Find meshes that are missing, of unlikely size, unusable or far from convex."""
+    # Imported here: it imports trimesh, which a list of robots does not need.
     from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
 
-    relative: list[str] = []
+    relative_paths: list[str] = []
     up_axes: dict[str, str] = {}
     for link in model.links:
         for use, shapes in (("collision", link.collisions), ("visual", link.visuals)):
-            for mesh in (one.shape for one in shapes if isinstance(one.shape, LinkMesh)):
+            for mesh in (
+                link_shape.shape for link_shape in shapes if isinstance(link_shape.shape, LinkMesh)
+            ):
                 yield from _audit_mesh(robot, model.label, link.name, use, mesh)
                 if "://" not in mesh.written and not Path(mesh.written).is_absolute():
-                    relative.append(mesh.written)
+                    relative_paths.append(mesh.written)
                 if use == "collision" and mesh.file and mesh.file.suffix.lower() == ".dae":
                     with suppress(MeshError):  # found already
                         frame = dae_frame(mesh.file, read_bytes(mesh.file, MESH))
                         up_axes[mesh.file.name] = frame[1]
-    if relative:
+    if relative_paths:
         yield Finding(
             FindingCode.RELATIVE_MESH,
             "robot",
-            f"paths of meshes are relative to the URDF's folder: {len(relative)}, such as "
-            f"{relative[0]!r}",
+            f"paths of meshes are relative to the URDF's folder: {len(relative_paths)}, such as "
+            f"{relative_paths[0]!r}",
             "nothing to do here; Pinocchio alone and most ROS tools need package:// or file://",
         )
-    turned = [f"{name} ({up})" for name, up in up_axes.items() if up not in ("", "Z_UP")]
-    if turned:
+    rotated = [f"{name} ({up})" for name, up in up_axes.items() if up not in ("", "Z_UP")]
+    if rotated:
         yield Finding(
             FindingCode.MESH_AXES,
             "robot",
-            f"collision meshes say that another axis than z is up: {first_of(turned, 3)}",
+            f"collision meshes say that another axis than z is up: {first_of(rotated, 3)}",
             "nothing to do if the robot looks right: readers of URDF leave its meshes as they are, "
             "and so does this one",
         )
@@ -228,8 +233,8 @@ def _audit_mesh(
         yield Finding(
             FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
-            f"{mesh.written!r} is missing (looked for {looked_for(mesh)}); {effect}",
-            what_to_do(mesh),
+            f"{mesh.written!r} is missing (looked for {search_places_text(mesh)}); {effect}",
+            missing_mesh_advice(mesh),
         )
         return
     if use == "visual":
@@ -240,9 +245,9 @@ def _audit_mesh(
     except MeshError as error:
         yield Finding(FindingCode.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
         return
-    scale = " ".join(f"{one:g}" for one in mesh.scale)
-    named = f"{mesh.file.name} with scale {scale}"
-    yield from scale_findings(where, named, vertices, NEEDED_SCALE)
+    scale = " ".join(f"{factor:g}" for factor in mesh.scale)
+    mesh_words = f"{mesh.file.name} with scale {scale}"
+    yield from scale_findings(where, mesh_words, vertices, NEEDED_SCALE)
     if is_flat(vertices):
         yield Finding(
             FindingCode.UNUSABLE_MESH,
@@ -273,18 +278,18 @@ _MESH_FAILURES = (FindingCode.MISSING_MESH, FindingCode.UNUSABLE_MESH)
 
 @dataclass(frozen=True)
 class AuditReport:
-    """The audit of one URDF. See the example of `audit_urdf`.
+    """The audit of a robot. See the example of `audit_urdf`.
 
     Attributes:
         name: The robot.
         urdf_path: Its URDF.
-        loads: Whether it can be mounted as it is.
+        loads: Whether it can be mounted without changes.
         links: Its links.
         joints: Its movable joints.
         palms: The links that carry fingers.
         fingers: The joints of every finger.
-        findings: What was found, the gravest first.
-        mass: Of all links, kg.
+        findings: The findings, the gravest first.
+        mass: Total mass of the links, kg.
     """
 
     name: str
@@ -306,10 +311,10 @@ def audit_urdf(
     """Audit a URDF or robot; mistakes in it become findings, not errors.
 
     Args:
-        source: A path to a URDF or robot file, or a robot's name. What a robot file mends (limits,
-            couplings) is not found again.
+        source: A path to a URDF or robot file, or a robot's name. Faults of the URDF that a robot
+            file corrects (limits, couplings) are not reported.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
-        root_link: Audit only this link and what hangs on it.
+        root_link: Audit only this link and its subtree.
 
     Returns:
         The report.
@@ -330,19 +335,19 @@ def audit_urdf(
     findings: list[Finding] = []
     errors: list[Exception] = []
     with capture() as emitted:
-        with capture(), _kept(errors):  # what is said of shapes is said again below
+        with capture(), _collect_errors(errors):  # findings on shapes are emitted again below
             model = read_robot(robot)
             findings += [*_audit_meshes(robot, model), *_audit_shapes(model)]
         joined: JoinedMounts | None = None
-        with _kept(errors):
+        with _collect_errors(errors):
             joined = join_mounts([Mount(robot)], with_shapes=False)
             findings += _audit_mimics(robot, read_robot(robot, with_shapes=False))
             findings += _audit_joints(robot, joined)
         if not errors:
-            with _kept(errors):
+            with _collect_errors(errors):
                 joined = join_mounts([Mount(robot)])
     if errors:
-        workaround = _workaround(robot, joined)
+        workaround = _workaround_advice(robot, joined)
         if not any(item.code in _MESH_FAILURES for item in findings):
             findings.append(
                 Finding(
@@ -374,16 +379,16 @@ def audit_urdf(
 
 
 @contextmanager
-def _kept(errors: list[Exception]) -> Iterator[None]:
-    """Keep the error that says what is wrong with a robot, and go on."""
+def _collect_errors(errors: list[Exception]) -> Iterator[None]:
+    """Append an error that says what is wrong with a robot to ``errors``, and continue."""
     try:
         yield
     except (RobotError, MeshError, ArgumentError) as error:
         errors.append(error)
 
 
-def _workaround(robot: RobotDescription, joined: JoinedMounts | None) -> str:
-    """Return how to load only the hand of a robot that cannot be loaded, if that is possible."""
+def _workaround_advice(robot: RobotDescription, joined: JoinedMounts | None) -> str:
+    """Return advice to load only the hand of a robot that cannot be loaded, if possible."""
     for palm in () if joined is None or robot.root_link is not None else joined.palms:
         with suppress(RobotError, MeshError, ArgumentError):
             join_mounts([Mount(replace(robot, root_link=palm, fingers={}, palms=()))])
@@ -392,7 +397,7 @@ def _workaround(robot: RobotDescription, joined: JoinedMounts | None) -> str:
 
 
 def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
-    """Find links that are seen but never touched, or that have a shape but no weight."""
+    """Find links that are drawn but have no collision shape, or have a shape but no mass."""
     solid = [link for link in model.links if link.collisions]
     without_collision = [link.name for link in model.links if link.visuals and not link.collisions]
     if not solid:
@@ -430,17 +435,17 @@ def _audit_mimics(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
     for joint, leader in dangling_couplings(joints, couplings.values()):
         similar = [name for name in joints if leader and name.endswith(leader)]
         similar = similar or difflib.get_close_matches(leader, joints, n=1)
-        meant = f" (perhaps {', '.join(similar)})" if similar else ""
+        hint = f" (perhaps {', '.join(similar)})" if similar else ""
         yield Finding(
             FindingCode.DANGLING_MIMIC,
             f"joint {joint}",
             f"mimics {leader!r}, which does not exist or is fixed; it is left independent",
-            f"correct the name{meant} in the URDF, or couple it under 'couplings' in a robot file",
+            f"correct the name{hint} in the URDF, or couple it under 'couplings' in a robot file",
         )
 
 
 def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Finding]:
-    """Find doubtful effort limits and joints that cannot stand at zero."""
+    """Find doubtful effort limits and joints that cannot be at zero."""
     tree = joined.tree
     for name, effort in describe_efforts(robot, joined).items():
         note = " (position-controlled unless asked)" if name in joined.held_joints else ""
@@ -483,11 +488,13 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 "name a position of the leader in q, or correct limits, multiplier or offset",
             )
         elif abs(rest[index]) > LIMIT_TOLERANCE and name in movable:
-            own = not lowest[index] <= 0.0 <= highest[index]
-            of = f"its limits {limits}" if own else "the limits of what follows it"
+            is_own_limit = not lowest[index] <= 0.0 <= highest[index]
+            limits_words = (
+                f"its limits {limits}" if is_own_limit else "the limits of what follows it"
+            )
             yield Finding(
                 FindingCode.NEUTRAL_OUTSIDE,
                 f"joint {name}",
-                f"zero is outside {of}; unnamed, it stands at {rest[index]:g}",
+                f"zero is outside {limits_words}; unnamed, it stands at {rest[index]:g}",
                 "name its position in q if that is not what is meant",
             )

@@ -21,7 +21,7 @@ from scipy.linalg import null_space
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.hand.coupling import groups_that_share
+from graspless_pin.geometry.hand.coupling import groups_sharing_joints
 from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.poses import as_numbers
@@ -89,7 +89,7 @@ def plan_actuation(
     passive: list[str] = []
     zeros: list[FloatArray] = []
     pulled = {name: set(np.flatnonzero(row).tolist()) for name, row in arms.items()}
-    for group in groups_that_share(pulled):
+    for group in groups_sharing_joints(pulled):
         R = np.array([arms[name] for name in group])
         joints = np.flatnonzero(np.any(R != 0.0, axis=0))
         driven |= set(joints.tolist())

@@ -33,7 +33,7 @@ from graspless_pin.geometry.hand.fingers import (
     driving_joints,
     plan_control,
 )
-from graspless_pin.geometry.hand.reading import read_robot, refuse_lacking
+from graspless_pin.geometry.hand.reading import read_robot, refuse_incomplete
 from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
 from graspless_pin.geometry.poses import as_pose, invert
@@ -415,7 +415,7 @@ def assembled_mounts(
         arms, held = {**tree.groups, **joined.arms}, joined.held_joints
         if isinstance(control, Mapping):
             asked = [name for name in control if name not in (*joined.fingers, *joined.arms)]
-            refuse_lacking("control", asked, tree.lacking)
+            refuse_incomplete("control", asked, tree.lacking)
         plan = plan_control(tree, joined.fingers, control, arms=arms, held=held)
         actuation = plan_actuation(tree, plan, joined.tendons)
         for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():

@@ -1,8 +1,8 @@
 """Coupled joints: mimic joints and linkages as one affine map of the independent joints.
 
-The reader is this package's own. yourdfpy reads ``<mimic>`` in any order too, but takes the joint
-that a chain of mimics passes through for standing still; here chains, several leaders and circles
-are resolved or refused. The tests compare both on hands without chains.
+This package resolves couplings itself. yourdfpy also reads ``<mimic>`` in any order, but treats the
+middle joint of a chain of mimics as fixed; here chains and several leaders are resolved, and cycles
+are refused. The tests compare both on hands without chains.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.records import Record
 
 LIMIT_TOLERANCE = 1e-6
-"""How far outside its limits a named joint may stand (rounded input), radians or metres."""
+"""Tolerance of the limits of a named joint (rounded input), rad or m."""
 
 FOLLOWER_TOLERANCE = 1e-3
-"""The same for mimic joints, whose limits rarely match multiplier times limit to all digits."""
+"""Tolerance for mimic joints, whose limits rarely match multiplier times limit to all digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class Coupling(Record):
     """Coupled joints as an affine map: all n joint positions are ``q = S q_a + offset``.
 
-    Velocities follow ``S v_a`` and the independent joints' motors feel ``S^T tau``.
+    Velocities are ``S v_a``, and the torques at the independent joints' motors are ``S^T tau``.
 
     Attributes:
         leaders: Indices of the a independent joints among the n joints.
-        S: (n, a) coupling matrix, the identity if no joint is coupled.
+        S: (n, a) coupling matrix, the identity without coupled joints.
         offset: (n,) radians or metres.
     """
 
@@ -42,15 +42,15 @@ class Coupling(Record):
     offset: FloatArray
 
     def independent(self, positions: FloatArray) -> FloatArray:
-        """Return a copy (a,) of the independent joints' positions among all (n,), rad or m."""
+        """Return a copy (a,) of the independent joints' positions out of all (n,), rad or m."""
         return positions[list(self.leaders)]
 
     def all_positions(self, independent: FloatArray) -> FloatArray:
-        """Return (n,) the positions of all joints at those (a,) of the independent ones."""
+        """Return the (n,) positions of all joints for (a,) positions of the independent ones."""
         return self.S @ independent + self.offset
 
     def drivers(self, joints: Iterable[int]) -> list[int]:
-        """Return which of the a independent joints move any of ``joints`` (indices among n)."""
+        """Return the independent joints (indices among a) that move any of ``joints`` (among n)."""
         return np.flatnonzero(np.any(self.S[list(joints)] != 0.0, axis=0)).tolist()
 
 
@@ -59,7 +59,7 @@ def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupl
 
     Args:
         joint_names: The n movable joints.
-        couplings: At most one for each joint.
+        couplings: At most one coupling for each joint.
 
     Raises:
         RobotError: If joints follow each other in a circle.
@@ -67,7 +67,7 @@ def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupl
     Warns:
         GrasplessPinWarning: If a joint follows one that is not among ``joint_names``.
     """
-    follows = {item.joint: item for item in couplings}
+    follows = {coupling.joint: coupling for coupling in couplings}
     dangling = dangling_couplings(joint_names, follows.values())
     if dangling:
         listed = ", ".join(f"{joint!r} -> {leader!r}" for joint, leader in dangling)
@@ -96,9 +96,9 @@ def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupl
                 f"mimic joints follow each other in a circle: {circle}; let one of them lead"
             )
         if name not in rows:
-            item = follows[name]
-            row, offset = np.zeros(len(leaders)), item.offset
-            for leader, factor in item.follows.items():
+            coupling = follows[name]
+            row, offset = np.zeros(len(leaders)), coupling.offset
+            for leader, factor in coupling.follows.items():
                 leader_row, leader_offset = resolve(leader, (*chain, name))
                 row = row + factor * leader_row
                 offset += factor * leader_offset
@@ -127,14 +127,13 @@ def independent_ranges(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the (a,) lowest and highest positions of the independent joints, rad or m.
 
-    The limits of the joints that follow it narrow a joint's range where they are narrower by more
-    than rounding; a joint that follows several does not, because how far one of them may go depends
-    on the others.
+    The limits of a joint's followers narrow its range if they are tighter by more than rounding. A
+    follower of several joints does not, because the range of each depends on the others.
 
     Args:
         coupling: Coupled joints.
-        lower: (n,) lower limits of all joints, -inf where there is none.
-        upper: (n,) upper limits, inf where there is none.
+        lower: (n,) lower limits of all joints, -inf without a limit.
+        upper: (n,) upper limits, inf without a limit.
     """
     leaders, S = list(coupling.leaders), coupling.S
     lowest, highest = lower[leaders].copy(), upper[leaders].copy()
@@ -149,34 +148,34 @@ def independent_ranges(
     return read_only(lowest), read_only(highest)
 
 
-def limits_that_agree(
+def consistent_limits(
     joint_names: Sequence[str], coupling: Coupling, lower: FloatArray, upper: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the (n,) lower and upper limits of all joints, without those that contradict others.
+    """Return the (n,) lower and upper limits of all joints, without contradicting ones.
 
-    Where the limits of one that follows it leave a joint no travel, or no place at all, they are
-    left out: it stands where its leader takes it, as in ROS. One without travel locks its leader.
+    If the limits of a follower leave its leader no travel, or an empty range, they are left out:
+    the follower then moves with its leader, as in ROS. A follower without travel locks its leader.
 
     Args:
         joint_names: The n movable joints.
         coupling: Coupled joints.
-        lower: (n,) -inf where there is none, rad or m.
-        upper: (n,) inf where there is none.
+        lower: (n,) lower limits, -inf without a limit, rad or m.
+        upper: (n,) upper limits, inf without a limit.
 
     Warns:
         GrasplessPinWarning: Limits are left out.
     """
-    agreed, contradicting, leaders = (lower.copy(), upper.copy()), [], list(coupling.leaders)
-    travels = upper - lower > LIMIT_TOLERANCE
+    consistent, contradicting, leaders = (lower.copy(), upper.copy()), [], list(coupling.leaders)
+    has_travel = upper - lower > LIMIT_TOLERANCE
     for row in sorted(set(range(len(lower))).difference(leaders)):
         alone = np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
-        for own, limits in zip(alone, agreed, strict=True):
+        for own, limits in zip(alone, consistent, strict=True):
             own[[row, *leaders]] = limits[[row, *leaders]]
         low, high = independent_ranges(coupling, *alone)
-        stuck = high - low <= LIMIT_TOLERANCE if travels[row] else high < low
-        if (stuck & travels[leaders]).any():
+        is_stuck = high - low <= LIMIT_TOLERANCE if has_travel[row] else high < low
+        if (is_stuck & has_travel[leaders]).any():
             contradicting.append(row)
-    for limits, end in zip(agreed, (-np.inf, np.inf), strict=True):
+    for limits, end in zip(consistent, (-np.inf, np.inf), strict=True):
         limits[contradicting] = end
     for row in contradicting:
         name = joint_names[row]
@@ -192,19 +191,19 @@ def limits_that_agree(
                 ("hand",),
             )
         )
-    return agreed
+    return consistent
 
 
-def groups_that_share(joints: Mapping[str, set[int]]) -> list[list[str]]:
-    """Put what shares a joint, directly or through others, into one group.
+def groups_sharing_joints(joints: Mapping[str, set[int]]) -> list[list[str]]:
+    """Return groups of names that share joints, directly or through other names.
 
     Args:
-        joints: Joints by the name of what moves or pulls them.
+        joints: Indices of joints by name of the finger, tendon or motor that moves them.
     """
     groups: list[tuple[set[int], list[str]]] = []
-    for name, own in joints.items():
-        shared = [group for group in groups if not own.isdisjoint(group[0])]
-        apart = [group for group in groups if own.isdisjoint(group[0])]
-        together = own.union(*(moved for moved, _ in shared))
-        groups = [*apart, (together, [*(other for _, names in shared for other in names), name])]
+    for name, own_joints in joints.items():
+        shared = [group for group in groups if not own_joints.isdisjoint(group[0])]
+        apart = [group for group in groups if own_joints.isdisjoint(group[0])]
+        joined = own_joints.union(*(moved for moved, _ in shared))
+        groups = [*apart, (joined, [*(member for _, names in shared for member in names), name])]
     return [names for _, names in groups]

@@ -1,8 +1,8 @@
-"""The record of a robot from an MJCF.
+"""The `RobotModel` of an MJCF.
 
-MuJoCo reads the file: defaults, included files and inferred inertias are its own. What a tree of
-rigid links has no word for is refused by name, or left out where forces at rest do not depend on
-it. Motors, tendons and equations become limits and couplings.
+MuJoCo reads the file and applies defaults, included files and inferred inertias. Elements that a
+tree of rigid links cannot represent are refused by name, or left out if static forces do not depend
+on them. Motors, tendons and equalities become limits and couplings.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.hand.coupling import groups_that_share
+from graspless_pin.geometry.hand.coupling import groups_sharing_joints
 from graspless_pin.geometry.hand.mjcf_source import (
     MjcfSource,
     geom_shape,
-    is_known,
+    is_supported_geom,
     pose,
 )
 from graspless_pin.geometry.hand.robot_model import (
@@ -29,15 +29,15 @@ from graspless_pin.geometry.hand.robot_model import (
     RobotJoint,
     RobotLink,
     RobotModel,
-    limit_of,
+    parsed_limit,
     root_of_tree,
 )
 from graspless_pin.geometry.poses import rigid
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray
 
-_PLAY = 0.2
-"""Of a tendon's travel: one that may change by less couples its joints."""
+_LOCKED_SHARE = 0.2
+"""A tendon whose range is below this share of its travel couples its joints."""
 
 Mimic = tuple[dict[int, float], float]
 """Multipliers by leader, and offset, of a coupled joint."""
@@ -45,10 +45,10 @@ Mimic = tuple[dict[int, float], float]
 
 def motor_joints(source: MjcfSource) -> list[int]:
     """Return the joints that motors move."""
-    return [joint for actuator in range(source.model.nu) for joint in _pull(source, actuator)]
+    return [joint for actuator in range(source.model.nu) for joint in _gear_map(source, actuator)]
 
 
-def _pull(source: MjcfSource, actuator: int) -> dict[int, float]:
+def _gear_map(source: MjcfSource, actuator: int) -> dict[int, float]:
     """Return the gear ratio (m for tendons) of an actuator at each joint that it moves."""
     model, kinds = source.model, source.mujoco.mjtTrn
     gear, target = float(model.actuator_gear[actuator, 0]), int(model.actuator_trnid[actuator, 0])
@@ -56,12 +56,12 @@ def _pull(source: MjcfSource, actuator: int) -> dict[int, float]:
     if transmission in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
         return {target: gear}
     if transmission == kinds.mjTRN_TENDON:
-        return {joint: gear * arm for joint, arm in _arms(source, target).items()}
+        return {joint: gear * arm for joint, arm in _tendon_arms(source, target).items()}
     return {}
 
 
-def _arms(source: MjcfSource, tendon: int) -> dict[int, float]:
-    """Return the moment arms of a fixed tendon by joint; none for one that winds in space."""
+def _tendon_arms(source: MjcfSource, tendon: int) -> dict[int, float]:
+    """Return the moment arms of a fixed tendon by joint, m; empty for a spatial tendon."""
     model = source.model
     first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
     span = range(first, first + count)
@@ -70,59 +70,59 @@ def _arms(source: MjcfSource, tendon: int) -> dict[int, float]:
     return {int(model.wrap_objid[k]): float(model.wrap_prm[k]) for k in span if model.wrap_prm[k]}
 
 
-def _led(pull: Mapping[int, float], mimics: Mapping[int, Mimic]) -> dict[int, float]:
-    """Return an actuator's gear ratio at each joint that leads those that it moves."""
+def _leader_gears(pull: Mapping[int, float], mimics: Mapping[int, Mimic]) -> dict[int, float]:
+    """Return an actuator's gear ratio at the leaders of the joints that it moves."""
     leaders: dict[int, float] = {}
     for joint, ratio in pull.items():
         follows, _ = mimics.get(joint, ({joint: 1.0}, 0.0))
         others = {other: mimics[other] for other in mimics if other != joint}
         deeper = {leader: ratio * factor for leader, factor in follows.items()}
-        for leader, part in (_led(deeper, others) if joint in mimics else deeper).items():
+        for leader, part in (_leader_gears(deeper, others) if joint in mimics else deeper).items():
             leaders[leader] = leaders.get(leader, 0.0) + part
     return {leader: ratio for leader, ratio in leaders.items() if ratio}
 
 
-def motors(
+def motor_limits(
     source: MjcfSource, mimics: Mapping[int, Mimic], inside: NDArray[np.bool_]
 ) -> tuple[dict[int, float], dict[str, DrawnTendon]]:
-    """Return what motors bear both ways, by joint, where it is limited, and tendons by name.
+    """Return the symmetric effort limits by joint, if limited, and the driven tendons by name.
 
     Args:
-        source: The file.
-        mimics: The coupled joints; a leader's torque counts theirs, too.
-        inside: Bodies of the robot.
+        source: The model that MuJoCo has read.
+        mimics: The coupled joints; a leader's torque includes theirs.
+        inside: Mask of the bodies of the robot.
 
     Warns:
-        GrasplessPinWarning: A motor is left out: what it does at its joints is not known.
+        GrasplessPinWarning: A motor is left out: its effect at the joints is unknown.
     """
     model = source.model
-    pulls = {actuator: _pull(source, actuator) for actuator in range(model.nu)}
-    leaders_of = {actuator: _led(pull, mimics) for actuator, pull in pulls.items()}
+    pulls = {actuator: _gear_map(source, actuator) for actuator in range(model.nu)}
+    leaders_of = {actuator: _leader_gears(pull, mimics) for actuator, pull in pulls.items()}
     tendons = _driven_tendons(source, pulls, leaders_of, inside)
-    bounds = {
-        int(joint): _common_limit(model.jnt_actfrcrange[joint])
+    joint_limits = {
+        int(joint): _symmetric_limit(model.jnt_actfrcrange[joint])
         for joint in np.flatnonzero(model.jnt_actfrclimited)
     }
-    in_all: dict[int, float] = defaultdict(float)
-    at_joint: dict[int, float] = defaultdict(float)
-    taken: dict[int, float] = defaultdict(float)
+    totals: dict[int, float] = defaultdict(float)
+    joint_torques: dict[int, float] = defaultdict(float)
+    opposing_torques: dict[int, float] = defaultdict(float)
     for actuator, leaders in leaders_of.items():
-        pull, alone = pulls[actuator], len(leaders) == 1
-        parts = [part for one in pull for part in _led({one: pull[one]}, mimics).values()]
-        opposes = alone and min(parts) < 0.0 < max(parts)  # what it does at one joint, at another
-        bears = _tension(source, actuator, pulls) if opposes else _bounds(source, actuator)
-        force = _common_limit(bears) if alone else np.inf
+        pull, is_single = pulls[actuator], len(leaders) == 1
+        parts = [part for one in pull for part in _leader_gears({one: pull[one]}, mimics).values()]
+        opposes = is_single and min(parts) < 0.0 < max(parts)  # its joints act against each other
+        ends = _tension_span(source, actuator, pulls) if opposes else _force_span(source, actuator)
+        force = _symmetric_limit(ends) if is_single else np.inf
         for leader, ratio in leaders.items():
-            in_all[leader] += abs(ratio) * force if opposes else 0.0
+            totals[leader] += abs(ratio) * force if opposes else 0.0
         for joint, ratio in pull.items():
             if leaders and ratio and (not opposes or force < np.inf):
-                (taken if opposes else at_joint)[joint] += abs(ratio) * force
-    # MuJoCo bounds what all motors of a joint make at it, of one that follows as well.
-    for joint, torque in at_joint.items():
-        most = min(torque, bounds.get(joint, np.inf) - taken[joint])
-        for leader, ratio in _led({joint: 1.0}, mimics).items():
-            in_all[leader] += abs(ratio) * most
-    limits = bounds | in_all
+                (opposing_torques if opposes else joint_torques)[joint] += abs(ratio) * force
+    # MuJoCo limits the total torque of all motors at a joint, also at a coupled one.
+    for joint, torque in joint_torques.items():
+        torque_limit = min(torque, joint_limits.get(joint, np.inf) - opposing_torques[joint])
+        for leader, ratio in _leader_gears({joint: 1.0}, mimics).items():
+            totals[leader] += abs(ratio) * torque_limit
+    limits = joint_limits | totals
     return {joint: limit for joint, limit in limits.items() if limit < np.inf}, tendons
 
 
@@ -132,11 +132,11 @@ def _driven_tendons(
     led: Mapping[int, dict[int, float]],
     inside: NDArray[np.bool_],
 ) -> dict[str, DrawnTendon]:
-    """Return the motors of several leaders each; say which of them cannot be told apart."""
+    """Return the motors of several leaders each; emit findings on those that are redundant."""
     model = source.model
-    taken = {model.joint(joint).name for joint in range(model.njnt)}
-    found: dict[str, DrawnTendon] = {}
-    for group in groups_that_share({str(one): set(own) for one, own in led.items() if own}):
+    joint_names = {model.joint(joint).name for joint in range(model.njnt)}
+    driven: dict[str, DrawnTendon] = {}
+    for group in groups_sharing_joints({str(one): set(own) for one, own in led.items() if own}):
         members = [int(one) for one in group]
         joints = sorted({joint for one in members for joint in led[one]})
         R = np.array([[led[one].get(joint, 0.0) for joint in joints] for one in members])
@@ -145,42 +145,42 @@ def _driven_tendons(
         for one in shared:
             name = model.actuator(one).name or f"actuator_{one}"
             if independent:
-                own = f"{name}_tendon" if name in taken else name
-                pulled = {source.joint(joint): arm for joint, arm in pulls[one].items()}
-                found[own] = DrawnTendon(pulled, *_tension(source, one, pulls))
+                own = f"{name}_tendon" if name in joint_names else name
+                arms_by_name = {source.joint(joint): arm for joint, arm in pulls[one].items()}
+                driven[own] = DrawnTendon(arms_by_name, *_tension_span(source, one, pulls))
                 continue
-            why = "other motors that pull the same way"
+            reason = "other motors that pull the same way"
             if len(shared) < len(members):
-                why = "motors of single joints among them"
+                reason = "motors of single joints among them"
             arms = ", ".join(f"{source.joint(joint)}: {arm:g}" for joint, arm in pulls[one].items())
-            _leave_out(
-                source, name, f"pulls a tendon over several joints ({arms} m); {why} cannot be "
+            _emit_left_out(
+                source, name, f"pulls a tendon over several joints ({arms} m); {reason} cannot be "
                 "told apart from it, so no limit of theirs is known"
             )  # fmt: skip
-    for one in (one for one in pulls if not pulls[one] and _is_of_robot(source, one, inside)):
-        _leave_out(
+    for one in (one for one in pulls if not pulls[one] and _acts_on_robot(source, one, inside)):
+        _emit_left_out(
             source, model.actuator(one).name or f"actuator_{one}",
             "acts through no joint and no fixed tendon: what it does depends on the pose",
         )  # fmt: skip
-    return found
+    return driven
 
 
-def _tension(
+def _tension_span(
     source: MjcfSource, actuator: int, pulls: Mapping[int, dict[int, float]]
 ) -> tuple[float, float]:
-    """Return the lowest and highest force of a tendon's motor that no joint's own range cuts."""
-    low, high = _bounds(source, actuator)
+    """Return the force range of a tendon's motor within the force ranges of its joints."""
+    low, high = _force_span(source, actuator)
     for joint, ratio in pulls[actuator].items():
         if source.model.jnt_actfrclimited[joint]:
-            # MuJoCo cuts what all motors make at a joint; here each has an equal share.
+            # MuJoCo clamps the total of all motors at a joint; here each has an equal share.
             count = sum(joint in pull for pull in pulls.values())
             ends = np.sort(source.model.jnt_actfrcrange[joint] / (count * ratio))
             low, high = max(low, float(ends[0])), min(high, float(ends[1]))
     return low, high
 
 
-def _is_of_robot(source: MjcfSource, actuator: int, inside: NDArray[np.bool_]) -> bool:
-    """Return whether an actuator without joints may act on the robot; of tendons nothing tells."""
+def _acts_on_robot(source: MjcfSource, actuator: int, inside: NDArray[np.bool_]) -> bool:
+    """Return whether an actuator without joints may act on the robot; of a tendon, always."""
     model, kinds = source.model, source.mujoco.mjtTrn
     target = int(model.actuator_trnid[actuator, 0])
     transmission = kinds(int(model.actuator_trntype[actuator]))
@@ -189,7 +189,7 @@ def _is_of_robot(source: MjcfSource, actuator: int, inside: NDArray[np.bool_]) -
     return bool(inside[target]) if transmission == kinds.mjTRN_BODY else True
 
 
-def _leave_out(source: MjcfSource, name: str, why: str) -> None:
+def _emit_left_out(source: MjcfSource, name: str, why: str) -> None:
     emit(
         Finding(
             FindingCode.SHARED_TENDON, name, f"{source.path}: actuator {name!r} {why}",
@@ -198,8 +198,8 @@ def _leave_out(source: MjcfSource, name: str, why: str) -> None:
     )  # fmt: skip
 
 
-def _bounds(source: MjcfSource, actuator: int) -> tuple[float, float]:
-    """Return the lowest and highest force of an actuator, infinite where it is not limited."""
+def _force_span(source: MjcfSource, actuator: int) -> tuple[float, float]:
+    """Return the lowest and highest force of an actuator, infinite if it is not limited."""
     model = source.model
     low, high = -np.inf, np.inf
     if model.actuator_forcelimited[actuator]:
@@ -217,24 +217,24 @@ def _bounds(source: MjcfSource, actuator: int) -> tuple[float, float]:
     )
     tendon = tendons[actuator]
     if tendon >= 0 and model.tendon_actfrclimited[tendon]:
-        # MuJoCo bounds the sum of a tendon's motors, gears left out; here each has an equal share.
+        # MuJoCo limits the sum of a tendon's motors without gears; here each has an equal share.
         ends = model.tendon_actfrcrange[tendon] / np.count_nonzero(tendons == tendon)
         low, high = max(low, float(ends[0])), min(high, float(ends[1]))
     return low, high
 
 
-def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]:
-    """Return multipliers and offset of each joint that equations or tendons couple.
+def joint_couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]:
+    """Return multipliers and offset of each joint that equalities or tendons couple.
 
     Args:
-        source: The file.
-        inside: Bodies of the robot.
+        source: The model that MuJoCo has read.
+        inside: Mask of the bodies of the robot.
 
     Raises:
-        RobotError: If bodies of the robot form a loop, or a coupling is not linear or one too many.
+        RobotError: If bodies of the robot form a loop, or a coupling is not linear or redundant.
     """
     model, kinds = source.model, source.mujoco.mjtEq
-    found: dict[int, Mimic] = {}
+    mimics: dict[int, Mimic] = {}
     for index in np.flatnonzero(model.eq_active0):
         kind, data = kinds(model.eq_type[index]), model.eq_data[index]
         first, second = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
@@ -257,32 +257,32 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
                     f"{where} of joint {source.joint(first)!r} is not linear in one other joint"
                 )
             start = {joint: model.qpos0[model.jnt_qposadr[joint]] for joint in (first, *follows)}
-            led = sum(factor * start[leader] for leader, factor in follows.items())
-            found[first] = follows, float(data[0] + start[first] - led)
-        elif kind == kinds.mjEQ_TENDON and _is_of(source, where, first, inside):
-            _couple(source, where, *_tendon_equality(source, where, int(index)), found)
+            leader_position = sum(factor * start[leader] for leader, factor in follows.items())
+            mimics[first] = follows, float(data[0] + start[first] - leader_position)
+        elif kind == kinds.mjEQ_TENDON and _moves_robot(source, where, first, inside):
+            _couple_joints(source, where, *_tendon_equation(source, where, int(index)), mimics)
     for tendon in map(int, np.flatnonzero(model.tendon_limited)):
         low, high = model.tendon_range[tendon]
-        arms = _arms(source, tendon)
+        arms = _tendon_arms(source, tendon)
         travel = [
             abs(arm) * np.ptp(model.jnt_range[joint]) if model.jnt_limited[joint] else np.inf
             for joint, arm in arms.items()
         ]
         where = f"{source.path}: the tendon {model.tendon(tendon).name!r}"
-        is_locked = len(arms) > 1 and high - low <= _PLAY * min(travel)
-        if is_locked and _is_of(source, where, tendon, inside):
-            _couple(source, where, arms, 0.5 * float(low + high), found)
-    return found
+        is_locked = len(arms) > 1 and high - low <= _LOCKED_SHARE * min(travel)
+        if is_locked and _moves_robot(source, where, tendon, inside):
+            _couple_joints(source, where, arms, 0.5 * float(low + high), mimics)
+    return mimics
 
 
-def _tendon_equality(source: MjcfSource, where: str, index: int) -> tuple[dict[int, float], float]:
-    """Return the moment arms and the length of a tendon's equality, or of two tendons'."""
+def _tendon_equation(source: MjcfSource, where: str, index: int) -> tuple[dict[int, float], float]:
+    """Return the moment arms and the length in an equality of one tendon or two."""
     model, data = source.model, source.model.eq_data[index]
     first, second = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
-    arms, length = _arms(source, first), float(model.tendon_length0[first] + data[0])
+    arms, length = _tendon_arms(source, first), float(model.tendon_length0[first] + data[0])
     linear = bool(arms)
     if second >= 0:
-        others = _arms(source, second)
+        others = _tendon_arms(source, second)
         linear = linear and bool(others) and not data[2:5].any()
         arms = {joint: arms.get(joint, 0.0) - data[1] * others.get(joint, 0.0)
                 for joint in {**arms, **others}}  # fmt: skip
@@ -293,30 +293,30 @@ def _tendon_equality(source: MjcfSource, where: str, index: int) -> tuple[dict[i
     return arms, length
 
 
-def _is_of(source: MjcfSource, where: str, tendon: int, inside: NDArray[np.bool_]) -> bool:
-    """Return whether a tendon moves joints of the robot; one that winds in space may."""
-    joints = list(_arms(source, tendon))
+def _moves_robot(source: MjcfSource, where: str, tendon: int, inside: NDArray[np.bool_]) -> bool:
+    """Return whether a tendon moves joints of the robot; True for a spatial tendon."""
+    joints = list(_tendon_arms(source, tendon))
     own = inside[source.model.jnt_bodyid[joints]]
     if own.any() and not own.all():
         raise RobotError(f"{where} joins joints of the hand to others; leave it out")
     return not joints or bool(own.all())
 
 
-def _couple(
-    source: MjcfSource, where: str, arms: dict[int, float], length: float, found: dict[int, Mimic]
+def _couple_joints(
+    source: MjcfSource, where: str, arms: dict[int, float], length: float, mimics: dict[int, Mimic]
 ) -> None:
-    """Couple the joints of a tendon of known length; one that nothing drives yet follows."""
+    """Couple the joints of a tendon of known length; preferably one without a motor follows."""
     driven = motor_joints(source)
-    follower = min(arms, key=lambda joint: (joint in found, joint in driven, -joint))
-    if follower in found:
+    follower = min(arms, key=lambda joint: (joint in mimics, joint in driven, -joint))
+    if follower in mimics:
         raise RobotError(f"{where} couples joints that all follow others; leave one coupling out")
     arm = arms[follower]
     leaders = {joint: -other / arm for joint, other in arms.items() if joint != follower}
-    found[follower] = leaders, length / arm
+    mimics[follower] = leaders, length / arm
 
 
-def _common_limit(bounds: Sequence[float] | FloatArray) -> float:
-    """Return what is borne both ways; infinite where one way is not limited or not possible."""
+def _symmetric_limit(bounds: Sequence[float] | FloatArray) -> float:
+    """Return the symmetric limit of a range; infinite unless the range contains zero inside."""
     low, high = map(float, bounds)
     return min(-low, high) if low < 0.0 < high else np.inf
 
@@ -326,31 +326,31 @@ def robot_of_source(
 ) -> RobotModel:
     """Return the robot of an MJCF that MuJoCo has read.
 
-    The robot is the tree of bodies that has motors; with a free joint to the world, or none, it is
-    where the hand is mounted, else it hangs on a link called ``world``, as several trees do, and
-    ``root_link`` chooses. What hangs on the world without motors is no part of the hand. A body
+    The robot is the tree of bodies that has motors. If its root has a free joint or no joint, the
+    root is the mounted link; otherwise the tree, or several trees, are children of a link called
+    ``world``, and ``root_link`` selects one. Trees without motors are not part of the hand. A body
     with several joints gets a link after each but the last, ``BODY_after_JOINT``. Limits of motors
-    that pull one way only are left open.
+    that act in one direction only are left open.
 
     Args:
-        source: What MuJoCo has read.
+        source: The model that MuJoCo has read.
         visuals_collide: Whether links without collision shapes collide with their visual ones.
         with_shapes: Whether the shapes of the links are read.
 
     Raises:
-        RobotError: If it has ball joints, closed loops, couplings that are not linear or collision
-            shapes that no link can have.
+        RobotError: If it has ball joints, closed loops, nonlinear couplings or unsupported
+            collision shapes.
 
     Warns:
-        GrasplessPinWarning: Springs are left out, or motors that cannot be told apart.
+        GrasplessPinWarning: Springs are left out, or redundant motors.
     """
-    robot = _Reader(source, visuals_collide=visuals_collide, with_shapes=with_shapes).robot()
+    robot = _RobotReader(source, visuals_collide=visuals_collide, with_shapes=with_shapes).robot()
     robot.check()
     return robot
 
 
 def tree_roots(model: Any) -> NDArray[np.intp]:
-    """Return by body the one that it hangs on and that hangs on the world; the world's is 0."""
+    """Return for each body its ancestor that is a child of the world; 0 for the world."""
     roots = np.arange(model.nbody)
     for body in range(1, model.nbody):
         parent = model.body_parentid[body]
@@ -359,9 +359,9 @@ def tree_roots(model: Any) -> NDArray[np.intp]:
 
 
 def robot_bodies(source: MjcfSource) -> tuple[int, NDArray[np.bool_]]:
-    """Return the robot's root and its bodies: the trees with motors, or with joints at all.
+    """Return the robot's root body and a mask of its bodies.
 
-    And those whose joints equalities couple with joints of these.
+    These are the trees with motors, or else with joints, and those coupled to them by equalities.
     """
     model = source.model
     tree = tree_roots(model)
@@ -369,7 +369,7 @@ def robot_bodies(source: MjcfSource) -> tuple[int, NDArray[np.bool_]]:
     ties = (model.eq_type == source.mujoco.mjtEq.mjEQ_JOINT) & (model.eq_obj2id >= 0)
     ends = np.stack([model.eq_obj1id, model.eq_obj2id])[:, ties & (model.eq_active0 == 1)]
     pairs = tree[model.jnt_bodyid[ends]].T
-    for _ in pairs:  # one after the other, at worst
+    for _ in pairs:  # at worst, one root is added per pass
         roots = np.union1d(roots, pairs[np.isin(pairs, roots).any(axis=1)])
     inside = np.isin(tree, roots)
     first = model.body_jntadr[roots[0]] if len(roots) == 1 else -1
@@ -380,8 +380,8 @@ def robot_bodies(source: MjcfSource) -> tuple[int, NDArray[np.bool_]]:
     return 0, inside
 
 
-class _Reader:
-    """Reads one compiled model."""
+class _RobotReader:
+    """Builds the `RobotModel` of a compiled MuJoCo model."""
 
     def __init__(self, source: MjcfSource, *, visuals_collide: bool, with_shapes: bool) -> None:
         self._source, self._model = source, source.model
@@ -393,7 +393,7 @@ class _Reader:
         self._efforts: dict[int, float] = {}
 
     def robot(self) -> RobotModel:
-        """Return the robot."""
+        """Return the `RobotModel`."""
         model = self._model
         top, inside = robot_bodies(self._source)
         if np.any(model.jnt_stiffness[inside[model.jnt_bodyid]] > 0.0):
@@ -404,8 +404,8 @@ class _Reader:
                     "add them to what the motors have to give",
                 )
             )  # fmt: skip
-        self._mimics = couplings(self._source, inside)
-        self._efforts, tendons = motors(self._source, self._mimics, inside)
+        self._mimics = joint_couplings(self._source, inside)
+        self._efforts, tendons = motor_limits(self._source, self._mimics, inside)
         for body in map(int, np.flatnonzero(inside)):
             if body != top:
                 self._add_joints(body)
@@ -418,11 +418,11 @@ class _Reader:
             [(joint.parent, joint.child) for joint in joints],
         )
         names = {joint.name for joint in joints}
-        own = {name: one for name, one in tendons.items() if names >= set(one.arms)}
+        own = {name: tendon for name, tendon in tendons.items() if names >= set(tendon.arms)}
         return RobotModel(label, root, tuple(self._links), tuple(joints), own)
 
     def _add_joints(self, body: int) -> None:
-        """Add the joints that lead to a body, and links between them."""
+        """Add the joints that lead to a body, and the links between them."""
         model, source = self._model, self._source
         T = pose(model.body_quat[body], model.body_pos[body])
         joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
@@ -438,14 +438,14 @@ class _Reader:
                 step = step @ rigid(-start * axis)
             else:
                 step[:3, :3] = Rotation.from_rotvec(-start * axis).as_matrix()
-            self._joints.append(self._joint(joint, parent, child, T @ step, axis))
+            self._joints.append(self._robot_joint(joint, parent, child, T @ step, axis))
             if not is_last:
                 self._links.append(RobotLink(child))
             parent, at, T = child, here, np.eye(4)
         if parent != name:
             self._joints.append(RobotJoint(f"{name}_fixed", "fixed", parent, name, T @ rigid(-at)))
 
-    def _joint(
+    def _robot_joint(
         self, joint: int, parent: str, child: str, T: FloatArray, axis: FloatArray
     ) -> RobotJoint:
         model, kinds, name = self._model, self._kinds, self._source.joint(joint)
@@ -466,9 +466,9 @@ class _Reader:
             leaders, offset = self._mimics[joint]
             follows = {self._source.joint(leader): one for leader, one in leaders.items()}
             coupling = JointCoupling(name, follows, offset)
-        effort = limit_of(self._efforts.get(joint, np.inf))
+        effort = parsed_limit(self._efforts.get(joint, np.inf))
         return RobotJoint(
-            name, word, parent, child, T, axis, limit_of(low), limit_of(high), effort,
+            name, word, parent, child, T, axis, parsed_limit(low), parsed_limit(high), effort,
             rotor_inertia=float(model.dof_armature[model.jnt_dofadr[joint]]), coupling=coupling,
         )  # fmt: skip
 
@@ -479,15 +479,15 @@ class _Reader:
         if mass > 0.0:
             inertia = T[:3, :3] @ np.diag(model.body_inertia[body]) @ T[:3, :3].T
         first, plane = model.body_geomadr[body], self._source.mujoco.mjtGeom.mjGEOM_PLANE
-        # What stands still in the world is no part of the hand.
+        # Geoms fixed to the world are not part of the hand.
         count = model.body_geomnum[body] if body and self._with_shapes else 0
         geoms = [geom for geom in range(first, first + count) if model.geom_type[geom] != plane]
         touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
         seen = [geom for geom in geoms if geom not in touching] or touching
-        seen = [geom for geom in seen if is_known(self._source, geom)]
+        seen = [geom for geom in seen if is_supported_geom(self._source, geom)]
         if self._visuals_collide and not touching:
             touching = seen
-        try:  # nothing fails that is drawn only
+        try:  # faults of visual shapes are no errors
             visuals = tuple(geom_shape(self._source, geom) for geom in seen)
         except RobotError:
             visuals = ()

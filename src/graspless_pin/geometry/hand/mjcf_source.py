@@ -1,4 +1,4 @@
-"""An MJCF as MuJoCo has read it, and its geoms as shapes."""
+"""An MJCF compiled by MuJoCo, and its geoms as shapes."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from graspless_pin.problem.checks import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class MjcfSource:
-    """What MuJoCo has read.
+    """A model that MuJoCo has read.
 
     Attributes:
         mujoco: The module.
-        path: The file; of a model that comes from none, its name.
-        spec: ``mujoco.MjSpec``, which knows the files of meshes; None: there are none.
-        model: ``mujoco.MjModel``, which knows all else.
+        path: The file; for a model that is from no file, its name.
+        spec: ``mujoco.MjSpec``, which has the files of meshes; None: there are none.
+        model: ``mujoco.MjModel``, which has everything else.
     """
 
     mujoco: Any
@@ -48,26 +48,26 @@ class MjcfSource:
 
 
 def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
-    """Let MuJoCo read a file.
+    """Read an MJCF with MuJoCo.
 
     Args:
         path: The file.
-        keyframes: Whether its keyframes are read, too.
+        keyframes: Whether its keyframes are kept.
 
     Raises:
         RobotError: If MuJoCo is not installed or refuses the file.
 
     Warns:
-        GrasplessPinWarning: What MuJoCo warns of, or angles that look like radians.
+        GrasplessPinWarning: MuJoCo's own warnings, or angles that look like radians.
     """
     mujoco = _load_mujoco(path)
-    # Its own way to warn is a log file in the current folder.
+    # By default MuJoCo writes warnings into a log file in the current folder.
     capture = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
         with warnings.catch_warnings(record=True, action="always") as remarks:
             spec = mujoco.MjSpec.from_file(str(path))
-            _strip(spec, keyframes=keyframes)
+            _strip_visuals(spec, keyframes=keyframes)
             model = spec.compile()
     except (ValueError, OSError) as error:
         message = " ".join(str(error).split())
@@ -84,8 +84,8 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
             )
         )
     _note_included(path)
-    meshes = [_file_of(model, mesh) for mesh in range(model.nmesh)]
-    for file in [one for one in meshes if is_file(one)]:
+    meshes = [_mesh_file(model, mesh) for mesh in range(model.nmesh)]
+    for file in [mesh_file for mesh_file in meshes if is_file(mesh_file)]:
         note_read(file, file.stat())
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited == 1)
     widest = float(np.rad2deg(np.ptp(model.jnt_range[hinges], axis=1)).max(initial=0.0))
@@ -103,13 +103,13 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
 
 
 def _note_included(path: Path) -> None:
-    """Read the files that MuJoCo has included or attached, for `files_read` to know them."""
-    pending, known = [path], {path}
+    """Read the files that MuJoCo has included or attached, so that `files_read` lists them."""
+    pending, noted = [path], {path}
     while pending:
         for name in _INCLUDED.findall(read_bytes(pending.pop(), _MODEL)):
             file = path.parent / name.decode(errors="replace")
-            if file not in known and is_file(file):
-                known.add(file)
+            if file not in noted and is_file(file):
+                noted.add(file)
                 pending.append(file)
 
 
@@ -125,14 +125,14 @@ def _load_mujoco(path: Path) -> Any:
 
 
 def source_of_model(model: Any) -> MjcfSource:
-    """Return a ``mujoco.MjModel`` that comes from no file as what MuJoCo has read."""
+    """Return the source of a ``mujoco.MjModel`` that is from no file."""
     name = bytes(model.names).partition(b"\0")[0].decode() or "model"
     path = Path(name)
     return MjcfSource(_load_mujoco(path), path, None, model)
 
 
-def _strip(spec: Any, *, keyframes: bool) -> None:
-    """Take away what only looks, and may name files that are not there; keyframes unless asked."""
+def _strip_visuals(spec: Any, *, keyframes: bool) -> None:
+    """Delete visual elements, which may name missing files, and keyframes unless they are kept."""
     for geom in spec.geoms:
         geom.material = ""
     for site in spec.sites:
@@ -145,16 +145,16 @@ def _strip(spec: Any, *, keyframes: bool) -> None:
 
 
 def pose(quaternion: FloatArray, position: FloatArray) -> FloatArray:
-    """Return the (4, 4) pose of MuJoCo's [w, x, y, z] and [x, y, z]."""
+    """Return the (4, 4) pose of MuJoCo's quaternion [w, x, y, z] and position [x, y, z]."""
     return rigid(position, Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
 
 
-_MESHES = (".stl", ".obj")
-"""Files of meshes that MuJoCo has read and an object or support may name."""
+_ENDINGS = (".stl", ".obj")
+"""Endings of mesh files that both MuJoCo and `MeshShape` read."""
 
 
-def is_known(source: MjcfSource, geom: int) -> bool:
-    """Return whether a bounded body can have the shape of a geom."""
+def is_supported_geom(source: MjcfSource, geom: int) -> bool:
+    """Return whether a geom has a shape that bounded bodies may have."""
     kinds = source.mujoco.mjtGeom
     return kinds(int(source.model.geom_type[geom])) in (
         kinds.mjGEOM_MESH, kinds.mjGEOM_BOX, kinds.mjGEOM_SPHERE, kinds.mjGEOM_CYLINDER,
@@ -163,21 +163,21 @@ def is_known(source: MjcfSource, geom: int) -> bool:
 
 
 def geom_shape(source: MjcfSource, geom: int) -> LinkShape:
-    """Return a geom in the frame of its body.
+    """Return the shape of a geom in the frame of its body.
 
-    A mesh that the file holds itself is the hull of its vertices.
+    A mesh whose vertices are in the MJCF itself becomes their convex hull.
 
     Raises:
-        RobotError: If it is no shape that a bounded body can have.
+        RobotError: If it is not a shape that a bounded body can have.
     """
     model, kinds = source.model, source.mujoco.mjtGeom
     T = pose(model.geom_quat[geom], model.geom_pos[geom])
     kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
     body = source.body(int(model.geom_bodyid[geom]))
     if kind == kinds.mjGEOM_MESH:
-        shape, T_geom_file = _mesh(source, int(model.geom_dataid[geom]))
+        shape, T_geom_file = _mesh_shape(source, int(model.geom_dataid[geom]))
         return LinkShape(shape, T @ T_geom_file)
-    if not is_known(source, geom):
+    if not is_supported_geom(source, geom):
         word = kind.name.removeprefix("mjGEOM_").lower()
         raise RobotError(
             f"{source.path}: body {body!r} has the collision shape {word!r}; use boxes, spheres, "
@@ -192,40 +192,40 @@ def geom_shape(source: MjcfSource, geom: int) -> LinkShape:
 
 
 def body_shape(source: MjcfSource, geom: int) -> tuple[Shape, FloatArray]:
-    """Return a geom as an object or support has it, and its (4, 4) pose in its body's frame.
+    """Return a geom as the shape of an object or support, and its (4, 4) pose in its body.
 
     Raises:
         RobotError: As of `geom_shape`.
     """
-    found = geom_shape(source, geom)
-    mesh = found.shape
+    geom_in_body = geom_shape(source, geom)
+    mesh = geom_in_body.shape
     if not isinstance(mesh, LinkMesh):
-        return mesh, found.T_link_shape
-    if mesh.file is not None and mesh.file.suffix.lower() in _MESHES and min(mesh.scale) > 0.0:
-        return MeshShape(mesh.file, mesh.scale), found.T_link_shape
+        return mesh, geom_in_body.T_link_shape
+    if mesh.file is not None and mesh.file.suffix.lower() in _ENDINGS and min(mesh.scale) > 0.0:
+        return MeshShape(mesh.file, mesh.scale), geom_in_body.T_link_shape
     T = pose(source.model.geom_quat[geom], source.model.geom_pos[geom])
     return _mesh_hull(source, int(source.model.geom_dataid[geom])), T
 
 
 def _mesh_hull(source: MjcfSource, mesh: int) -> Hull:
-    """Return the convex hull of a mesh's vertices, in MuJoCo's own frame of it.
+    """Return the convex hull of a mesh's vertices, in MuJoCo's frame of the mesh.
 
     Raises:
-        RobotError: If it is flat.
+        RobotError: If the mesh is flat.
     """
     model = source.model
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
-    what = f"{source.path}: the mesh {model.mesh(mesh).name!r}"
+    label = f"{source.path}: the mesh {model.mesh(mesh).name!r}"
     if is_flat(vertices):
-        raise RobotError(f"{what} has no volume; give it a thickness or use a box")
-    corners, found = hull_corners(vertices, what)
-    emit(*found)
+        raise RobotError(f"{label} has no volume; give it a thickness or use a box")
+    corners, findings = hull_corners(vertices, label)
+    emit(*findings)
     return Hull(corners)
 
 
 def _primitive(source: MjcfSource, kind: Any, x: float, y: float, z: float) -> Shape:
-    """Return a primitive of MuJoCo's half lengths."""
+    """Return the primitive of given kind and MuJoCo's half lengths."""
     kinds = source.mujoco.mjtGeom
     if kind == kinds.mjGEOM_BOX:
         return Box((2.0 * x, 2.0 * y, 2.0 * z))
@@ -234,8 +234,8 @@ def _primitive(source: MjcfSource, kind: Any, x: float, y: float, z: float) -> S
     return (Cylinder if kind == kinds.mjGEOM_CYLINDER else Capsule)(x, 2.0 * y)
 
 
-def _mesh(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatArray]:
-    """Return a mesh, and the pose of its file's frame in MuJoCo's own for it."""
+def _mesh_shape(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatArray]:
+    """Return a mesh, and the pose of its file's frame in MuJoCo's frame of the mesh."""
     model = source.model
     name = model.mesh(mesh).name
     if source.spec is None or not source.spec.mesh(name).file:
@@ -250,14 +250,14 @@ def _mesh(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatArray]:
     # MuJoCo's vertex is R_m^T (S R_ref^T (v - p_ref) - p_m) of the file's v.
     T_file = invert(T_ref)
     T_file[:3, 3] *= scale
-    file = _file_of(model, mesh)
+    file = _mesh_file(model, mesh)
     x, y, z = scale.tolist()
-    own = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
-    found = file if is_file(file) else None
-    return LinkMesh(str(file), found, (file,), (x, y, z)), invert(own) @ T_file
+    mesh_pose = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
+    file_found = file if is_file(file) else None
+    return LinkMesh(str(file), file_found, (file,), (x, y, z)), invert(mesh_pose) @ T_file
 
 
-def _file_of(model: Any, mesh: int) -> Path:
-    """Return the file of a mesh; the current folder for one that the model holds itself."""
-    # Folders of meshes may be those of attached models, and strippath leaves out those of a mesh.
+def _mesh_file(model: Any, mesh: int) -> Path:
+    """Return the file of a mesh; the current folder for a mesh without a file."""
+    # The folder may be that of an attached model; strippath removes the folder of a mesh's name.
     return Path(model.paths[model.mesh_pathadr[mesh] :].partition(b"\0")[0].decode()).resolve()

@@ -1,8 +1,8 @@
-"""Read a robot: a URDF, a xacro file or an MJCF, with the SRDF that stands beside it.
+"""Read a robot: a URDF, a xacro file or an MJCF, with the SRDF beside it.
 
-Files are inert data: XML's entities are refused, and a xacro file, which is a program, is expanded
-in a process of its own. Why no other parser of URDFs is used: see docs/evidence/urdf.md. An SRDF
-says groups of joints, named states, and pairs of links that may be in each other.
+Files are treated as inert data: XML entities are refused, and a xacro file, which is a program, is
+expanded in a child process. Why no other URDF parser is used: see docs/evidence/urdf.md. An SRDF
+states groups of joints, named states, and pairs of links whose overlaps are ignored.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ _XACRO_SECONDS = 60.0
 def read_robot(
     described: RobotDescription, prefix: str = "", *, with_shapes: bool = True
 ) -> RobotModel:
-    """Read and check the URDF, xacro or MJCF file of a robot, or take the robot as it is.
+    """Read and check the URDF, xacro or MJCF file of a robot, or return the given `RobotModel`.
 
     A floating or planar joint below the root link carries the whole robot; it is fixed at zero,
-    because a hand stands where it is mounted. ``package://NAME/...`` is a folder of the
+    because a hand is fixed where it is mounted. ``package://NAME/...`` is a folder of the
     description that is called NAME or one in it; the folders above the file are tried last. With a
-    root link faults of other links and joints of a URDF do no harm.
+    root link, faults of links and joints outside its subtree in a URDF are ignored.
 
     Args:
-        described: The robot.
-        prefix: Put before the name of every link, joint and tendon.
+        described: The description of the robot.
+        prefix: Prefix for the name of every link, joint and tendon.
         with_shapes: Whether the shapes of the links are read.
 
     Returns:
@@ -65,39 +65,39 @@ def read_robot(
     """
     path, root_link = described.urdf_path, described.root_link
     if described.read is not None:
-        robot = described.read if root_link is None else described.read.below(root_link)
+        robot = described.read if root_link is None else described.read.subtree(root_link)
         return robot.with_fixed_base().prefixed(prefix)
-    element = _element(described)
-    named = {one.get("name", "") for one in element.iter()}
-    if element.tag == "mujoco":
+    root_element = _root_element(described)
+    file_names = {item.get("name", "") for item in root_element.iter()}
+    if root_element.tag == "mujoco":
         from graspless_pin.geometry.hand.mjcf import robot_of_source
         from graspless_pin.geometry.hand.mjcf_source import read_mjcf
 
         robot = robot_of_source(
             read_mjcf(path), visuals_collide=described.visuals_collide, with_shapes=with_shapes
         )
-        named |= {one.name for part in (robot.links, robot.joints) for one in part}
-        robot = robot if root_link is None else robot.below(root_link)
+        file_names |= {item.name for part in (robot.links, robot.joints) for item in part}
+        robot = robot if root_link is None else robot.subtree(root_link)
     else:
-        robot = robot_of_urdf(described, element, with_shapes=with_shapes)
-    return with_srdf(robot.with_fixed_base(), path, described.srdf, named).prefixed(prefix)
+        robot = robot_of_urdf(described, root_element, with_shapes=with_shapes)
+    return with_srdf(robot.with_fixed_base(), path, described.srdf, file_names).prefixed(prefix)
 
 
-def _element(described: RobotDescription) -> ET.Element:
+def _root_element(described: RobotDescription) -> ET.Element:
     """Return the ``<robot>`` of a URDF or an expanded xacro file, or the ``<mujoco>`` of an MJCF.
 
     Raises:
-        RobotError: If the file is missing, is none of them, or declares a DOCTYPE or entities, or
-            if xacro cannot expand it.
+        RobotError: If the file is missing, is none of these, declares a DOCTYPE or entities, or
+            xacro cannot expand it.
     """
     path = described.urdf_path
     content = read_bytes(path, URDF)
-    found = kind_of_file(path, content)
-    refuse_other_kind(path, URDF, None if found in _OTHER_XML else found)
+    kind = kind_of_file(path, content)
+    refuse_other_kind(path, URDF, None if kind in _OTHER_XML else kind)
     with errors_of_text(path, URDF):
         root = parse_xml(content)
         if path.suffix == ".xacro" or any(one.tag.startswith("xacro:") for one in root.iter()):
-            root = parse_xml(_expanded(described))
+            root = parse_xml(_expanded_xacro(described))
     if root.tag == "sdf":
         raise RobotError(
             f"{path}: is an SDF, which is not read; write it as a URDF or as an MJCF, e.g. with "
@@ -111,10 +111,10 @@ def _element(described: RobotDescription) -> ET.Element:
     return root
 
 
-def _expanded(described: RobotDescription) -> bytes:
-    """Return the URDF that a xacro file makes.
+def _expanded_xacro(described: RobotDescription) -> bytes:
+    """Return the URDF that a xacro file expands to.
 
-    ``$(find NAME)`` is looked up as ``package://NAME`` is.
+    ``$(find NAME)`` is resolved like ``package://NAME``.
 
     Raises:
         RobotError: If xacrodoc is not installed, or the file cannot be expanded in a minute.
@@ -130,7 +130,7 @@ def _expanded(described: RobotDescription) -> bytes:
             text, included = child.call(
                 run_xacro,
                 str(path.resolve()),
-                _packages(path, described.package_dirs),
+                _package_folders(path, described.package_dirs),
                 dict(described.xacro_args),
                 limit=_XACRO_SECONDS,
             )
@@ -144,18 +144,18 @@ def _expanded(described: RobotDescription) -> bytes:
         ) from None
     except CrashError as error:
         raise RobotError(f"{path}: xacro ended over this file ({error})") from None
-    for file in [one for one in included if is_file(one)]:
+    for file in [file_included for file_included in included if is_file(file_included)]:
         note_read(file, file.stat())
     return text.encode()
 
 
-def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, str]:
-    """Return folders by the names that packages have: those above the file, given ones, inside."""
-    found = {folder.name: str(folder) for folder in reversed(path.resolve().parents)}
+def _package_folders(path: Path, package_dirs: Sequence[Path]) -> dict[str, str]:
+    """Return folders by package name; given folders win over those above the file."""
+    folders = {folder.name: str(folder) for folder in reversed(path.resolve().parents)}
     for folder in (item.resolve() for item in package_dirs if item.is_dir()):
         inside = sorted(item for item in folder.iterdir() if item.is_dir())
-        found |= {item.name: str(item) for item in (*inside, folder)}
-    return found
+        folders |= {item.name: str(item) for item in (*inside, folder)}
+    return folders
 
 
 _MOST_NAMED = 8
@@ -165,35 +165,35 @@ _SRDF = FileKind("SRDF", 16, RobotError)
 def with_srdf(
     robot: RobotModel, urdf: Path, srdf: Path | None, named: AbstractSet[str]
 ) -> RobotModel:
-    """Return a robot with what its SRDF says; what it says of others is told, and left out.
+    """Return a robot with the pairs, groups and states of its SRDF.
 
-    Without a path the SRDF has the URDF's name and stands beside it, or in the folder ``srdf``
-    beside its folder, or there is none. One that nobody has named and that cannot be read is told,
-    and left out.
+    Names in the SRDF that the robot does not have are ignored with a warning. Without a path the
+    SRDF has the URDF's name and is beside it, or in the folder ``srdf`` beside its folder, or there
+    is none. Such an SRDF is ignored with a warning if it cannot be read.
 
     Args:
         robot: The robot, without a prefix.
-        urdf: Its file.
+        urdf: The robot's file.
         srdf: The SRDF; None: it is looked for.
-        named: What else the robot's file names: links and joints above its root link.
+        named: All names in the robot's file, such as links and joints above its root link.
 
     Raises:
-        RobotError: If the SRDF that is named cannot be read.
+        RobotError: If the given SRDF cannot be read.
 
     Warns:
-        GrasplessPinWarning: If the one that is found cannot be read, or names joints or links that
-            the robot does not have.
+        GrasplessPinWarning: If an SRDF that was looked for cannot be read, or the SRDF names joints
+            or links that the robot does not have.
     """
     if srdf is not None:
-        return _applied(robot, srdf, named)
-    own = f"{urdf.stem}.srdf"
-    for file in (urdf.with_name(own), urdf.parent.parent / "srdf" / own):
+        return _with_srdf_file(robot, srdf, named)
+    name = f"{urdf.stem}.srdf"
+    for file in (urdf.with_name(name), urdf.parent.parent / "srdf" / name):
         if is_file(file):
             break
     else:
         return robot
     try:
-        return _applied(robot, file, named)
+        return _with_srdf_file(robot, file, named)
     except RobotError as error:
         emit(
             Finding(
@@ -212,53 +212,53 @@ def named_positions(
     names: list[str],
     lacking: Mapping[str, str],
 ) -> dict[str, float]:
-    """Return the positions of joints in states of SRDFs, later ones over earlier ones.
+    """Return the joint positions of named SRDF states; later states override earlier ones.
 
     Args:
         states: Positions by state, ``GROUP/STATE`` with the mount's prefix.
-        names: Such names, or ``STATE`` alone for all groups that have it.
+        names: Names of states, or ``STATE`` alone for all groups that have it.
         lacking: See `RobotModel.lacking`.
 
     Raises:
-        ArgumentError: If there is no such state, it puts a joint somewhere that the robot does not
-            have, or groups disagree about a joint.
+        ArgumentError: If there is no such state, it sets a joint that the robot does not have, or
+            groups contradict each other about a joint.
     """
     positions: dict[str, float] = {}
     for name in names:
-        meant = [key for key in states if key == name or key.endswith(f"/{name}")]
-        if not meant:
+        matches = [key for key in states if key == name or key.endswith(f"/{name}")]
+        if not matches:
             raise ArgumentError(
                 "group_states", f"unknown state {name!r} of an SRDF; {names_in_words(name, states)}"
             )
-        refuse_lacking("group_states", meant, lacking)
-        if not any(states[key] for key in meant):
+        refuse_incomplete("group_states", matches, lacking)
+        if not any(states[key] for key in matches):
             raise ArgumentError(
                 "group_states", f"{name!r} of an SRDF puts no joint of this robot anywhere; take a "
                 f"state of its own joints, {names_in_words(name, states)}"
             )  # fmt: skip
-        own: dict[str, float] = {}
-        for key in meant:
+        state_positions: dict[str, float] = {}
+        for key in matches:
             for joint, value in states[key].items():
-                if own.setdefault(joint, value) != value:
+                if state_positions.setdefault(joint, value) != value:
                     raise ArgumentError(
                         "group_states",
-                        f"{name!r} stands for {', '.join(meant)}, which put joint {joint!r} at "
-                        f"{own[joint]:g} and {value:g}; name one of them",
+                        f"{name!r} stands for {', '.join(matches)}, which put joint {joint!r} at "
+                        f"{state_positions[joint]:g} and {value:g}; name one of them",
                     )
-        positions |= own
+        positions |= state_positions
     return positions
 
 
-def refuse_lacking(argument: str, names: Iterable[str], lacking: Mapping[str, str]) -> None:
+def refuse_incomplete(argument: str, names: Iterable[str], lacking: Mapping[str, str]) -> None:
     """Refuse groups and states of SRDFs with joints or links that the robot does not have.
 
     Args:
-        argument: What asks for them.
-        names: Of the groups and states.
+        argument: The argument that names them.
+        names: Names of the groups and states.
         lacking: See `RobotModel.lacking`.
 
     Raises:
-        ArgumentError: If there is one.
+        ArgumentError: If one of the names is in ``lacking``.
     """
     for name in names:
         if name in lacking:
@@ -269,14 +269,14 @@ def refuse_lacking(argument: str, names: Iterable[str], lacking: Mapping[str, st
             )
 
 
-def _applied(robot: RobotModel, file: Path, named: AbstractSet[str]) -> RobotModel:
+def _with_srdf_file(robot: RobotModel, file: Path, named: AbstractSet[str]) -> RobotModel:
     with errors_of_text(file, _SRDF):
         root = parse_xml(read_bytes(file, _SRDF))
     if root.tag != "robot":
         raise RobotError(f"{file}: an SRDF starts with <robot>, this file with <{root.tag}>")
-    groups = _Groups(robot, file, root)
-    of_pairs, lacking = _lacking(robot, root, named)
-    items = [*of_pairs, *(f"{words} ({name!r})" for name, words in lacking.items())]
+    groups = _SrdfGroups(robot, file, root)
+    pair_texts, lacking = _unknown_names(robot, root, named)
+    items = [*pair_texts, *(f"{text} ({name!r})" for name, text in lacking.items())]
     if items:
         emit(
             Finding(
@@ -293,85 +293,85 @@ def _applied(robot: RobotModel, file: Path, named: AbstractSet[str]) -> RobotMod
             frozenset((one.get("link1", ""), one.get("link2", "")))
             for one in root.findall("disable_collisions")
         ),
-        # An SRDF of a whole robot may stand beside the URDF of its hand.
+        # The SRDF of a whole robot may be beside the URDF of its hand alone.
         groups={name: own for name in groups.elements if (own := groups.joints(name))},
-        group_states=_states(robot, file, root),
-        lacking={name: f"{file}: {words}" for name, words in lacking.items()},
+        group_states=_group_states(robot, file, root),
+        lacking={name: f"{file}: {text}" for name, text in lacking.items()},
     )
 
 
-def _lacking(
+def _unknown_names(
     robot: RobotModel, root: ET.Element, named: AbstractSet[str]
 ) -> tuple[list[str], dict[str, str]]:
-    """Return the unknown links of pairs in words, and what else is unknown by group or state."""
+    """Return texts on the unknown links of pairs, and on unknown names by group or state."""
     known = {
         "link": [link.name for link in robot.links],
         "joint": [joint.name for joint in robot.joints],
     }
-    # A floating base is held where the scene has it.
+    # The joint of a floating base is no joint of the robot model.
     passed = {one.get("name", "") for one in root.findall("virtual_joint")} | {"root_joint", *named}
 
-    def unknown(kind: str, names: Iterable[str]) -> list[str]:
-        items = []
+    def unknowns(kind: str, names: Iterable[str]) -> list[str]:
+        texts = []
         for name in dict.fromkeys(names):
             if name not in passed and name not in known[kind]:
                 match = nearest_name(name, known[kind])
-                items.append(f"{kind} {name!r}" + ("" if match is None else f", meant {match!r}?"))
-        return items
+                texts.append(f"{kind} {name!r}" + ("" if match is None else f", meant {match!r}?"))
+        return texts
 
     pairs = root.findall("disable_collisions")
-    of_pairs = unknown("link", (one.get(key, "") for one in pairs for key in ("link1", "link2")))
+    of_pairs = unknowns("link", (one.get(key, "") for one in pairs for key in ("link1", "link2")))
     lacking: dict[str, str] = {}
     for element in (*root.findall("group"), *root.findall("group_state")):
         name = element.get("name", "")
         if element.tag == "group_state":
             name = f"{element.get('group', '')}/{name}"
-        found = [
-            words
+        member_texts = [
+            text
             for kind in known
-            for words in unknown(kind, (
+            for text in unknowns(kind, (
                 part.get("name", "") for part in element.findall(kind)
                 if len(part.get("value", "").split()) <= 1
             ))
         ]  # fmt: skip
-        if found:
-            lacking[name] = first_of(found, _MOST_NAMED)
+        if member_texts:
+            lacking[name] = first_of(member_texts, _MOST_NAMED)
     return [f"{one} (disable_collisions)" for one in of_pairs], lacking
 
 
-class _Groups:
-    """Groups of an SRDF, which may hold each other."""
+class _SrdfGroups:
+    """The groups of an SRDF, which may contain each other."""
 
     def __init__(self, robot: RobotModel, file: Path, root: ET.Element) -> None:
         self.elements = {one.get("name", ""): one for one in root.findall("group")}
-        self._file, self._open = file, set[str]()
+        self._file, self._groups_in_progress = file, set[str]()
         self._above = {joint.child: joint for joint in robot.joints}
         self._movable = set(robot.movable_joints)
 
     def joints(self, name: str) -> tuple[str, ...]:
-        """Return the movable joints of a group."""
-        if name in self._open:
+        """Return the movable joints of a group, nested groups included."""
+        if name in self._groups_in_progress:
             raise RobotError(f"{self._file}: the group {name!r} holds itself; take it out of there")
-        self._open.add(name)
-        found: list[str] = []
+        self._groups_in_progress.add(name)
+        names: list[str] = []
         for part in self.elements[name]:
-            own = part.get("name", "")
+            item = part.get("name", "")
             match part.tag:
                 case "joint":
-                    found.append(own)
-                case "link" if own in self._above:
-                    found.append(self._above[own].name)
+                    names.append(item)
+                case "link" if item in self._above:
+                    names.append(self._above[item].name)
                 case "chain":
-                    found += self._chain(name, part.get("base_link", ""), part.get("tip_link", ""))
-                case "group" if own in self.elements:
-                    found += self.joints(own)
+                    names += self._chain(name, part.get("base_link", ""), part.get("tip_link", ""))
+                case "group" if item in self.elements:
+                    names += self.joints(item)
                 case "group":
                     raise RobotError(
-                        f"{self._file}: the group {name!r} holds {own!r}, which is no group; "
-                        f"{names_in_words(own, self.elements)}"
+                        f"{self._file}: the group {name!r} holds {item!r}, which is no group; "
+                        f"{names_in_words(item, self.elements)}"
                     )
-        self._open.remove(name)
-        return tuple(joint for joint in dict.fromkeys(found) if joint in self._movable)
+        self._groups_in_progress.remove(name)
+        return tuple(joint for joint in dict.fromkeys(names) if joint in self._movable)
 
     def _chain(self, name: str, base: str, tip: str) -> list[str]:
         chain: list[str] = []
@@ -387,8 +387,8 @@ class _Groups:
         return chain[::-1]
 
 
-def _states(robot: RobotModel, file: Path, root: ET.Element) -> dict[str, dict[str, float]]:
-    """Return positions by state; for joints that the robot does not have, see `_lacking`."""
+def _group_states(robot: RobotModel, file: Path, root: ET.Element) -> dict[str, dict[str, float]]:
+    """Return positions by state, of joints that the robot has; else see `_unknown_names`."""
     movable, states = set(robot.movable_joints), {}
     for state in root.findall("group_state"):
         name = f"{state.get('group', '')}/{state.get('name', '')}"

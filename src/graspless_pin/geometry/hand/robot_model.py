@@ -1,7 +1,7 @@
-"""A robot as its file describes it, whatever the file's kind: `urdf` and `mjcf` make this record.
+"""A robot as its file describes it, for files of any kind: `urdf` and `mjcf` make this record.
 
-Pinocchio gets it joint by joint (`tree`). And mesh files of links: read, or missing with what to do
-about it.
+It is passed to Pinocchio joint by joint (`tree`). Also the mesh files of links: reading them, and
+advice on missing ones.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 
 MOVABLE_KINDS = ("revolute", "prismatic", "continuous")
 FREE_KINDS = ("floating", "planar")
-"""Joints that a hand has no motor for: fixed where they carry a base, refused elsewhere."""
+"""Joints without a motor in a hand: fixed if they carry its base, else refused."""
 
 LONGEST_CHAIN = 200
-"""More joints between root and tip than any robot has."""
+"""Largest number of joints between root and tip."""
 MOST_LINKS = 1000
-"""More links than any robot has."""
+"""Largest number of links."""
 
 _UNLIMITED = 1e30
-"""Limits beyond it, such as the largest number that a computer has, mean that there is none."""
+"""Amount from which on a limit in a file, such as the largest float, means no limit."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class LinkMesh:
     """A mesh file of a link.
 
     Attributes:
-        written: How the robot's file names it.
-        file: The file; None: it is missing, which nobody needs to mind but who reads it.
-        looked: Where it was looked for.
+        written: The name of the mesh in the robot's file.
+        file: The file; None: it is missing, which is an error only when it is read.
+        looked: The paths at which it was looked for.
         scale: Metres per unit of the file along x, y, z.
     """
 
@@ -60,10 +60,10 @@ class LinkMesh:
 
 @dataclass(frozen=True, eq=False)
 class LinkShape(Record):
-    """A collision shape or a visual one.
+    """A collision shape or a visual shape.
 
     Attributes:
-        shape: A primitive, or a mesh file.
+        shape: A primitive or a mesh file.
         T_link_shape: (4, 4) pose in the link's frame.
     """
 
@@ -80,9 +80,9 @@ class RobotLink(Record):
         mass: kg.
         center_of_mass: (3,) in the link's frame, m.
         inertia: (3, 3) about the centre of mass, axes of the link's frame, kg m^2.
-        collisions: What touches.
-        visuals: How it looks; empty where one of its visual shapes is malformed.
-        borne: Share of its weight that an MJCF's ``gravcomp`` takes off its joints.
+        collisions: Collision shapes.
+        visuals: Visual shapes; empty if one of them is malformed.
+        borne: Share of its weight that an MJCF's ``gravcomp`` compensates.
     """
 
     name: str
@@ -101,16 +101,16 @@ class RobotJoint(Record):
     Attributes:
         name: Its name.
         kind: One of `MOVABLE_KINDS` or `FREE_KINDS`, or ``fixed``.
-        parent: The link that it hangs on.
-        child: The link that it carries.
-        T_parent_joint: (4, 4) pose of the joint, which is that of the child at zero.
-        axis: (3,) that it turns about or slides along, in its own frame, of any length.
-        lower: Lowest position, rad or m; -inf: there is none.
-        upper: Highest position; inf: there is none.
-        effort: Largest torque or force both ways, N m or N; inf: the file states none.
-        velocity: Largest rate both ways, rad/s or m/s; inf: the file states none.
-        rotor_inertia: Of its motor, gear ratio squared included, kg m^2 (kg).
-        coupling: How it follows other joints, which need not exist; None: it moves by itself.
+        parent: The parent link.
+        child: The child link.
+        T_parent_joint: (4, 4) pose of the joint, equal to that of the child at position zero.
+        axis: (3,) axis of rotation or translation, in the joint's frame, of any length.
+        lower: Lowest position, rad or m; -inf: no limit.
+        upper: Highest position; inf: no limit.
+        effort: Largest torque or force in both directions, N m or N; inf: not stated.
+        velocity: Largest rate in both directions, rad/s or m/s; inf: not stated.
+        rotor_inertia: Inertia of its motor's rotor, gear ratio squared included, kg m^2 (kg).
+        coupling: How it follows other joints, which need not exist; None: it is independent.
     """
 
     name: str
@@ -133,7 +133,7 @@ class RobotJoint(Record):
 
 
 class DrawnTendon(NamedTuple):
-    """A tendon that a motor pulls over several joints.
+    """A tendon over several joints that a motor pulls.
 
     Attributes:
         arms: Torque per newton of tension by joint, m.
@@ -152,14 +152,14 @@ class RobotModel(Record):
 
     Attributes:
         label: The file, for messages.
-        root: The link that carries all others.
+        root: The root link.
         links: In the order of the file.
         joints: In the order of the file.
         tendons: Tendons that motors pull, by name.
-        disabled_pairs: Pairs of links that may be in each other.
+        disabled_pairs: Pairs of links whose overlaps are ignored.
         groups: Movable joints by group of an SRDF.
         group_states: Positions by joint, rad or m, by state of an SRDF, ``GROUP/STATE``.
-        lacking: Joints and links that the robot does not have, in words, by the group or state of
+        lacking: Text on the joints and links that the robot does not have, by the group or state of
             the SRDF that names them.
     """
 
@@ -180,40 +180,40 @@ class RobotModel(Record):
 
     @property
     def couplings(self) -> tuple[JointCoupling, ...]:
-        """Of the joints that follow others."""
+        """The couplings of the joints that follow others."""
         return tuple(one.coupling for one in self.joints if one.is_movable and one.coupling)
 
-    def below(self, top: str) -> RobotModel:
-        """Return the robot that begins with one of its links, with what hangs on it.
+    def subtree(self, top: str) -> RobotModel:
+        """Return the subtree below a link as a robot.
 
         Raises:
             RobotError: If there is no such link.
         """
-        kept = links_below(
+        link_names = links_below(
             self.label,
             [link.name for link in self.links],
             [(joint.parent, joint.child) for joint in self.joints],
             top,
         )
-        joints = tuple(joint for joint in self.joints if joint.parent in kept)
-        inside = {joint.name for joint in joints}
+        joints = tuple(joint for joint in self.joints if joint.parent in link_names)
+        kept = {joint.name for joint in joints}
         return replace(
             self,
             root=top,
-            links=tuple(link for link in self.links if link.name in kept),
+            links=tuple(link for link in self.links if link.name in link_names),
             joints=joints,
-            tendons={name: one for name, one in self.tendons.items() if inside >= set(one.arms)},
+            tendons={name: one for name, one in self.tendons.items() if kept >= set(one.arms)},
         )
 
     def with_fixed_base(self) -> RobotModel:
-        """Return it with the floating or planar joint that carries the whole robot fixed at zero.
+        """Return the robot with the free joint that carries all of it fixed at zero.
 
         Raises:
             RobotError: If there is such a joint anywhere else.
         """
-        first = [joint.name for joint in self.joints if joint.parent == self.root]
+        base_joints = [joint.name for joint in self.joints if joint.parent == self.root]
         for joint in self.joints:
-            if joint.kind in FREE_KINDS and first != [joint.name]:
+            if joint.kind in FREE_KINDS and base_joints != [joint.name]:
                 raise RobotError(
                     f"{self.label}: joint {joint.name!r} is {joint.kind} and does not carry the "
                     "whole robot; use revolute, continuous, prismatic or fixed joints"
@@ -227,32 +227,32 @@ class RobotModel(Record):
         )
 
     def prefixed(self, prefix: str) -> RobotModel:
-        """Return it with a prefix before the name of every link, joint and tendon.
+        """Return the robot with a prefix before the name of every link, joint and tendon.
 
         Raises:
             RobotError: If a name becomes too long.
         """
         if not prefix:
             return self
-        named = replace(
+        renamed = replace(
             self,
             root=prefix + self.root,
             links=tuple(replace(link, name=prefix + link.name) for link in self.links),
             joints=tuple(
                 replace(
-                    one,
-                    name=prefix + one.name,
-                    parent=prefix + one.parent,
-                    child=prefix + one.child,
-                    coupling=one.coupling and one.coupling.prefixed(prefix),
+                    item,
+                    name=prefix + item.name,
+                    parent=prefix + item.parent,
+                    child=prefix + item.child,
+                    coupling=item.coupling and item.coupling.prefixed(prefix),
                 )
-                for one in self.joints
+                for item in self.joints
             ),
             tendons={
-                prefix + name: one._replace(
-                    arms={prefix + joint: arm for joint, arm in one.arms.items()}
+                prefix + name: item._replace(
+                    arms={prefix + joint: arm for joint, arm in item.arms.items()}
                 )
-                for name, one in self.tendons.items()
+                for name, item in self.tendons.items()
             },
             disabled_pairs=frozenset(
                 frozenset(prefix + link for link in pair) for pair in self.disabled_pairs
@@ -267,14 +267,14 @@ class RobotModel(Record):
             },
             lacking={prefix + name: words for name, words in self.lacking.items()},
         )
-        named.check()
-        return named
+        renamed.check()
+        return renamed
 
     def check(self) -> None:
-        """Refuse names that are too long, and figures that are none.
+        """Refuse names that are too long, and numbers that are too large or not finite.
 
         Raises:
-            RobotError: There are.
+            RobotError: If there is one.
         """
         check_name_lengths(self.label, "link", (link.name for link in self.links))
         check_name_lengths(self.label, "joint", (joint.name for joint in self.joints))
@@ -282,23 +282,23 @@ class RobotModel(Record):
         for link in self.links:
             poses = [one.T_link_shape for one in (*link.collisions, *link.visuals)]
             figures = [link.mass, link.center_of_mass, link.inertia, *poses]
-            _check_figures(f"{self.label}: link {link.name!r}", figures)
+            _check_magnitudes(f"{self.label}: link {link.name!r}", figures)
         for joint in self.joints:
             figures = [joint.T_parent_joint, joint.axis, joint.rotor_inertia]
-            _check_figures(f"{self.label}: joint {joint.name!r}", figures)
+            _check_magnitudes(f"{self.label}: joint {joint.name!r}", figures)
 
 
-def _check_figures(where: str, figures: Iterable[FloatArray | float]) -> None:
-    values = np.concatenate([np.ravel(one) for one in figures])
-    wrong = values[~(np.abs(values) <= LARGEST_LENGTH)]
-    if len(wrong):
+def _check_magnitudes(where: str, figures: Iterable[FloatArray | float]) -> None:
+    values = np.concatenate([np.ravel(figure) for figure in figures])
+    excessive = values[~(np.abs(values) <= LARGEST_LENGTH)]
+    if len(excessive):
         raise RobotError(
-            f"{where} has the figure {wrong[0]:g}; it must be within ±{LARGEST_LENGTH:g}"
+            f"{where} has the figure {excessive[0]:g}; it must be within ±{LARGEST_LENGTH:g}"
         )
 
 
-def limit_of(value: float) -> float:
-    """Return a limit of a file, infinite where it is too far to be one."""
+def parsed_limit(value: float) -> float:
+    """Return a limit of a file, infinite if it is so large that it means no limit."""
     return float(np.copysign(np.inf, value)) if abs(value) > _UNLIMITED else value
 
 
@@ -307,11 +307,11 @@ def check_name_lengths(label: str, kind: str, names: Iterable[str]) -> None:
 
     Args:
         label: The file, for messages.
-        kind: What they are names of.
+        kind: The kind of the named items.
         names: The names.
 
     Raises:
-        RobotError: One is.
+        RobotError: If one is too long.
     """
     for name in names:
         if fault := fault_of_name(name):
@@ -321,7 +321,7 @@ def check_name_lengths(label: str, kind: str, names: Iterable[str]) -> None:
 def root_of_tree(
     label: str, links: Sequence[str], joints: Sequence[str], ends: Sequence[tuple[str, str]]
 ) -> str:
-    """Return the link that is nobody's child.
+    """Return the link that is no joint's child, and check that the links form a tree.
 
     Args:
         label: The file, for messages.
@@ -330,8 +330,8 @@ def root_of_tree(
         ends: The links at each joint's ends, parent and child.
 
     Raises:
-        RobotError: If there are more links than any robot has, a name is too long, missing or twice
-            there, a joint hangs on no link, or the links form no tree, or one that is too deep.
+        RobotError: If there are too many links, a name is too long, missing or repeated, a joint's
+            link does not exist, or the links form no tree, or one that is too deep.
     """
     if len(links) > MOST_LINKS:
         raise RobotError(
@@ -347,8 +347,8 @@ def root_of_tree(
     if not links:
         raise RobotError(f"{label}: the robot has no <link>")
     known, children = set(links), [child for _, child in ends]
-    for joint, both in zip(joints, ends, strict=True):
-        for end, link in zip(("parent", "child"), both, strict=True):
+    for joint, joint_ends in zip(joints, ends, strict=True):
+        for end, link in zip(("parent", "child"), joint_ends, strict=True):
             if link not in known:
                 raise RobotError(
                     f"{label}: joint {joint!r} names the {end} link {link or None!r}, "
@@ -359,31 +359,31 @@ def root_of_tree(
             raise RobotError(f"{label}: link {link!r} is the child of two joints")
     roots = sorted(known - set(children))
     if len(roots) != 1:
-        found = ", ".join(roots) if roots else "none (the links form a loop)"
-        raise RobotError(f"{label}: a robot has one root link, found {found}")
+        roots_text = ", ".join(roots) if roots else "none (the links form a loop)"
+        raise RobotError(f"{label}: a robot has one root link, found {roots_text}")
     _check_chains(label, roots[0], ends)
     return roots[0]
 
 
 def _check_chains(label: str, top: str, ends: Iterable[tuple[str, str]]) -> None:
-    """Refuse a chain of more joints than any robot has, and links that do not hang on the root."""
-    below: dict[str, list[str]] = {}
+    """Refuse too long a chain of joints, and links that are not connected to the root."""
+    children: dict[str, list[str]] = {}
     for parent, child in ends:
-        below.setdefault(parent, []).append(child)
-    level, reached = [top], {top}
+        children.setdefault(parent, []).append(child)
+    current, reached = [top], {top}
     for _ in range(LONGEST_CHAIN + 1):
-        level = [child for link in level for child in below.get(link, ())]
-        reached.update(level)
-        if not level:
-            apart = sorted({child for _, child in ends} - reached)
-            if apart:
+        current = [child for link in current for child in children.get(link, ())]
+        reached.update(current)
+        if not current:
+            unreached = sorted({child for _, child in ends} - reached)
+            if unreached:
                 raise RobotError(
                     f"{label}: the root link is {top!r}, and what does not hang on it hangs on a "
-                    f"loop of joints: {first_of(apart, _MOST_PLACES)}; correct their parents"
+                    f"loop of joints: {first_of(unreached, _MOST_PLACES)}; correct their parents"
                 )
             return
     raise RobotError(
-        f"{label}: more than {LONGEST_CHAIN} joints follow each other down to link {level[0]!r}; "
+        f"{label}: more than {LONGEST_CHAIN} joints follow each other down to link {current[0]!r}; "
         "no robot has so many"
     )
 
@@ -391,7 +391,7 @@ def _check_chains(label: str, top: str, ends: Iterable[tuple[str, str]]) -> None
 def links_below(
     label: str, links: Iterable[str], ends: Sequence[tuple[str, str]], top: str
 ) -> set[str]:
-    """Return a link and all that hangs on it.
+    """Return a link and all links of its subtree.
 
     Args:
         label: The file, for messages.
@@ -404,16 +404,16 @@ def links_below(
     """
     if top not in links:
         raise RobotError(f"{label}: there is no link {top!r} to start from")
-    kept = {top}
-    while below := {child for parent, child in ends if parent in kept} - kept:
-        kept |= below
-    return kept
+    reached = {top}
+    while below := {child for parent, child in ends if parent in reached} - reached:
+        reached |= below
+    return reached
 
 
 _MOST_PLACES = 3
-"""That a message names, of those where a mesh was looked for."""
-_ALIKE = 0.75
-"""How much names of files are, of which one was probably meant."""
+"""Number of paths in a message on a missing mesh."""
+_LEAST_SIMILARITY = 0.75
+"""Least similarity of a file name that is suggested."""
 FLATNESS = 1e-7
 """Thickness over length below which a mesh (single-precision vertices) has no volume."""
 
@@ -423,7 +423,7 @@ NEEDED_SCALE = 'needs scale="0.001 0.001 0.001" in the URDF'
 
 
 def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
-    """Read a link's collision mesh in metres; do not change what is returned.
+    """Read a link's collision mesh in metres; do not modify the result.
 
     Args:
         label: The robot's file, for the message.
@@ -436,7 +436,7 @@ def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
     if mesh.file is None:
         raise MeshError(
             f"{label}: link {link!r} needs the collision mesh {mesh.written!r}, which is missing "
-            f"(looked for {looked_for(mesh)}); {what_to_do(mesh)}"
+            f"(looked for {search_places_text(mesh)}); {missing_mesh_advice(mesh)}"
         )
     try:
         return scaled_mesh(mesh.file, mesh.scale, upright=False)
@@ -446,24 +446,24 @@ def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
         ) from error
 
 
-def looked_for(mesh: LinkMesh) -> str:
-    """Return where a mesh was looked for, in words: the likeliest places."""
+def search_places_text(mesh: LinkMesh) -> str:
+    """Return a text with the likeliest paths at which a mesh was looked for."""
     return first_of([*map(str, mesh.looked)], _MOST_PLACES) or "nowhere"
 
 
-def what_to_do(mesh: LinkMesh) -> str:
-    """Return what to do about a mesh that is missing: the name that was probably meant, if any."""
-    # Of each place what is not there: folders and the file; and the folder that holds them not.
+def missing_mesh_advice(mesh: LinkMesh) -> str:
+    """Return advice on a missing mesh: the name that was probably meant, if any."""
+    # For each path: the parts that do not exist, and the folder in which they are missing.
     missing: list[tuple[tuple[str, ...], Path]] = []
     for place in mesh.looked:
         with suppress(OSError, ValueError):  # no file can have such a name
             folder = next(one for one in place.parents if one.is_dir())
             missing.append((place.relative_to(folder).parts, folder))
     for parts, folder in sorted(missing, key=lambda one: len(one[0])):
-        with suppress(OSError):  # a folder that nobody may look into
+        with suppress(OSError):  # a folder without read permission
             is_folder = len(parts) > 1
             known = [item.name for item in folder.iterdir() if item.is_dir() == is_folder]
-            if nearest := nearest_name(parts[0], known, _ALIKE):
+            if nearest := nearest_name(parts[0], known, _LEAST_SIMILARITY):
                 return f"did you mean {nearest!r}?"
     scheme, _, address = mesh.written.partition("://")
     package = Path(address).parts

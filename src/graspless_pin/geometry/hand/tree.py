@@ -29,8 +29,8 @@ from graspless_pin.geometry.hand.coupling import (
     FOLLOWER_TOLERANCE,
     LIMIT_TOLERANCE,
     Coupling,
+    consistent_limits,
     independent_ranges,
-    limits_that_agree,
     resolve_couplings,
 )
 from graspless_pin.geometry.hand.robot_model import (
@@ -344,7 +344,7 @@ def build_tree(
     follows = {item.joint: item for robot, _ in robots for item in robot.couplings}
     follows |= {item.joint: item for item in couplings}
     coupling = resolve_couplings(joint_names, follows.values())
-    lower, upper = limits_that_agree(
+    lower, upper = consistent_limits(
         joint_names,
         coupling,
         np.array([joints[name].lower for name in joint_names]),

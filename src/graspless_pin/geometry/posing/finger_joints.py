@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.hand.coupling import groups_that_share
+from graspless_pin.geometry.hand.coupling import groups_sharing_joints
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import KinematicTree, LinkGeometry
 from graspless_pin.problem.checks import FloatArray, check_known
@@ -85,7 +85,7 @@ def least_squares_positions(
 
 def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[list[str]]:
     """Put fingers that share an independent joint, as the jaws of a gripper do, into one group."""
-    return groups_that_share({finger: set(driving_columns(hand, finger)) for finger in fingers})
+    return groups_sharing_joints({finger: set(driving_columns(hand, finger)) for finger in fingers})
 
 
 def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:

@@ -1,1 +1,1 @@
-"""Robot files, their list, and audits of URDFs."""
+"""Robot files and their schema, and the description of a robot beyond its URDF."""

@@ -1,4 +1,4 @@
-"""What a robot file says of a robot besides its URDF: fingers, couplings, meshes, limits."""
+"""The description of a robot beyond its URDF: fingers, couplings, meshes, effort limits."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class FingerSpec:
 
     Attributes:
         joints: Its movable joints.
-        links: The links whose contacts count as the finger's; empty means every link that its
-            joints move.
+        links: The links whose contacts are the finger's; empty means every link that its joints
+            move.
         tip: The link at its end, if one is named.
     """
 
@@ -42,8 +42,8 @@ class JointCoupling:
 
     Attributes:
         joint: The joint that follows.
-        follows: Multiplier m by leader; a leader may itself follow others.
-        offset: Its position when all leaders stand at zero.
+        follows: Multiplier m by leader; a leader may itself follow other joints.
+        offset: Position of the joint when all leaders are at zero.
     """
 
     joint: str
@@ -60,17 +60,18 @@ class JointCoupling:
 class LinkMeshes:
     """How the collision meshes of a robot's links are made convex.
 
-    A cut takes seconds for a mesh, minutes for a hand of fine ones, and is remembered on disk.
+    A decomposition takes seconds for a mesh, minutes for a hand of fine meshes; it is cached on
+    disk.
 
     See the example of `list_robots`.
 
     Attributes:
-        convex: ``hull`` fills all hollows; ``decompose`` cuts a mesh into convex pieces. One word
-            for all links, or words by link, the others being hulls.
-        concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
-            a mesh's largest extent, 0.01 to 1.
-        decompose_time_limit: Seconds that the cut of each mesh may take, at most 1e6.
-        max_pieces: Most convex pieces of each mesh; None: as many as the concavity takes.
+        convex: ``hull`` fills all hollows; ``decompose`` cuts a mesh into convex pieces. One value
+            for all links, or values by link, the others being hulls.
+        concavity: For ``decompose``: largest depth of a hollow that may still be filled, as a share
+            of half a mesh's largest extent, 0.01 to 1.
+        decompose_time_limit: Time limit of the decomposition of each mesh, s, at most 1e6.
+        max_pieces: Largest number of convex pieces of each mesh; None: no limit but the concavity.
     """
 
     convex: str | Mapping[str, str] = "hull"
@@ -79,49 +80,49 @@ class LinkMeshes:
     max_pieces: int | None = None
 
     def __post_init__(self) -> None:
-        """Check the words and the number.
+        """Check the values.
 
         Raises:
-            ArgumentError: One is not among those above.
+            ArgumentError: A value is invalid or out of range.
         """
         if not isinstance(self.convex, Mapping):
             one_of(WAYS, "convex", self.convex)
         for link, word in self.convex.items() if isinstance(self.convex, Mapping) else ():
             one_of(WAYS, f"convex[{link!r}]", word)
-        self._cut()
+        self._cut_settings()
 
-    def _cut(self) -> Cut:
+    def _cut_settings(self) -> Cut:
         return Cut(self.concavity, self.decompose_time_limit, self.max_pieces)
 
     def cuts(self, links: Collection[str], prefix: str = "") -> dict[str, Cut]:
-        """Return which links' meshes are cut, and how.
+        """Return the settings of the decomposition by link, of the links that are decomposed.
 
         Args:
             links: All links that have a mesh, with the prefix.
-            prefix: Before every link's name.
+            prefix: Prefix of every link's name.
 
         Raises:
             ArgumentError: If a named link is not among them.
         """
         if not isinstance(self.convex, Mapping):
-            return dict.fromkeys(links if self.convex == "decompose" else (), self._cut())
+            return dict.fromkeys(links if self.convex == "decompose" else (), self._cut_settings())
         for link in self.convex:
             if prefix + link not in links:
                 known = [name.removeprefix(prefix) for name in links]
                 raise unknown_name("convex", "link with a collision mesh", link, known)
         named = [prefix + link for link, word in self.convex.items() if word == "decompose"]
-        return dict.fromkeys(named, self._cut())
+        return dict.fromkeys(named, self._cut_settings())
 
 
 @dataclass(frozen=True, repr=False)
 class RobotDescription(Record, Brief):
-    """A hand before it is mounted: a URDF and what the URDF does not say.
+    """A robot before it is mounted: a URDF and what the URDF does not state.
 
     Attributes:
-        name: Its name, for messages and tables.
+        name: Name in messages and tables.
         urdf_path: The URDF, xacro file or MJCF.
-        package_dirs: Where the URDF's ``package://`` addresses are looked up.
-        root_link: The link that is mounted, with all that hangs on it; None is the URDF's root.
+        package_dirs: Folders in which the URDF's ``package://`` addresses are looked up.
+        root_link: The link that is mounted, with its subtree; None is the URDF's root.
         xacro_args: Values of the ``<xacro:arg>`` of a xacro file.
         srdf: Its SRDF; None: the one beside the URDF, if there is one.
         palms: The links that carry fingers; empty: found from the tree.
@@ -130,16 +131,16 @@ class RobotDescription(Record, Brief):
         tendons: Moment arm by joint, m, by tendon.
         effort_limits: Limit by finger, joint or tendon (N m, or N for a prismatic joint or a
             tendon): a symmetric one, or (lower, upper).
-        effort_sources: Where each of these limits comes from.
-        effort_unknown: What is known by finger, joint or tendon whose real limit is not.
+        effort_sources: Source of each of these limits.
+        effort_unknown: Note on the limit by finger, joint or tendon whose real limit is unknown.
         meshes: How the collision meshes of its links are made convex.
         visuals_collide: Whether links without collision shapes collide with their visual ones.
         stiffness: Gain of position feedback, N m/rad, of all joints or by joint, finger or
-            ``default``; None: none is stated.
-        damping: The same of the damping, N m s/rad.
+            ``default``; None: not stated.
+        damping: Damping gain likewise, N m s/rad.
         file: The robot file, if there is one.
-        model: The model of example-robot-data, if it is one.
-        read: The `RobotModel` itself of a robot that no file describes; None: files do.
+        model: Name of the model of example-robot-data, if it is one.
+        read: The `RobotModel` of a robot that no file describes; None: it is read from the files.
     """
 
     name: str
@@ -165,18 +166,18 @@ class RobotDescription(Record, Brief):
 
     @property
     def label(self) -> str:
-        """What messages call it: with its file, if there is one."""
+        """Name of the robot in messages, with its file, if there is one."""
         name = f"robot {self.name!r}"
         return name if self.file is None else f"{self.file}: {name}"
 
     def check_gains(self, known: Sequence[str]) -> None:
-        """Refuse gains of what is no joint or finger.
+        """Refuse gains of names that are neither joints nor fingers.
 
         Args:
             known: Names of joints and fingers, without a prefix.
 
         Raises:
-            RobotError: Naming file and key.
+            RobotError: If there is one; names file and key.
         """
         for kind in ("stiffness", "damping"):
             stated = getattr(self, kind)

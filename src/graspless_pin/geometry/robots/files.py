@@ -1,6 +1,6 @@
-"""Where a hand comes from: a URDF, a robot file in ``robots/`` or an example-robot-data model.
+"""Finding a robot: a URDF, a robot file in ``robots/`` or an example-robot-data model.
 
-The schema of robot files (``robots/*.yaml``): what may stand in one, unknown keys refused.
+Also the schema of robot files (``robots/*.yaml``); unknown keys are refused.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class EffortEntry(Entry):
     )
 
     @model_validator(mode="after")
-    def _one_form(self) -> EffortEntry:
+    def _check_one_form(self) -> EffortEntry:
         stated = self.limit is not None and self.source is not None and self.unknown is None
         open_ = self.limit is None and self.source is None and self.unknown is not None
         if not (stated or open_):
@@ -100,7 +100,7 @@ class CouplingEntry(Entry):
     offset: Finite = Field(default=0.0, description="[rad, m] added to what follows from that")
 
     @model_validator(mode="after")
-    def _one_multiplier(self) -> CouplingEntry:
+    def _check_one_multiplier(self) -> CouplingEntry:
         if isinstance(self.follows, dict) and "multiplier" in self.model_fields_set:
             raise ValueError("'multiplier' goes with one leader; write {leader: multiplier}")
         return self
@@ -187,7 +187,7 @@ class RobotFile(Entry):
     max_pieces: MaxPieces | None = None
 
     @model_validator(mode="after")
-    def _one_source(self) -> RobotFile:
+    def _check_one_source(self) -> RobotFile:
         if (self.urdf is None) == (self.model is None):
             raise ValueError(
                 "give either 'urdf' (a path relative to this file) or 'model' (the name of an "
@@ -196,16 +196,16 @@ class RobotFile(Entry):
         return self
 
 
-_MOST_KEPT = 32
+_MOST_CACHED_FILES = 32
 ROBOT_FILE = FileKind("robot file", 4, RobotError)
 
 
-@lru_cache(maxsize=_MOST_KEPT)
-def _robot_file(file: Path, text: str) -> RobotFile:
-    """Validate the text of a robot file, once: a study asks for its hand in every sample.
+@lru_cache(maxsize=_MOST_CACHED_FILES)
+def _validated_robot_file(file: Path, text: str) -> RobotFile:
+    """Validate the text of a robot file; cached, since a study needs its hand in every sample.
 
     Raises:
-        RobotError: If it is not plain YAML or not valid; names file, line, key and what was found.
+        RobotError: If it is not plain YAML or not valid; names file, line, key and value.
     """
     return validated(YamlSource.parsed(file, text, ROBOT_FILE), RobotFile)
 
@@ -216,19 +216,19 @@ _ROBOTS = _PACKAGE_ROBOTS if _PACKAGE_ROBOTS.is_dir() else _SOURCE_ROBOTS
 """The folder of robot files, inside the installed package or beside its source."""
 
 
-_MODELS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
-"""How the names of hands' own files end."""
+_ENDINGS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
+"""File name endings of robots' own files."""
 
 
-def _models() -> Mapping[str, Any]:
-    """Return the loaders of example-robot-data by name; reading them takes a while."""
+def _model_loaders() -> Mapping[str, Any]:
+    """Return the loaders of example-robot-data by name; importing them takes a while."""
     from example_robot_data import ROBOTS  # pyright: ignore[reportMissingImports]
 
     return ROBOTS
 
 
 def describe_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> RobotDescription:
-    """Describe a plain URDF or MJCF, of which no fingers or honest limits are known."""
+    """Describe a plain URDF or MJCF, without known fingers or effort limits."""
     file = Path(path)
     return RobotDescription(file.stem, file, tuple(Path(folder) for folder in package_dirs))
 
@@ -241,15 +241,19 @@ def describe_model(name: str) -> RobotDescription:
     """
     from example_robot_data import getModelPath  # pyright: ignore[reportMissingImports]
 
-    models = _models()
+    models = _model_loaders()
     loader = models.get(name)
     if loader is None:
-        raise RobotError(f"unknown model {name!r} of example-robot-data; {_similar(name, models)}")
+        raise RobotError(
+            f"unknown model {name!r} of example-robot-data; {_similar_names_text(name, models)}"
+        )
     if not loader.urdf_filename:
         raise RobotError(f"model {name!r} of example-robot-data is not a URDF; choose another one")
-    inside = Path(loader.path) / loader.urdf_subpath / loader.urdf_filename
-    folder = Path(getModelPath(str(inside))).resolve()
-    return RobotDescription(name, folder / inside, (folder.parents[1],), model=name)
+    relative_path = Path(loader.path) / loader.urdf_subpath / loader.urdf_filename
+    model_folder = Path(getModelPath(str(relative_path))).resolve()
+    return RobotDescription(
+        name, model_folder / relative_path, (model_folder.parents[1],), model=name
+    )
 
 
 def robot_names() -> tuple[str, ...]:
@@ -276,20 +280,23 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     elif text in robot_names():
         file = _ROBOTS / f"{text}.yaml"
     else:
-        raise RobotError(f"unknown robot {text!r}; {_similar(text, robot_names())}")
-    entry = _robot_file(file, read_text(file, ROBOT_FILE))
+        raise RobotError(f"unknown robot {text!r}; {_similar_names_text(text, robot_names())}")
+    entry = _validated_robot_file(file, read_text(file, ROBOT_FILE))
     efforts = entry.effort_limits
     if entry.model is not None:
         try:
-            base = describe_model(entry.model)
+            model_description = describe_model(entry.model)
         except RobotError as error:
             raise RobotError(f"{file}: model: {error}") from error
     else:
-        base = describe_urdf(file.parent / str(entry.urdf))
+        model_description = describe_urdf(file.parent / str(entry.urdf))
     return RobotDescription(
         name=entry.name,
-        urdf_path=base.urdf_path,
-        package_dirs=(*base.package_dirs, *(file.parent / item for item in entry.package_dirs)),
+        urdf_path=model_description.urdf_path,
+        package_dirs=(
+            *model_description.package_dirs,
+            *(file.parent / item for item in entry.package_dirs),
+        ),
         root_link=entry.root_link,
         xacro_args=entry.xacro_args,
         srdf=None if entry.srdf is None else file.parent / entry.srdf,
@@ -314,19 +321,19 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 def find_robot(
     source: RobotDescription | str | Path, package_dirs: Sequence[str | Path] = ()
 ) -> RobotDescription:
-    """Find out what ``source`` means.
+    """Return the description of the robot that ``source`` denotes.
 
     Args:
         source: A description; a path to a URDF or MJCF (.urdf, .xacro, .xml, .mjcf) or a robot file
             (.yaml, .yml); the name of a robot file; or the name of an example-robot-data model.
-            Robot files win over models.
+            Robot files take precedence over models.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
 
     Raises:
-        RobotError: If it means nothing; names similar robots.
+        RobotError: If it denotes no robot; names similar robots.
         ArgumentError: If ``package_dirs`` is given for anything but a URDF.
     """
-    is_urdf = not isinstance(source, RobotDescription) and Path(source).suffix in _MODELS
+    is_urdf = not isinstance(source, RobotDescription) and Path(source).suffix in _ENDINGS
     if is_urdf:
         return describe_urdf(str(source), package_dirs)
     if package_dirs:
@@ -336,24 +343,24 @@ def find_robot(
     text = str(source)
     if text.endswith((".yaml", ".yml")) or text in robot_names():
         return load_robot(text)
-    if text in _models():
+    if text in _model_loaders():
         return describe_model(text)
     if is_file(Path(text)):
         refuse_other_kind(
             Path(text), ROBOT_FILE, kind_of_file(Path(text), read_bytes(Path(text), ROBOT_FILE))
         )
         raise RobotError(
-            f"{text}: is neither a URDF nor an MJCF ({', '.join(_MODELS[:4])}) nor a robot file "
+            f"{text}: is neither a URDF nor an MJCF ({', '.join(_ENDINGS[:4])}) nor a robot file "
             "(.yaml, .yml)"
         )
     raise RobotError(
         f"unknown robot {text!r}: give a .urdf file, a robot file or a model's name; "
-        f"{_similar(text, [*robot_names(), *_models()])}"
+        f"{_similar_names_text(text, [*robot_names(), *_model_loaders()])}"
     )
 
 
-def _similar(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:
-    """Say which known names are near ``name``, or all of them if none is."""
+def _similar_names_text(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:
+    """Return a text with the known names similar to ``name``, or all of them if none is."""
     names = sorted(set(known))
     similar = difflib.get_close_matches(name, names, n=5, cutoff=0.5)
     similar += [other for other in names if name and name in other and other not in similar]
