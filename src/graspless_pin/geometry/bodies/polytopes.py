@@ -207,7 +207,7 @@ class Cuboid(Polytope):
     """A box about the origin; the vertex of index 4x + 2y + z lies at the signs of x, y and z."""
 
     def farthest_vertices(self, direction: FloatArray) -> tuple[int, ...]:
-        """See `Polytope.farthest_vertices`: an edge is level by its component."""
+        """See `Polytope.farthest_vertices`; edges along axes of small components are level."""
         x, y, z = direction.tolist()
         signs = (
             0 if abs(x) <= PARALLEL_ANGLE else (1 if x > 0.0 else -1),

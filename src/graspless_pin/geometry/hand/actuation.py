@@ -1,11 +1,11 @@
-"""From independent joints to actuators: motors, tendons and what an underactuated hand leaves free.
+"""From independent joints to actuators: motors, tendons and the passive motions of the hand.
 
-A tendon with the moment arms r (m) on its joints makes the torques r t at the tension t. k tendons
-(rows of R) on g joints hold ``tau = R^T t``. With ``A = R^T (R R^T)^-1`` and an orthonormal basis N
-of the null space of R that is ``A^T tau = t`` and ``N^T tau = 0``. So every tendon is a column of
+A tendon with the moment arms r (m) on its joints exerts the torques r t at the tension t. k tendons
+(rows of R) on g joints exert ``tau = R^T t``. With ``A = R^T (R R^T)^-1`` and an orthonormal basis
+N of the null space of R this is ``A^T tau = t`` and ``N^T tau = 0``. So every tendon is a column of
 the contact Jacobian, and every motion that no tendon resists is a column with the limits 0 and 0.
 
-Effort limits of the actuators are those of the URDF, overridden by what is known better.
+Effort limits of the actuators are those of the URDF unless a robot file or scene overrides them.
 """
 
 from __future__ import annotations
@@ -45,10 +45,11 @@ class Actuation(Brief, Record):
         names: Motors by the name of their joint, then tendons, then passive motions.
         tendons: Names of the tendons among them.
         passive: Names of the passive motions among them.
-        units: Units of their efforts: N of prismatic joints, tendons, and what moves such joints.
-        from_independent: (a, L) the actuators feel ``from_independent^T tau_a`` when the
-            independent joints feel tau_a.
-        from_joints: (n, L) the same from all movable joints, couplings included.
+        units: Units of their efforts: N of prismatic joints, tendons, and passive motions of
+            prismatic joints.
+        from_independent: (a, L) maps torques tau_a of the independent joints to efforts of the
+            actuators: ``from_independent^T tau_a``.
+        from_joints: (n, L) the same map for all movable joints, couplings included.
     """
 
     names: tuple[str, ...]
@@ -60,7 +61,7 @@ class Actuation(Brief, Record):
 
     @cached_property
     def every_joint_alone(self) -> bool:
-        """Whether all movable joints have a motor each, in their order."""
+        """Whether every movable joint has a motor of its own, in their order."""
         rows, columns = self.from_joints.shape
         return rows == columns and bool((self.from_joints == np.eye(rows)).all())
 
@@ -77,8 +78,8 @@ def plan_actuation(
 
     Raises:
         ArgumentError: If a tendon's joint is unknown, a tendon has a joint's name or no moment
-            arm, tendons on the same joints are redundant, or a tendon's joints are not under one
-            control mode.
+            arm, tendons on the same joints are redundant, or a tendon's joints have different
+            control modes.
     """
     count = len(tree.coupling.leaders)
     arms = {name: _moment_arms(tree, name, joints) for name, joints in tendons.items()}
@@ -87,9 +88,9 @@ def plan_actuation(
     columns: list[FloatArray] = []
     tendon_names: list[str] = []
     passive: list[str] = []
-    zeros: list[FloatArray] = []
-    pulled = {name: set(np.flatnonzero(row).tolist()) for name, row in arms.items()}
-    for group in groups_sharing_joints(pulled):
+    passive_columns: list[FloatArray] = []
+    tendon_joints = {name: set(np.flatnonzero(row).tolist()) for name, row in arms.items()}
+    for group in groups_sharing_joints(tendon_joints):
         R = np.array([arms[name] for name in group])
         joints = np.flatnonzero(np.any(R != 0.0, axis=0))
         driven |= set(joints.tolist())
@@ -109,36 +110,36 @@ def plan_actuation(
                 f"{', '.join(group)} pull the same joints in the same way; tensions of redundant "
                 "tendons cannot be told apart, keep as many as there are joints",
             )
-        columns += _embed(R.T @ np.linalg.inv(R @ R.T), joints, count)
+        columns += _embedded_columns(R.T @ np.linalg.inv(R @ R.T), joints, count)
         tendon_names += group
-        free = _embed(null_space(R), joints, count)
-        zeros += free
-        passive += [f"{group[0]}.passive_{number}" for number in range(1, len(free) + 1)]
+        null_columns = _embedded_columns(null_space(R), joints, count)
+        passive_columns += null_columns
+        passive += [f"{group[0]}.passive_{number}" for number in range(1, len(null_columns) + 1)]
     motors = [
         column
         for column, mode in enumerate(modes)
         if mode is ControlMode.FORCE and column not in driven
     ]
-    rows = [*np.eye(count)[motors], *columns, *zeros]
+    rows = [*np.eye(count)[motors], *columns, *passive_columns]
     matrix = np.array(rows).reshape(len(rows), count).T
     names = (*(list(control.joints)[column] for column in motors), *tendon_names, *passive)
     return Actuation(
         names=names,
         tendons=tuple(tendon_names),
         passive=tuple(passive),
-        units=_units(tree, names, tendon_names, matrix),
+        units=_effort_units(tree, names, tendon_names, matrix),
         from_independent=matrix,
         from_joints=tree.coupling.S @ matrix,
     )
 
 
-def _units(
+def _effort_units(
     tree: KinematicTree,
     names: Sequence[str],
     tendons: Sequence[str],
     from_independent: FloatArray,
 ) -> tuple[JointUnit, ...]:
-    """Return the units of the L actuators with some names, see `Actuation`."""
+    """Return the effort units of the L actuators with given names, see `Actuation`."""
     linear = np.array([kind == "prismatic" for kind in tree.joint_kinds], dtype=bool)
     leaders = linear[list(tree.coupling.leaders)]
     moves_linear = (from_independent[leaders] != 0.0).any(axis=0)
@@ -164,15 +165,15 @@ def _moment_arms(tree: KinematicTree, name: str, joints: Mapping[str, float]) ->
     return independent
 
 
-def _embed(columns: FloatArray, rows: NDArray[np.intp], count: int) -> list[FloatArray]:
-    """Return (g, k) columns over some joints as k vectors over all ``count`` joints."""
+def _embedded_columns(columns: FloatArray, rows: NDArray[np.intp], count: int) -> list[FloatArray]:
+    """Return the (g, k) columns over given joints as k vectors over all ``count`` joints."""
     vectors = np.zeros((columns.shape[1], count))
     vectors[:, rows] = columns.T
     return list(vectors)
 
 
 PLACEHOLDER_EFFORT = 100.0
-"""An effort (N m or N) from which on no finger's motor is believed."""
+"""Effort (N m or N) from which on a limit of a finger is taken for a placeholder."""
 
 PLACEHOLDER_ARM_EFFORT = 1000.0
 """The same for joints that are not below a palm: arms, legs, lifts."""
@@ -182,7 +183,7 @@ EffortLimit = float | tuple[float, float]
 
 
 def is_placeholder(effort: float, *, on_arm: bool = False) -> bool:
-    """Return whether a URDF's effort limit is no motor's: 0, infinite or too large for one.
+    """Return whether a URDF's effort limit looks like a placeholder: 0, infinite or too large.
 
     Args:
         effort: N m or N.
@@ -198,13 +199,13 @@ def expand_overrides(
     tendons: Mapping[str, Mapping[str, float]],
     tensions: Mapping[str, tuple[float, float]],
 ) -> dict[str, tuple[float, float]]:
-    """Spread overrides by finger, joint or tendon name over joints and tendons.
+    """Expand overrides by finger, joint or tendon name to joints and tendons.
 
     Args:
         tree: The kinematic tree.
         fingers: The checked fingers.
-        overrides: Limit by finger, joint or tendon; a joint's own one wins over its finger's. One
-            number F means (-F, F), without the sign that a tendon cannot have.
+        overrides: Limit by finger, joint or tendon; that of a joint takes precedence over that of
+            its finger. One number F means (-F, F), without the sign that a tendon cannot have.
         tendons: The joints that each tendon pulls.
         tensions: (lower, upper) of tendons, N; others only pull.
 
@@ -215,7 +216,7 @@ def expand_overrides(
         ArgumentError: If a name is unknown or that of a joint without a motor, or a limit is not a
             finite number or pair with lower <= upper.
     """
-    pairs = {name: _pair(name, limit) for name, limit in overrides.items()}
+    pairs = {name: _limit_pair(name, limit) for name, limit in overrides.items()}
     expanded = {
         target: pairs[name]
         for target, name in entry_by_joint(tree, fingers, overrides, tendons).items()
@@ -223,8 +224,8 @@ def expand_overrides(
     for name in tendons:
         if name in expanded and np.ndim(overrides[name]) == 0:
             lower, upper = tensions.get(name, (0.0, np.inf))
-            least, most = expanded[name]
-            expanded[name] = (least if lower < 0.0 else 0.0, most if upper > 0.0 else 0.0)
+            low, high = expanded[name]
+            expanded[name] = (low if lower < 0.0 else 0.0, high if upper > 0.0 else 0.0)
     return expanded
 
 
@@ -239,15 +240,15 @@ def entry_by_joint(
 ) -> dict[str, str]:
     """Return, for each driven joint and each tendon, the entry of ``names`` that applies to it.
 
-    A joint's own name counts before that of its finger.
+    A joint's own name takes precedence over that of its finger.
 
     Args:
         tree: The kinematic tree.
         fingers: The checked fingers.
-        names: Of fingers, joints and tendons.
+        names: Names of fingers, joints and tendons.
         tendons: The joints that each tendon pulls.
-        argument: What errors call the names.
-        instead: What to do in the place of naming a joint that follows another.
+        argument: Name of the argument in errors.
+        instead: Advice in errors for a joint that follows another.
 
     Raises:
         ArgumentError: If a name is unknown or that of a joint without a motor.
@@ -296,7 +297,7 @@ def resolve_effort_limits(
         tree: The kinematic tree, which holds the URDF's limits.
         actuation: The L actuators.
         overrides: (lower, upper) by joint or tendon, instead of the URDF's.
-        unknown: What is known, by joint or tendon whose real limit is declared unknown.
+        unknown: Note by joint or tendon whose real limit is declared unknown.
         arm_joints: Joints that are not below a palm.
         tensions: (lower, upper) of tendons, N; others only pull, without a limit.
 
@@ -326,23 +327,23 @@ def resolve_effort_limits(
             noted.setdefault(unknown[name], []).append(limit_words(name, upper[row]))
         elif is_placeholder(max(-lower[row], upper[row]), on_arm=name in arm_joints):
             doubtful[name] = limit_words(name, upper[row])
-    unsure = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
+    unknown_words = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
     declared = [name for name in actuation.names if name in unknown and name not in overrides]
-    for code, names, what, listed in (
+    for code, names, reason, listed in (
         (
             FindingCode.PLACEHOLDER_EFFORT,
             doubtful,
             "look like placeholders",
             ", ".join(doubtful.values()),
         ),
-        (FindingCode.UNKNOWN_EFFORT, declared, "the robot file declares unknown", unsure),
+        (FindingCode.UNKNOWN_EFFORT, declared, "the robot file declares unknown", unknown_words),
     ):
         if listed:
             emit(
                 Finding(
                     code,
                     ", ".join(names),
-                    f"effort limits that {what}: {listed}",
+                    f"effort limits that {reason}: {listed}",
                     "give the motors' real limits in effort_limits (N m, or N for a prismatic "
                     "joint)",
                     ("hand", "effort_limits"),
@@ -352,18 +353,18 @@ def resolve_effort_limits(
 
 
 def limit_words(name: str, limit: float) -> str:
-    """Return a joint with its effort limit, for messages."""
+    """Return a text with a joint's name and effort limit, for messages."""
     return f"{name!r} ({limit:g})" if np.isfinite(limit) else f"{name!r} (unlimited)"
 
 
 def urdf_efforts(tree: KinematicTree) -> tuple[FloatArray, FloatArray]:
-    """Return the URDF's (lower, upper) efforts of the n movable joints, infinite if unbounded."""
+    """Return the URDF's (lower, upper) effort limits of the n movable joints, infinite if none."""
     model = tree.pinocchio_model
     return np.array(model.lowerEffortLimit), np.array(model.upperEffortLimit)
 
 
-def _pair(name: str, limit: EffortLimit) -> tuple[float, float]:
-    """Return a limit as (lower, upper)."""
+def _limit_pair(name: str, limit: EffortLimit) -> tuple[float, float]:
+    """Return an effort limit as (lower, upper)."""
     argument = f"effort_limits[{name!r}]"
     values = as_numbers(argument, limit, "a number or a pair")
     if values.shape not in ((), (2,)) or not np.isfinite(values).all():

@@ -1,4 +1,4 @@
-"""Joins mounted robots to one hand: its tree, fingers, tendons, actuators and rotor inertias.
+"""Joining mounted robots to one hand: its tree, fingers, tendons, actuators and rotor inertias.
 
 Joint positions and the final effort limits are set later.
 """
@@ -57,18 +57,18 @@ from graspless_pin.records import Brief, changed
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mount(Brief):
-    """A robot fixed to the world.
+    """A robot mounted in the world.
 
     Attributes:
         source: A path to a URDF or robot file, the name of a robot file or example-robot-data
             model, or a description.
         T_world_base: (4, 4) pose of the robot's root link; None is the world's origin.
-        prefix: Put before the names of its joints, links and fingers.
-        fingers: Its fingers, without the prefix; None takes the robot file's, or finds them.
+        prefix: Prefix for the names of its joints, links and fingers.
+        fingers: Its fingers, without the prefix; None takes those of the robot file, or finds them.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
         meshes: How its collision meshes are made convex; None takes the robot file's way.
-        root_link: The link that is mounted, with all that hangs on it; None takes the robot file's,
-            or the URDF's root.
+        root_link: The link that is mounted, with its subtree; None takes the robot file's, or the
+            URDF's root.
         srdf: Its SRDF; None takes the robot file's, or the one beside the URDF.
     """
 
@@ -82,16 +82,16 @@ class Mount(Brief):
     srdf: str | Path | None = None
 
     def robot(self) -> RobotDescription:
-        """Find the robot.
+        """Return the description of the robot.
 
         Raises:
             RobotError: If there is none.
             ArgumentError: If ``package_dirs`` is given for anything but a URDF.
         """
-        found = find_robot(self.source, self.package_dirs)
+        robot = find_robot(self.source, self.package_dirs)
         if self.root_link is not None:
-            found = replace(found, root_link=self.root_link)
-        return found if self.srdf is None else replace(found, srdf=Path(self.srdf))
+            robot = replace(robot, root_link=self.root_link)
+        return robot if self.srdf is None else replace(robot, srdf=Path(self.srdf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +100,17 @@ class JoinedMounts:
 
     Attributes:
         tree: Their common tree.
-        mounts: The robots, each found and at a (4, 4) pose.
+        mounts: The mounts, each with the description of its robot and a (4, 4) pose.
         palms: The links that carry fingers.
         fingers: All fingers, checked.
         arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
-        held_joints: Joints of no finger that no palm carries (of arms, legs, necks), of robots with
-            a palm: under position control unless it is said otherwise.
-        outer_joints: The same of all robots; of one without a palm, all joints of no finger.
+        held_joints: Joints of no finger that are not below a palm (arms, legs, necks), of robots
+            with a palm: position-controlled by default.
+        outer_joints: Likewise for all robots; of one without a palm, all joints of no finger.
         tendons: Moment arm by joint, m, by tendon.
-        tensions: Lowest and highest tension by tendon, N, as far as an MJCF states them.
-        effort_limits: (lower, upper) by joint or tendon, as far as the robot files state them.
-        effort_unknown: What is known by joint or tendon whose limit a robot file calls unknown.
+        tensions: Lowest and highest tension by tendon, N, if an MJCF states them.
+        effort_limits: (lower, upper) by joint or tendon, if the robot files state them.
+        effort_unknown: Note by joint or tendon whose limit a robot file declares unknown.
     """
 
     tree: KinematicTree
@@ -127,7 +127,7 @@ class JoinedMounts:
 
 
 def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedMounts:
-    """Find, read and join robots.
+    """Find, read and join robots to one tree.
 
     Args:
         mounts: The robots.
@@ -135,8 +135,8 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
 
     Raises:
         ArgumentError: If there is no mount, two share a prefix, a pose is not rigid, or fingers or
-            links given with a mount do not fit.
-        RobotError: If a robot cannot be found or loaded, or its robot file does not fit its URDF.
+            links given with a mount do not match.
+        RobotError: If a robot cannot be found or loaded, or its robot file does not match its URDF.
         MeshError: If a mesh is missing or unusable.
     """
     if not mounts:
@@ -149,7 +149,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         as_pose("T_world_base", np.eye(4) if mount.T_world_base is None else mount.T_world_base)
         for mount in mounts
     ]
-    found = tuple(
+    placed_mounts = tuple(
         replace(mount, source=robot, T_world_base=T, package_dirs=(), root_link=None, srdf=None)
         for mount, robot, T in zip(mounts, robots, poses, strict=True)
     )
@@ -159,19 +159,21 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     for mount, robot in zip(mounts, robots, strict=True):
         model = read_robot(robot, mount.prefix, with_shapes=with_shapes)
         models.append(model)
-        couplings += _couplings(robot, model, mount.prefix)
+        couplings += _prefixed_couplings(robot, model, mount.prefix)
         if with_shapes:
-            cuts |= _cuts(mount, robot, model)
+            cuts |= _mesh_cuts(mount, robot, model)
     tree = build_tree(
         list(zip(models, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
     )
-    joined = JoinedMounts(tree, found, (), {}, {}, (), (), {}, {}, {}, {})
+    joined = JoinedMounts(tree, placed_mounts, (), {}, {}, (), (), {}, {}, {}, {})
     for mount, robot, model in zip(mounts, robots, models, strict=True):
-        joined = _add(joined, mount, robot, model)
+        joined = _with_robot(joined, mount, robot, model)
     return joined
 
 
-def _couplings(robot: RobotDescription, model: RobotModel, prefix: str) -> list[JointCoupling]:
+def _prefixed_couplings(
+    robot: RobotDescription, model: RobotModel, prefix: str
+) -> list[JointCoupling]:
     """Return the couplings of a robot file, prefixed and checked."""
     couplings = [coupling.prefixed(prefix) for coupling in robot.couplings]
     for coupling in couplings:
@@ -182,8 +184,8 @@ def _couplings(robot: RobotDescription, model: RobotModel, prefix: str) -> list[
     return couplings
 
 
-def _cuts(mount: Mount, robot: RobotDescription, model: RobotModel) -> dict[str, Cut]:
-    """Return how the meshes of some links of one robot are cut."""
+def _mesh_cuts(mount: Mount, robot: RobotDescription, model: RobotModel) -> dict[str, Cut]:
+    """Return the settings of the decomposition by link, of the links that are decomposed."""
     links = tuple(
         link.name
         for link in model.links
@@ -197,10 +199,10 @@ def _cuts(mount: Mount, robot: RobotDescription, model: RobotModel) -> dict[str,
         raise RobotError(f"{robot.label}: {error}") from error
 
 
-def _add(
+def _with_robot(
     joined: JoinedMounts, mount: Mount, robot: RobotDescription, model: RobotModel
 ) -> JoinedMounts:
-    """Add what one robot and its file say about its fingers, tendons and limits."""
+    """Return the joined mounts with the fingers, tendons and limits of one robot added."""
     tree, prefix = joined.tree, mount.prefix
     tendons = {
         prefix + name: {prefix + joint: arm for joint, arm in arms.items()}
@@ -217,7 +219,7 @@ def _add(
         structure = discover_hands(tree, model.root, palms, prefix)
         fingers = structure.fingers
         if robot.fingers:
-            fingers = check_fingers(tree, _prefix_fingers(prefix, robot.fingers))
+            fingers = check_fingers(tree, _prefixed_fingers(prefix, robot.fingers))
         for arms in tendons.values():
             check_known("tendons", "joint", arms, tree.joint_index)
         limits = {prefix + name: limit for name, limit in robot.effort_limits.items()}
@@ -230,7 +232,7 @@ def _add(
     except ArgumentError as error:
         raise RobotError(f"{robot.label}: {error}") from error
     if mount.fingers is not None:
-        fingers = check_fingers(tree, _prefix_fingers(prefix, mount.fingers))
+        fingers = check_fingers(tree, _prefixed_fingers(prefix, mount.fingers))
     arm = structure.arm_joints
     in_fingers = {joint for spec in fingers.values() for joint in driving_joints(tree, spec)}
     outer = tuple(joint for joint in structure.outer_joints if joint not in in_fingers)
@@ -248,8 +250,8 @@ def _add(
     )
 
 
-def _prefix_fingers(prefix: str, fingers: Mapping[str, FingerSpec]) -> dict[str, FingerSpec]:
-    """Put ``prefix`` before the names of fingers, their joints and their links."""
+def _prefixed_fingers(prefix: str, fingers: Mapping[str, FingerSpec]) -> dict[str, FingerSpec]:
+    """Return fingers with ``prefix`` before their names, joints and links."""
     return {
         prefix + finger: FingerSpec(
             joints=tuple(prefix + joint for joint in spec.joints),
@@ -268,7 +270,7 @@ class EffortRecord:
         lower: Lower limit, N m (N for prismatic joints and tendons).
         upper: Upper limit, in the same unit.
         known: Whether it is stated with a source, rather than taken from the URDF.
-        source: Where it comes from, or what is known of it.
+        source: Its source, or a note on it.
     """
 
     lower: float
@@ -316,8 +318,8 @@ def joint_armatures(
     Args:
         tree: The kinematic tree.
         fingers: The checked fingers.
-        armature: Of every independent joint, or by finger or joint; a joint's own one wins over
-            its finger's.
+        armature: Rotor inertia of every independent joint, or by finger or joint; that of a joint
+            takes precedence over that of its finger.
 
     Raises:
         ArgumentError: If a name is unknown or a mimic joint's, or a value negative or not finite.
@@ -343,7 +345,7 @@ class AssembledMounts:
         joined: The mounted robots as one tree.
         plan: Control modes of the independent joints, and the hybrid fingers.
         actuation: The L actuators.
-        findings: What looked wrong.
+        findings: The findings of the assembly.
     """
 
     joined: JoinedMounts
@@ -354,27 +356,29 @@ class AssembledMounts:
     def effort_limits(
         self, given: Mapping[str, EffortLimit]
     ) -> tuple[tuple[FloatArray, FloatArray], tuple[Finding, ...]]:
-        """Return the (lower, upper) limits of the L actuators, and what of them looks wrong.
+        """Return the (lower, upper) limits of the L actuators, and findings on them.
 
         Args:
             given: Limits by finger, joint or tendon that replace those of robot files and URDFs.
         """
         joined = self.joined
-        own = expand_overrides(joined.tree, joined.fingers, given, joined.tendons, joined.tensions)
-        with capture() as found:
+        stated = expand_overrides(
+            joined.tree, joined.fingers, given, joined.tendons, joined.tensions
+        )
+        with capture() as findings:
             limits = resolve_effort_limits(
                 joined.tree,
                 self.actuation,
-                joined.effort_limits | own,
+                joined.effort_limits | stated,
                 joined.effort_unknown,
                 joined.outer_joints,
                 joined.tensions,
             )
-        emit(*found)
-        return limits, tuple(found)
+        emit(*findings)
+        return limits, tuple(findings)
 
     def at_bases(self, poses: Sequence[ArrayLike]) -> AssembledMounts:
-        """Return the same with the mounts' root links at other (4, 4) poses, world axes.
+        """Return the assembly with the mounts' root links at other (4, 4) poses, world axes.
 
         Raises:
             ArgumentError: If a pose is not rigid.
@@ -383,17 +387,19 @@ class AssembledMounts:
         before = base_poses(mounts).values()
         displacements = [T @ invert(T_before) for T, T_before in zip(now, before, strict=True)]
         tree = displaced_tree(self.joined.tree, displacements)
-        return replace(self, joined=replace(self.joined, tree=tree, mounts=at_poses(mounts, now)))
+        return replace(
+            self, joined=replace(self.joined, tree=tree, mounts=mounts_at_poses(mounts, now))
+        )
 
 
 def base_poses(mounts: Sequence[Mount]) -> dict[str, FloatArray]:
-    """Return the (4, 4) ``T_world_base`` by prefix of mounts that are at poses."""
-    return {one.prefix: read_only(np.asarray(one.T_world_base)) for one in mounts}
+    """Return the (4, 4) ``T_world_base`` by prefix of placed mounts."""
+    return {mount.prefix: read_only(np.asarray(mount.T_world_base)) for mount in mounts}
 
 
-def at_poses(mounts: Sequence[Mount], poses: Iterable[FloatArray]) -> tuple[Mount, ...]:
-    """Return mounts at (4, 4) poses, in the order of the mounts."""
-    return tuple(replace(one, T_world_base=T) for one, T in zip(mounts, poses, strict=True))
+def mounts_at_poses(mounts: Sequence[Mount], poses: Iterable[FloatArray]) -> tuple[Mount, ...]:
+    """Return mounts at given (4, 4) poses, in the order of the mounts."""
+    return tuple(replace(mount, T_world_base=T) for mount, T in zip(mounts, poses, strict=True))
 
 
 def assembled_mounts(
@@ -401,27 +407,27 @@ def assembled_mounts(
     control: ControlModes | None = None,
     armature: float | Mapping[str, float] | None = None,
 ) -> AssembledMounts:
-    """Assemble robots as `Hand.assemble` does; what looked wrong is told.
+    """Assemble robots as `Hand.assemble` does; findings are emitted.
 
     Args:
         mounts: The robots.
         control: See `Hand.assemble`.
         armature: See `Hand.assemble`.
     """
-    with capture() as found:
+    with capture() as findings:
         joined = join_mounts(mounts)
         tree = joined.tree
-        # A group of an SRDF stands for its joints as an arm does.
+        # The name of an SRDF group denotes its joints, like that of an arm.
         arms, held = {**tree.groups, **joined.arms}, joined.held_joints
         if isinstance(control, Mapping):
-            asked = [name for name in control if name not in (*joined.fingers, *joined.arms)]
-            refuse_incomplete("control", asked, tree.lacking)
+            names = [name for name in control if name not in (*joined.fingers, *joined.arms)]
+            refuse_incomplete("control", names, tree.lacking)
         plan = plan_control(tree, joined.fingers, control, arms=arms, held=held)
         actuation = plan_actuation(tree, plan, joined.tendons)
         for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():
             tree.pinocchio_model.armature[joint] = value
-    emit(*found)
-    return AssembledMounts(joined, plan, actuation, tuple(found))
+    emit(*findings)
+    return AssembledMounts(joined, plan, actuation, tuple(findings))
 
 
 _SAME_AT_ALL_BASES = (
@@ -439,7 +445,7 @@ _SAME_AT_ALL_BASES = (
     "_starts",
     "moves",
 )
-"""What is the same wherever the robots are mounted."""
+"""Cached properties of the tree that do not depend on the poses of the bases."""
 
 
 def displaced_tree(tree: KinematicTree, displacements: Sequence[FloatArray]) -> KinematicTree:
@@ -450,18 +456,19 @@ def displaced_tree(tree: KinematicTree, displacements: Sequence[FloatArray]) -> 
         displacements: (4, 4) by mounted robot, world axes: ``T_world_base`` becomes
             ``displacement @ T_world_base``.
     """
-    model, steps = tree.pinocchio_model.copy(), [pin.SE3(np.array(T)) for T in displacements]
+    model, shifts = tree.pinocchio_model.copy(), [pin.SE3(np.array(T)) for T in displacements]
     mount_of = tree.mount_of
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
-            step = steps[mount_of[model.names[joint]]]
-            model.jointPlacements[joint] = step * model.jointPlacements[joint]
+            shift = shifts[mount_of[model.names[joint]]]
+            model.jointPlacements[joint] = shift * model.jointPlacements[joint]
     for index in range(1, model.nframes):
         frame = model.frames[index]
         if frame.parentJoint == 0:
-            frame.placement = steps[mount_of[frame.name]] * frame.placement
+            frame.placement = shifts[mount_of[frame.name]] * frame.placement
     bases = tuple(
-        (names, step.act(inertia)) for step, (names, inertia) in zip(steps, tree.bases, strict=True)
+        (names, shift.act(inertia))
+        for shift, (names, inertia) in zip(shifts, tree.bases, strict=True)
     )
     model.inertias[0] = sum((inertia for _, inertia in bases), pin.Inertia.Zero())
     geometries = tuple(
@@ -473,5 +480,5 @@ def displaced_tree(tree: KinematicTree, displacements: Sequence[FloatArray]) -> 
         for item in tree.geometries
     )
     moved = replace(tree, pinocchio_model=model, geometries=geometries, bases=bases)
-    # Asked of the tree that is moved, or each place that it is moved to would work it out.
+    # Evaluated on the original tree, so that they are computed once for all displaced trees.
     return changed(moved, **{name: getattr(tree, name) for name in _SAME_AT_ALL_BASES})

@@ -1,6 +1,6 @@
-"""Joint positions by name, checked against the limits, couplings applied.
+"""Joint positions by name, checked against limits and couplings.
 
-And the links of a tree at one configuration: where they are, and how their points move.
+Also the links of a tree at one configuration: their poses and point Jacobians.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ def joint_positions(
         tree: The kinematic tree with n movable joints.
         q: Position by joint name in radians or metres. A mimic joint may be named if its value
             agrees with the joint it follows.
-        start: (n,) positions of the joints that ``q`` does not name; None is zero, clamped into
-            the limits: of independent joints those of their followers count, too.
+        start: (n,) positions of the joints that ``q`` does not name; None is zero, clamped to the
+            limits: for an independent joint, including those of its followers.
 
     Returns:
         (n,) read-only positions in model order.
 
     Raises:
-        ArgumentError: If a joint is unknown, or a value is not a finite number, outside the
-            joint's limits or against the coupling.
+        ArgumentError: If a joint is unknown, or a value is not a finite number, is outside the
+            joint's limits or contradicts the coupling.
     """
     coupling, index_of = tree.coupling, tree.joint_index
     check_known("q", "joint", q, index_of)
@@ -52,8 +52,8 @@ def joint_positions(
     positions = np.clip(0.0, tree.lower, tree.upper) if start is None else start.copy()
     if start is None:
         leaders, (low, high) = np.array(coupling.leaders, dtype=int), tree.ranges
-        some = low <= high  # else a joint and its followers contradict each other
-        positions[leaders[some]] = np.clip(0.0, low[some], high[some])
+        is_consistent = low <= high  # otherwise a joint and its followers contradict each other
+        positions[leaders[is_consistent]] = np.clip(0.0, low[is_consistent], high[is_consistent])
     values = as_floats([*q.values()])
     if values is None or values.ndim != 1:
         values = [real_number(f"q[{name!r}]", value, -np.inf) for name, value in q.items()]
@@ -63,13 +63,13 @@ def joint_positions(
         positions = coupling.all_positions(coupling.independent(positions))
         for index, value in zip(indices, given, strict=True):
             if abs(value - positions[index]) > FOLLOWER_TOLERANCE:
-                name, followed = tree.joint_names[index], _followed(tree, index)
+                name, leader_names = tree.joint_names[index], _leader_names_text(tree, index)
                 raise ArgumentError(
                     f"q[{name!r}]",
-                    f"is {value:g}, but this joint mimics {followed} and stands at "
-                    f"{positions[index]:g}; name only {followed}",
+                    f"is {value:g}, but this joint mimics {leader_names} and stands at "
+                    f"{positions[index]:g}; name only {leader_names}",
                 )
-    return _within_limits(tree, positions, q)
+    return _checked_positions(tree, positions, q)
 
 
 def independent_positions(tree: KinematicTree, values: ArrayLike) -> FloatArray:
@@ -83,7 +83,7 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> FloatArray:
         (n,) read-only positions in model order.
 
     Raises:
-        ArgumentError: If the shape is wrong, or a value is not a finite number or takes a joint
+        ArgumentError: If the shape is wrong, or a value is not a finite number or moves a joint
             outside its limits.
     """
     coupling = tree.coupling
@@ -96,18 +96,18 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> FloatArray:
         )
     if count < len(tree.joint_names):
         positions = coupling.all_positions(positions)
-    return _within_limits(tree, positions)
+    return _checked_positions(tree, positions)
 
 
 def independent_rates(
     tree: KinematicTree, rates: Mapping[str, float], argument: str = "joint_velocities"
 ) -> FloatArray:
-    """Return the (a,) rates of a tree's independent joints; those not named stand still.
+    """Return the (a,) rates of a tree's independent joints, zero for joints that are not named.
 
     Args:
         tree: The kinematic tree.
-        rates: rad/s or m/s by independent joint, or rates of these.
-        argument: What errors call them.
+        rates: rad/s or m/s by independent joint, or their time derivatives.
+        argument: Name of the argument in errors.
 
     Raises:
         ArgumentError: If a name is unknown or a coupled joint's, or a rate is not finite.
@@ -120,12 +120,12 @@ def independent_rates(
     return values
 
 
-def _within_limits(
+def _checked_positions(
     tree: KinematicTree, positions: FloatArray, q: Mapping[str, float] | None = None
 ) -> FloatArray:
-    """Return (n,) read-only positions; refuse a joint outside its limits if ``q`` moved it there.
+    """Return (n,) read-only positions; refuse a joint that ``q`` moves outside its limits.
 
-    None stands for all independent joints.
+    None means all independent joints.
     """
     leaders, (lower, upper) = tree.coupling.leaders, tree.tolerated
     positions.setflags(write=False)
@@ -139,17 +139,17 @@ def _within_limits(
     outside = ~((lower <= positions) & (positions <= upper))
     moved = np.any(tree.coupling.S[:, np.isin(leaders, given)] != 0.0, axis=1)
     for index in np.flatnonzero(moved & outside).tolist():
-        because = "" if index in leaders else f" because it mimics {_followed(tree, index)}"
+        cause = "" if index in leaders else f" because it mimics {_leader_names_text(tree, index)}"
         raise JointLimitError(
             f"q[{tree.joint_names[index]!r}]",
-            f"is {positions[index]:g}{because}, outside the joint's limits "
-            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]{_unit_words(tree, index, positions)}",
+            f"is {positions[index]:g}{cause}, outside the joint's limits "
+            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]{_unit_text(tree, index, positions)}",
         )
     return positions
 
 
-def _unit_words(tree: KinematicTree, index: int, positions: FloatArray) -> str:
-    """Return the unit of a position outside its limits, and its limits in degrees."""
+def _unit_text(tree: KinematicTree, index: int, positions: FloatArray) -> str:
+    """Return a text with the unit of a position outside its limits, and the limits in degrees."""
     if tree.joint_kinds[index] == "prismatic":
         return " m"
     angle, lower, upper = positions[index], tree.lower[index], tree.upper[index]
@@ -159,8 +159,8 @@ def _unit_words(tree: KinematicTree, index: int, positions: FloatArray) -> str:
     return f" rad ({math.degrees(lower):.4g} to {math.degrees(upper):.4g} deg)"
 
 
-def _followed(tree: KinematicTree, index: int) -> str:
-    """Name the independent joints that a coupled joint follows."""
+def _leader_names_text(tree: KinematicTree, index: int) -> str:
+    """Return the names of the independent joints that a coupled joint follows, as a text."""
     return ", ".join(repr(tree.leader_names[column]) for column in tree.coupling.drivers([index]))
 
 
@@ -170,7 +170,7 @@ class PosedLinks(NamedTuple):
     Attributes:
         tree: The tree.
         kinematics: Its joint poses and Jacobian columns.
-        bodies: The collision shapes in model order, each made only when it is asked for.
+        bodies: The collision shapes in model order, each made on first access.
     """
 
     tree: KinematicTree
@@ -192,8 +192,8 @@ class PosedLinks(NamedTuple):
         """Return (K, 3, n) velocities of points fixed to links per rate of each movable joint.
 
         Args:
-            links: K link names; None: the point stands still.
-            points: (K, 3) where the points are now, world, metres.
+            links: K link names; None: the point does not move.
+            points: (K, 3) current positions of the points, world, metres.
 
         Raises:
             ArgumentError: If a link is unknown or ``points`` does not have one row per link.
@@ -224,7 +224,7 @@ def checked_points(links: Sequence[str | None], points: ArrayLike) -> FloatArray
     """Return points as (K, 3), one row per link.
 
     Raises:
-        ArgumentError: If the shape is another or a number is not finite.
+        ArgumentError: If the shape is wrong or a number is not finite.
     """
     positions = finite_numbers("points", points)
     if positions.shape != (len(links), 3):

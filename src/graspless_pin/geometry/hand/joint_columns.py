@@ -1,9 +1,9 @@
-"""A hand's joints in numpy alone: their spatial columns, how these change, and the bodies on them.
+"""A hand's joints in numpy alone: spatial columns, their derivatives, and the bodies on them.
 
-That is what gradients and stiffness are worked out of, and what another program needs to move it.
+Gradients and stiffness are computed from these, and other programs need them to move the hand.
 
-Besides, the inertial forces of a hand that moves: what its links need beside what carries their
-weight. There, arrays may have axes in front, for many configurations or motions at once.
+Also the inertial forces of a moving hand: the wrenches that accelerate its links, in addition to
+gravity compensation. There, arrays may have leading axes for many configurations or motions.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from graspless_pin.records import Record
 
 
 class JointColumns:
-    """The spatial columns of all joints of a hand and how each moves the others.
+    """The spatial columns of all joints of a hand and their derivatives.
 
     Attributes:
         linear: (n, 3) v_j about the world's origin.
         angular: (n, 3) omega_j.
-        supports: (n + 1, n) whether joint j moves what is on Pinocchio joint i.
+        supports: (n + 1, n) whether joint j moves the body of Pinocchio joint i.
     """
 
     def __init__(self, hand: Hand) -> None:
-        """Work out the columns at the hand's configuration."""
+        """Compute the columns at the hand's configuration."""
         kinematics = hand.tree.kinematics(hand.positions)
         self.linear: FloatArray = kinematics.J[:3].T
         self.angular: FloatArray = kinematics.J[3:].T
         self.T_world_joint = kinematics.T_world_joint
         self.supports = hand.tree.supports
-        # [k, j]: does joint k carry joint j along?
+        # [k, j]: whether joint k moves joint j
         carried = self.supports[1:].T[:, :, None]
         v, w = self.linear, self.angular
         self._turned: FloatArray = carried * np.cross(w[:, None], w[None])
@@ -47,25 +47,25 @@ class JointColumns:
         )
 
     def velocity(self, link: int, point: FloatArray) -> FloatArray:
-        """Return (3, n) the velocities of a point of a link per joint rate."""
+        """Return the (3, n) velocities of a point of a link per joint rate."""
         arms = self.linear + np.cross(self.angular, point)
         return (arms * self.supports[link][:, None]).T
 
     def rotation(self, link: int) -> FloatArray:
-        """Return (3, n) the angular velocities of a link per joint rate."""
+        """Return the (3, n) angular velocities of a link per joint rate."""
         return (self.angular * self.supports[link][:, None]).T
 
     def change_of_columns(self, link: int, point: FloatArray, move: FloatArray) -> FloatArray:
-        """Return how the Jacobian of a point changes, its columns those of all joints.
+        """Return the derivative of the Jacobian of a point, with the columns of all joints.
 
         Args:
             link: Pinocchio joint that carries the point.
             point: (3,) p, world, m.
-            move: (3, k) how the point moves in k motions, at least n: the first n are those of the
-                joints, and in the others they stand still.
+            move: (3, k) velocities of the point in k motions, at least n: the first n are those of
+                the joints, and in the others the joints do not move.
 
         Returns:
-            (3, n, k) entry [:, a, b] is how the velocity per rate of joint a changes in motion b.
+            (3, n, k) entry [:, a, b] is the rate of the velocity per rate of joint a in motion b.
         """
         mask = self.supports[link][:, None]
         change = np.cross(self.angular[:, None], move.T[None])
@@ -75,16 +75,16 @@ class JointColumns:
     def change_of_velocities(
         self, link: int, point: FloatArray, move: FloatArray, rates: FloatArray
     ) -> FloatArray:
-        """Return how the velocities of a point change along motions: d_b (J(p) rates_a).
+        """Return the derivatives of a point's velocities along motions: d_b (J(p) rates_a).
 
         Args:
             link: Pinocchio joint that carries the point.
             point: (3,) p, world, m.
-            move: (3, d) how it moves in each motion, m.
+            move: (3, d) displacement of the point in each motion, m.
             rates: (n, d) joint rates of each motion.
 
         Returns:
-            (3, d, d): entry [:, a, b] is that of the velocity in motion a along motion b.
+            (3, d, d): entry [:, a, b] is the derivative of the velocity in motion a along motion b.
         """
         own = rates * self.supports[link][:, None]
         carried = self._shifted + np.cross(self._turned, point)
@@ -94,7 +94,7 @@ class JointColumns:
         ).transpose(2, 0, 1)
 
     def change_of_rotations(self, link: int, rates: FloatArray) -> FloatArray:
-        """Return how a link's angular velocities change along motions: (3, d, d).
+        """Return the (3, d, d) derivatives of a link's angular velocities along motions.
 
         Args:
             link: Pinocchio joint that carries it.
@@ -106,18 +106,18 @@ class JointColumns:
 
 @dataclass(frozen=True, eq=False)
 class JointedBody(Record):
-    """A movable joint and all that is fixed to its far side, up to the next joints.
+    """A movable joint and the rigid body that it carries, up to the next joints.
 
     Attributes:
         joint: Name of the joint.
-        parent: Index of the body that the joint hangs on among the hand's n; None: the world.
-        linear: Whether the joint slides.
+        parent: Index of the joint's parent body among the hand's n; None: the world.
+        linear: Whether the joint is prismatic.
         axis: (3,) unit vector of the joint, world axes; it passes through the body's origin.
         T_world_body: (4, 4) pose of the body's frame, m.
         mass: kg.
         center_of_mass: (3,) in the body's frame, m.
         inertia: (3, 3) about the centre of mass, axes of the body's frame, kg m^2.
-        rotor_inertia: What the motor adds behind its gear, kg m^2, or kg of a joint that slides.
+        rotor_inertia: Reflected inertia of the motor's rotor, kg m^2, or kg for a prismatic joint.
     """
 
     joint: str
@@ -157,11 +157,11 @@ def jointed_bodies(hand: Hand) -> tuple[JointedBody, ...]:
 
 
 class PlacedLink(NamedTuple):
-    """A link where it is while all joints of a hand stand at zero.
+    """A link and its pose with all joints of a hand at zero.
 
     Attributes:
-        name: Of the link.
-        parent: The link that it hangs on; None: the world.
+        name: Name of the link.
+        parent: The parent link; None: the world.
         joint: Index of the movable joint between the two among the hand's n; None: it is fixed.
         T_parent_link: (4, 4) pose in the parent's frame, m.
         T_joint_link: (4, 4) pose in the frame of the joint that moves it, m.
@@ -194,19 +194,19 @@ def placed_links(hand: Hand) -> tuple[PlacedLink, ...]:
 
 
 class RigidMotion(NamedTuple):
-    """How a frame moves at one moment, both about the world's origin, in world axes.
+    """Spatial velocity and acceleration of a frame, both about the world's origin, world axes.
 
     Attributes:
         velocity: (..., 6) spatial velocity [v; omega], m/s and rad/s.
-        acceleration: (..., 6) spatial acceleration, the rate of change of the velocity as the
-            moving frame has it, m/s^2 and rad/s^2.
+        acceleration: (..., 6) spatial acceleration, the rate of change of the spatial velocity of
+            the moving frame, m/s^2 and rad/s^2.
     """
 
     velocity: FloatArray
     acceleration: FloatArray
 
     def acceleration_of(self, point: FloatArray) -> FloatArray:
-        """Return (..., 3) the acceleration of points (..., 3) of the frame, m/s^2."""
+        """Return the (..., 3) accelerations of points (..., 3) of the frame, m/s^2."""
         (v, w), (a, alpha) = np.split(self.velocity, 2, -1), np.split(self.acceleration, 2, -1)
         return a + np.cross(alpha, point) + np.cross(w, v + np.cross(w, point))
 
@@ -215,14 +215,14 @@ STILL = RigidMotion(np.zeros(6), np.zeros(6))
 
 
 class HandMotions(NamedTuple):
-    """How what a hand's joints carry moves.
+    """Motions of the bodies of a hand's joints, and the wrenches that they take.
 
     Attributes:
-        kinematics: Where it is.
-        carried: (..., n + 1) motions of what Pinocchio's joints carry, the base first.
-        wrenches: (..., n + 1, 6) [force; moment] about the world's origin that move it so, N and
-            N m, beside what carries its weight; zeros for the base.
-        rotors: (..., n) torques that turn the motors' rotors so, N m or N.
+        kinematics: Joint poses and Jacobian columns of the hand.
+        carried: (..., n + 1) motions of the bodies of Pinocchio's joints, the base first.
+        wrenches: (..., n + 1, 6) [force; moment] about the world's origin that accelerate the
+            bodies, N and N m, in addition to gravity compensation; zeros for the base.
+        rotors: (..., n) torques that accelerate the motors' rotors, N m or N.
     """
 
     kinematics: Kinematics
@@ -231,26 +231,26 @@ class HandMotions(NamedTuple):
     rotors: FloatArray
 
     def of(self, joint: int) -> RigidMotion:
-        """Return the motion of what one of Pinocchio's joints carries."""
+        """Return the motion of the body of one of Pinocchio's joints."""
         velocity, acceleration = self.carried
         return RigidMotion(velocity[..., joint, :], acceleration[..., joint, :])
 
     def inertial_wrenches(self, hand: Hand) -> FloatArray:
-        """Return (..., n + 1, 6) the opposite wrenches about the centre of mass of what moves.
+        """Return (..., n + 1, 6) the inertial wrenches about the bodies' centres of mass.
 
-        World axes, N and N m: what bears on it in the frame that moves along.
+        World axes, N and N m: the negative ``wrenches``, as they act in the moving frames.
         """
         force, moment = np.split(-self.wrenches, 2, -1)
-        at = _centers(hand, self.kinematics)
-        return np.concatenate([force, moment - np.cross(at, force)], axis=-1)
+        centers = _mass_centers(hand, self.kinematics)
+        return np.concatenate([force, moment - np.cross(centers, force)], axis=-1)
 
     def joint_torques(self, hand: Hand) -> FloatArray:
-        """Return (..., n) the torques of all joints that move the links so, N m or N."""
-        carried = hand.tree.moves.T @ self.wrenches
-        return np.einsum("...ij,...ji->...j", self.kinematics.J, carried) + self.rotors
+        """Return the (..., n) torques of all joints for these motions, N m or N."""
+        joint_wrenches = hand.tree.moves.T @ self.wrenches
+        return np.einsum("...ij,...ji->...j", self.kinematics.J, joint_wrenches) + self.rotors
 
     def torques(self, hand: Hand) -> FloatArray:
-        """Return (..., L) the efforts of the actuators that move the links so, N m or N."""
+        """Return the (..., L) efforts of the actuators for these motions, N m or N."""
         return self.joint_torques(hand) @ hand.actuation.from_joints
 
 
@@ -261,15 +261,15 @@ def hand_motions(
     accelerations: Mapping[str, float],
     kinematics: Kinematics | None = None,
 ) -> HandMotions:
-    """Return how a hand's links move, and what that takes: Newton's and Euler's equations.
+    """Return the motions of a hand's links and their wrenches by the Newton-Euler equations.
 
     Args:
         hand: The hand.
         base: Motion of all bases as one rigid body.
-        velocities: Rates of independent joints by name, rad/s or m/s; the others stand still.
-            Joints that follow them do so.
+        velocities: Rates of independent joints by name, rad/s or m/s, zero if not named. Coupled
+            joints follow.
         accelerations: Likewise, rad/s^2 or m/s^2.
-        kinematics: Where it is; None: at its configuration.
+        kinematics: Joint poses and Jacobian columns; None: at the hand's configuration.
 
     Raises:
         ArgumentError: If a name is unknown or a coupled joint's, or a number not finite.
@@ -289,24 +289,24 @@ def hand_motions(
 def motions_at(
     hand: Hand, at: Kinematics, base: RigidMotion, rates: FloatArray, changes: FloatArray
 ) -> HandMotions:
-    """Return how a hand's links move: see `hand_motions`.
+    """Return the motions of a hand's links and their wrenches: see `hand_motions`.
 
     Args:
         hand: The hand.
-        at: Where it is.
+        at: Joint poses and Jacobian columns.
         base: Motion of all bases as one rigid body.
-        rates: (..., n) of all joints, rad/s or m/s.
-        changes: (..., n) their rates, rad/s^2 or m/s^2.
+        rates: (..., n) rates of all joints, rad/s or m/s.
+        changes: (..., n) accelerations of all joints, rad/s^2 or m/s^2.
     """
     tree, columns = hand.tree, np.swapaxes(at.J, -1, -2)
-    own = columns * rates[..., None]
-    velocity = base.velocity[..., None, :] + tree.moves @ own
-    (v, w), (along, about) = (np.split(part, 2, -1) for part in (velocity[..., 1:, :], own))
-    # The columns move with what their joints carry.
-    turned = np.cross(w, along) + np.cross(v, about), np.cross(w, about)
-    bends = columns * changes[..., None] + np.concatenate(turned, axis=-1)
-    carried = RigidMotion(velocity, base.acceleration[..., None, :] + tree.moves @ bends)
-    center, (masses, _) = _centers(hand, at), tree.masses
+    twists = columns * rates[..., None]
+    velocity = base.velocity[..., None, :] + tree.moves @ twists
+    (v, w), (along, about) = (np.split(part, 2, -1) for part in (velocity[..., 1:, :], twists))
+    # The columns move with the bodies of their joints.
+    column_rates = np.cross(w, along) + np.cross(v, about), np.cross(w, about)
+    twist_rates = columns * changes[..., None] + np.concatenate(column_rates, axis=-1)
+    carried = RigidMotion(velocity, base.acceleration[..., None, :] + tree.moves @ twist_rates)
+    center, (masses, _) = _mass_centers(hand, at), tree.masses
     force = masses[:, None] * carried.acceleration_of(center)
     R = at.T_world_joint[..., :3, :3]
     inertia = R @ tree.rotational_inertias @ np.swapaxes(R, -1, -2)
@@ -318,9 +318,9 @@ def motions_at(
     return HandMotions(at, carried, wrenches, tree.armature * changes)
 
 
-def _centers(hand: Hand, at: Kinematics) -> FloatArray:
-    """Return (..., n + 1, 3) centres of mass of what joints carry; without mass the joint."""
+def _mass_centers(hand: Hand, at: Kinematics) -> FloatArray:
+    """Return (..., n + 1, 3) centres of mass of the joints' bodies; without mass, the joint."""
     masses, centers = hand.tree.masses
-    own = np.where(masses[:, None] > 0.0, centers, 0.0)
+    local_centers = np.where(masses[:, None] > 0.0, centers, 0.0)
     T = at.T_world_joint
-    return (T[..., :3, :3] @ own[..., None])[..., 0] + T[..., :3, 3]
+    return (T[..., :3, :3] @ local_centers[..., None])[..., 0] + T[..., :3, 3]

@@ -1,4 +1,4 @@
-"""A hand of one or several mounted URDFs at a configuration: Jacobians, limits, shapes."""
+"""A hand of one or several mounted robots at a configuration: Jacobians, limits, shapes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from graspless_pin.geometry.hand.assembly import (
     ControlModes,
     Mount,
     assembled_mounts,
-    at_poses,
     base_poses,
     displaced_tree,
+    mounts_at_poses,
 )
 from graspless_pin.geometry.hand.configuration import (
     PosedLinks,
@@ -45,30 +45,31 @@ _LONGEST_LIST = 80  # characters of a list of fingers
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Hand(Record):
-    """A mounted hand at a configuration. Make one with ``from_urdf`` and its sisters.
+    """A mounted hand at a configuration. Make one with ``from_urdf`` or the other class methods.
 
     The L columns of every Jacobian are ``actuated_joint_names``: the actuators under force
-    control. Coupled joints have no column; what they feel counts at the joint they follow
+    control. Coupled joints have no column; their torques act at the joint they follow
     (``J_a = J S``, ``tau_a = S^T tau`` for ``q = S q_a + offset``). Joints on tendons have the
     tendons' columns and, for every motion that no tendon resists, a passive one with the limits
     0 and 0. The motors' torque under contact forces f on the object is
     ``J^T f + gravity_torques(gravity)``.
 
-    Fingers that nobody names are the branches below the palm. Joints that are not below a palm,
+    Fingers that are not named are the branches below the palm. Joints that are not below a palm,
     such as an arm's, are position-controlled unless ``control`` says otherwise. See the example of
     `load_scene`.
 
     Attributes:
         tree: Kinematics and shapes of all mounted robots.
-        mounts: The robots that it was assembled from, each found and at its pose.
+        mounts: The mounts that it was assembled from, each with the robot's description and its
+            pose.
         palms: The links that carry fingers or a jaw, empty if there is none.
         fingers: Fingers by (prefixed) name.
-        arms: The joints that carry a palm, by the name that stands for them in ``control``.
+        arms: The joints that carry a palm, by the name that denotes them in ``control``.
         control: Control modes of the independent joints, and the hybrid fingers.
-        actuation: The L actuators and how the joints' torques become theirs.
+        actuation: The L actuators and the map from joint torques to their efforts.
         effort_limits: (lower, upper), each (L,), in N m (N for prismatic joints and tendons).
         positions: (n,) position of every movable joint, mimic joints included (rad or m).
-        findings: What looked wrong when it was assembled.
+        findings: The findings of the assembly.
     """
 
     tree: KinematicTree
@@ -136,8 +137,8 @@ class Hand(Record):
 
         Args:
             mounts: The robots. Their prefixes must differ.
-            q: Position by joint name in radians or metres. A joint that is not named stands at
-                zero or, where zero is outside its limits, at the nearest limit.
+            q: Position by joint name in radians or metres. A joint that is not named is at zero
+                or, if zero is outside its limits, at the nearest limit.
             control: One mode for all joints, or modes by finger, arm or joint name; ``arm`` with
                 the mount's prefix means the joints that carry its palm. The default is FORCE, and
                 POSITION for joints that are not below a palm.
@@ -167,24 +168,23 @@ class Hand(Record):
 
         Args:
             q: Position by joint name, radians or metres; joints that it does not name stay. Or (a,)
-                positions of the independent joints, in the order of ``control.joints``: the quick
+                positions of the independent joints, in the order of ``control.joints``: the fast
                 way.
 
         Raises:
             ArgumentError: If a joint is unknown, the shape is wrong, or a value is not a finite
-                number, against the coupling or takes a joint outside its limits.
+                number, contradicts the coupling or moves a joint outside its limits.
         """
         if isinstance(q, Mapping):
             return changed(self, positions=joint_positions(self.tree, q, self.positions))
         return changed(self, positions=independent_positions(self.tree, q))
 
     def with_base_at(self, T_world_base: ArrayLike | Mapping[str, ArrayLike]) -> Hand:
-        """Return this hand mounted elsewhere; the joints stay.
+        """Return this hand mounted elsewhere; the joint positions stay.
 
         Args:
-            T_world_base: (4, 4) pose, m, of what `T_world_base` is the pose of: other mounts go
-                along as if all were one body. Or poses by mount prefix: mounts that are not named
-                stay.
+            T_world_base: (4, 4) new value of `T_world_base`, m: all mounts are displaced together
+                as one rigid body. Or poses by mount prefix: mounts that are not named stay.
 
         Raises:
             ArgumentError: If a pose is not rigid, or no mount has the prefix.
@@ -219,7 +219,7 @@ class Hand(Record):
         return next(iter(self.base_poses.values()))
 
     def __repr__(self) -> str:
-        """Return one line: the robots, and how many joints, actuators and fingers."""
+        """Return one line: the robots, and the numbers of joints, actuators and fingers."""
         robots = ", ".join(getattr(one.source, "name", str(one.source)) for one in self.mounts)
         fingers = ", ".join(self.fingers)
         fingers = fingers if len(fingers) <= _LONGEST_LIST else str(len(self.fingers))
@@ -274,7 +274,7 @@ class Hand(Record):
         return next((name for name, spec in self.fingers.items() if link in spec.links), None)
 
     def is_hybrid(self, link: str) -> bool:
-        """Return whether contacts on ``link`` are a hybrid finger's: a column n each.
+        """Return whether ``link`` is of a hybrid finger: each contact on it has a column n.
 
         Raises:
             ArgumentError: If there is no such link.
@@ -306,27 +306,27 @@ class Hand(Record):
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the collision shapes at the hand's configuration, in model order.
 
-        Boxes, spheres, cylinders and capsules stay what they are; a mesh is its convex hull. A
-        body is named after its link, so a link with several shapes gives several bodies of one
+        Boxes, spheres, cylinders and capsules are kept; a mesh is replaced by its convex hull. A
+        body is named after its link, so a link with several shapes yields several bodies of one
         name.
         """
         return tuple(self.placed_bodies)
 
     @property
     def placed_bodies(self) -> PlacedBodies:
-        """What `collision_bodies` returns, each made only when it is asked for."""
+        """The bodies of `collision_bodies`, each made on first access."""
         return self._links.bodies
 
     def contact_jacobian(self, links: Sequence[str | None], points: ArrayLike) -> FloatArray:
         """Return the Jacobian of points that are fixed to links.
 
         Args:
-            links: K link names; None: the point stands still.
-            points: (K, 3) where the points are now, world, metres.
+            links: K link names; None: the point does not move.
+            points: (K, 3) current positions of the points, world, metres.
 
         Returns:
             (3K, L) velocity in world axes per rate of each actuated joint, three rows a point:
-            ``J^T f`` is the torque that pushes with the forces f (3K,).
+            ``J^T f`` is the torque that exerts the forces f (3K,).
 
         Raises:
             ArgumentError: If a link is unknown or ``points`` does not have one row per link.
@@ -338,7 +338,7 @@ class Hand(Record):
         return jacobians.reshape(3 * len(links), columns.shape[1])
 
     def gravity_torques(self, gravity: ArrayLike) -> FloatArray:
-        """Return the torques that carry the links' own weight.
+        """Return the torques that compensate the links' own weight.
 
         Args:
             gravity: (3,) gravitational acceleration, world, m/s^2, e.g. (0, 0, -9.8).
@@ -354,12 +354,12 @@ class Hand(Record):
         return torques if self.actuation.every_joint_alone else torques @ self.actuation.from_joints
 
     def joint_inertia(self) -> FloatArray:
-        """Return the inertia that the actuators feel, all other joints standing still.
+        """Return the inertia at the actuators, with all other joints fixed.
 
         Returns:
             (L, L) symmetric, kg m^2 (kg m, kg for prismatic joints and tendons): twice the kinetic
-            energy of links and rotors is ``v^T M v`` for actuator rates v. Zero where a joint
-            moves only links without mass.
+            energy of links and rotors is ``v^T M v`` for actuator rates v. Zero if a joint moves
+            only links without mass.
         """
         columns = self.actuation.from_joints
         inertia = columns.T @ self.tree.joint_inertia(self.positions) @ columns
@@ -376,11 +376,11 @@ class Hand(Record):
 
         Args:
             links: K link names.
-            points: (K, 3) where the points are now, world, metres.
+            points: (K, 3) current positions of the points, world, metres.
             joint_velocities: Rate by independent joint (rad/s or m/s), whatever its control mode;
-                the others stand still. Mimic joints follow.
+                the others do not move. Mimic joints follow.
             base_twist: (6,) [v; omega] of all bases as one rigid body, v at the origin of
-                ``T_world_base``, world axes, m/s and rad/s; None stands still.
+                ``T_world_base``, world axes, m/s and rad/s; None: the bases do not move.
 
         Returns:
             (K, 3) velocities in world axes, m/s.
@@ -399,30 +399,30 @@ class Hand(Record):
 
     @property
     def _links(self) -> PosedLinks:
-        """The links at the configuration."""
+        """The links at the hand's configuration."""
         return _links_of(self)
 
 
 def hand_of(
     parts: AssembledMounts, effort_limits: Mapping[str, EffortLimit], positions: FloatArray
 ) -> Hand:
-    """Return the hand of mounted robots at (n,) positions, and tell what of its limits looks wrong.
+    """Return the hand of assembled robots at (n,) positions; emit findings on its limits.
 
     Args:
-        parts: The robots.
+        parts: The assembled robots.
         effort_limits: See `Hand.assemble`.
         positions: Of all joints, rad or m.
     """
     joined = parts.joined
-    limits, found = parts.effort_limits(effort_limits)
+    limits, limit_findings = parts.effort_limits(effort_limits)
     return Hand(
         joined.tree, joined.mounts, joined.palms, joined.fingers, joined.arms, parts.plan,
-        parts.actuation, limits, positions, (*parts.findings, *found),
+        parts.actuation, limits, positions, (*parts.findings, *limit_findings),
     )  # fmt: skip
 
 
 def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
-    """Return a hand with the bases of its mounts moved; the joints stay.
+    """Return a hand with the bases of its mounts displaced; the joint positions stay.
 
     Args:
         hand: The hand.
@@ -430,9 +430,9 @@ def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
             ``T @ T_world_base``.
     """
     each = [*np.broadcast_to(T, (len(hand.mounts), 4, 4))]
-    poses = [one @ pose for one, pose in zip(each, hand.base_poses.values(), strict=True)]
+    poses = [step @ pose for step, pose in zip(each, hand.base_poses.values(), strict=True)]
     tree = displaced_tree(hand.tree, each)
-    return replace(hand, tree=tree, mounts=at_poses(hand.mounts, poses))
+    return replace(hand, tree=tree, mounts=mounts_at_poses(hand.mounts, poses))
 
 
 _links_of: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))

@@ -1,6 +1,6 @@
 """One tree of all mounted robots: couplings, limits, and the collision shapes of their links.
 
-Of these shapes primitives stay; a mesh becomes convex.
+Primitive shapes are kept; meshes are made convex.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class LinkGeometry(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class KinematicTree(Brief, Record):
-    """Everything about a hand that does not depend on its configuration.
+    """The part of a hand that does not depend on its configuration.
 
     Every movable joint has one degree of freedom, so joint i of ``joint_names`` is Pinocchio's
     joint i + 1 and velocity coordinate i.
@@ -84,16 +84,16 @@ class KinematicTree(Brief, Record):
         link_frames: Frame index by link name.
         geometries: Collision shapes in model order.
         coupling: Coupled joints.
-        lower: (n,) lower position limits, -inf where there is none (radians or metres).
-        upper: (n,) upper position limits, inf where there is none.
-        visuals: How links look, of those of which a file says something; only drawing asks.
-        bases: The mounted robots: names of their joints and frames, and the Pinocchio inertia of
-            what does not move, in world axes.
+        lower: (n,) lower position limits, -inf without a limit (rad or m).
+        upper: (n,) upper position limits, inf without a limit.
+        visuals: Visual shapes by link, if a file states any; for drawing only.
+        bases: For each mounted robot: names of its joints and frames, and the Pinocchio inertia of
+            its fixed links, in world axes.
         disabled_pairs: Pairs of links whose collision is ignored (``disable_collisions``).
         groups: Joints by group of SRDFs.
         group_states: Positions by joint, rad or m, by state of SRDFs, ``GROUP/STATE``.
         lacking: See `RobotModel.lacking`.
-        borne_links: Links with a mass of which an MJCF says that their weight is borne.
+        borne_links: Links with a mass whose weight an MJCF compensates (``gravcomp``).
     """
 
     pinocchio_model: Any
@@ -118,7 +118,7 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def mount_of(self) -> Mapping[str, int]:
-        """Which of the mounted robots a joint or frame is of, by its name."""
+        """Index of the mounted robot that a joint or frame belongs to, by its name."""
         return {name: k for k, (names, _) in enumerate(self.bases) for name in names}
 
     @cached_property
@@ -140,7 +140,7 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def tolerated(self) -> tuple[FloatArray, FloatArray]:
-        """(n,) lowest and highest positions that pass as within the limits, all finite."""
+        """(n,) lowest and highest positions within the limits and tolerances, all finite."""
         slack = np.full(len(self.joint_names), FOLLOWER_TOLERANCE)
         slack[list(self.coupling.leaders)] = LIMIT_TOLERANCE
         most = np.finfo(float).max
@@ -153,21 +153,21 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def fastest(self) -> FloatArray:
-        """(a,) largest rates of the independent joints, infinite where files state none.
+        """(a,) rate limits of the independent joints, rad/s or m/s, infinite if not stated.
 
-        They are narrowed by the limits of the joints that follow, rad/s or m/s.
+        The limits of the joints that follow them are included.
         """
-        most = np.array(self.pinocchio_model.velocityLimit)
+        velocity_limits = np.array(self.pinocchio_model.velocityLimit)
         with np.errstate(divide="ignore"):
-            shares = most[:, None] / np.abs(self.coupling.S)
-        return read_only(shares.min(axis=0, initial=np.inf))
+            leader_limits = velocity_limits[:, None] / np.abs(self.coupling.S)
+        return read_only(leader_limits.min(axis=0, initial=np.inf))
 
     @cached_property
     def locked(self) -> frozenset[str]:
-        """The independent joints whose lower and upper limits are equal: they are fixed."""
+        """The independent joints that are fixed, since their limits are equal."""
         lower, upper = self.ranges
-        still = np.flatnonzero(np.abs(upper - lower) <= LIMIT_TOLERANCE)
-        return frozenset(self.leader_names[column] for column in still)
+        fixed = np.flatnonzero(np.abs(upper - lower) <= LIMIT_TOLERANCE)
+        return frozenset(self.leader_names[column] for column in fixed)
 
     @property
     def armature(self) -> FloatArray:
@@ -182,7 +182,7 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def parent_links(self) -> Mapping[str, str | None]:
-        """The link at the other end of the joint above each link, None for a root link."""
+        """The parent link of each link, None for a root link."""
         frames = self.pinocchio_model.frames
         parents: dict[str, str | None] = {}
         for link, index in self.link_frames.items():
@@ -193,7 +193,7 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def supports(self) -> NDArray[np.bool_]:
-        """(n + 1, n) whether joint j moves what is attached to Pinocchio joint i."""
+        """(n + 1, n) whether joint j moves the body of Pinocchio joint i."""
         mask = np.zeros((self.pinocchio_model.njoints, self.pinocchio_model.nv), dtype=bool)
         for joint in range(1, self.pinocchio_model.njoints):
             mask[joint, np.array(self.pinocchio_model.supports[joint])[1:] - 1] = True
@@ -201,9 +201,9 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def masses(self) -> tuple[FloatArray, FloatArray]:
-        """(n + 1,) mass that each Pinocchio joint carries, kg, and (n + 1, 3) its centre, m.
+        """(n + 1,) mass of each Pinocchio joint's body, kg, and (n + 1, 3) its centre, m.
 
-        The centres are in the joints' frames; the first entry is what the base carries.
+        The centres are in the joints' frames; the first entry is the base.
         """
         inertias = self.pinocchio_model.inertias.tolist()
         centers = np.array([inertia.lever for inertia in inertias]).reshape(-1, 3)
@@ -211,7 +211,7 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def rotational_inertias(self) -> FloatArray:
-        """(n + 1, 3, 3) inertia of what each joint carries about its centre, the joint's axes."""
+        """(n + 1, 3, 3) inertia of each joint's body about its centre, the joint's axes, kg m^2."""
         inertias = self.pinocchio_model.inertias.tolist()
         return read_only(np.array([one.inertia for one in inertias]).reshape(-1, 3, 3))
 
@@ -224,17 +224,17 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def shapes(self) -> BodyShapes:
-        """The collision shapes as contact detection takes them."""
+        """Names and geometries of the collision shapes, for contact detection."""
         return BodyShapes(
             tuple(item.link for item in self.geometries),
             tuple(item.shape for item in self.geometries),
         )
 
     def configuration(self, positions: FloatArray) -> FloatArray:
-        """Return Pinocchio's configuration vector of (n,) joint positions.
+        """Return Pinocchio's configuration vector for (n,) joint positions.
 
-        Continuous joints take two entries there, the cosine and the sine of their angle. Without
-        any it is the same array.
+        A continuous joint has two entries in it, the cosine and the sine of its angle. Without
+        such joints the same array is returned.
         """
         starts, angles = self._starts
         if not len(angles):
@@ -259,7 +259,7 @@ class KinematicTree(Brief, Record):
             joints: (K,) Pinocchio joint that carries each point.
             points: (K, 3) world positions in metres.
         """
-        # v + omega x p for every joint's column; np.cross would take most of the time.
+        # v + omega x p for every joint's column; np.cross would be much slower.
         v, (x, y, z) = J_world[:3], J_world[3:]
         p = points[:, :, None]
         columns = np.empty((len(points), *v.shape))
@@ -270,7 +270,7 @@ class KinematicTree(Brief, Record):
         return columns
 
     def gravity_torques(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return the (n,) torques that carry the links' weight at (n,) joint positions.
+        """Return the (n,) torques that compensate the links' weight at (n,) joint positions.
 
         Args:
             positions: rad or m.
@@ -279,7 +279,7 @@ class KinematicTree(Brief, Record):
         return self._work_space.gravity_torques(self.configuration(positions), gravity)
 
     def gravity_rates(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return (n, n) how `gravity_torques` change with the positions of the joints."""
+        """Return the (n, n) derivatives of `gravity_torques` by the joint positions."""
         return self._work_space.gravity_rates(self.configuration(positions), gravity)
 
     def joint_inertia(self, positions: FloatArray) -> FloatArray:
@@ -288,18 +288,18 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def _starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Where each joint starts in q, and which joints are continuous."""
+        """First index of each joint in q, and the indices of the continuous joints."""
         starts = np.array(self.pinocchio_model.idx_qs, dtype=np.intp)[1:]
         return starts, np.flatnonzero(np.array(self.pinocchio_model.nqs)[1:] == 2)
 
     @cached_property
     def moves(self) -> FloatArray:
-        """(n + 1, n) one where joint j moves what is attached to Pinocchio joint i, else 0."""
+        """(n + 1, n) one if joint j moves the body of Pinocchio joint i, else 0: `supports`."""
         return self.supports.astype(np.float64)
 
     @cached_property
     def chains(self) -> Mapping[str, Any]:
-        """What `compiled.core` takes of the joints and what they carry, by argument."""
+        """Arguments of `compiled.core` that describe the joints and their bodies, by name."""
         parents, placements, axes = joint_motions(self)
         masses, centers = self.masses
         return MappingProxyType({
@@ -325,7 +325,7 @@ def build_tree(
         robots: (robot, (4, 4) ``T_world_base``) of each; names must differ between robots.
         couplings: Couplings that replace the robots' own for the same joints.
         with_shapes: Whether to read meshes and keep the collision shapes.
-        cuts: How the meshes of some links are cut into convex pieces; others become hulls.
+        cuts: Settings of the convex decomposition by link; other meshes become hulls.
 
     Returns:
         The tree.
@@ -336,7 +336,7 @@ def build_tree(
 
     Warns:
         GrasplessPinWarning: If a mimic joint follows a joint that does not exist, if its limits
-            block a joint that it follows, or if values look like another unit.
+            block a joint that it follows, or if values suggest another unit.
     """
     model, bases = pinocchio_model(robots)
     joints = {joint.name: joint for robot, _ in robots for joint in robot.joints}
@@ -358,7 +358,7 @@ def build_tree(
     geometries: list[LinkGeometry] = []
     for robot, _ in robots if with_shapes else ():
         own = link_geometries(model, robot, link_frames, cuts)
-        emit(*unit_findings(robot, _boxes(model, own, link_frames)))
+        emit(*unit_findings(robot, _link_boxes(model, own, link_frames)))
         geometries += own
     return KinematicTree(
         pinocchio_model=model,
@@ -394,7 +394,7 @@ def link_geometries(
         model: ``pinocchio.Model``.
         robot: The robot.
         link_frames: Index of the model's frames by link.
-        cuts: How the meshes of some links are cut into convex pieces; others become hulls.
+        cuts: Settings of the convex decomposition by link; other meshes become hulls.
 
     Raises:
         MeshError: If a mesh is missing, cannot be read, has no volume or cannot be cut.
@@ -403,8 +403,8 @@ def link_geometries(
         GrasplessPinWarning: A mesh is larger than 5 m or smaller than 1 mm.
             A mesh that is cut is not watertight, or its pieces cannot be kept.
     """
-    found = []
-    for link in sorted(robot.links, key=lambda one: link_frames[one.name]):
+    geometries = []
+    for link in sorted(robot.links, key=lambda candidate: link_frames[candidate.name]):
         frame = model.frames[link_frames[link.name]]
         for item in link.collisions:
             T = (frame.placement * pin.SE3(np.array(item.T_link_shape))).homogeneous
@@ -413,15 +413,15 @@ def link_geometries(
                 if isinstance(item.shape, LinkMesh)
                 else item.shape.pieces()
             )
-            found += [
+            geometries += [
                 LinkGeometry(link.name, int(frame.parentJoint), shape, np.array(T))
                 for shape in pieces
             ]
-    return tuple(found)
+    return tuple(geometries)
 
 
 def _mesh_pieces(label: str, link: str, mesh: LinkMesh, cut: Cut | None) -> tuple[Any, ...]:
-    """Return the hull of a mesh, or its pieces."""
+    """Return the coal geometries of a mesh: its hull, or its convex pieces."""
     surface = load_link_mesh(label, link, mesh)
     what = f"the collision mesh {mesh.file} of link {link!r}"
     points = [np.array(surface.vertices, dtype=np.float64)]
@@ -431,22 +431,22 @@ def _mesh_pieces(label: str, link: str, mesh: LinkMesh, cut: Cut | None) -> tupl
     if cut is not None:
         points = convex_pieces(surface, what, cut)
     elif len(points[0]) > DENSE_MESH:
-        points[0], found = hull_corners(points[0], what)
-        emit(*found)
+        points[0], findings = hull_corners(points[0], what)
+        emit(*findings)
     return tuple(convex_geometry(corners, what) for corners in points)
 
 
-def _boxes(
+def _link_boxes(
     model: Any, shapes: Iterable[LinkGeometry], link_frames: Mapping[str, int]
 ) -> dict[str, FloatArray]:
-    """Return the boxes around the shapes of links, see `unit_findings`."""
+    """Return the bounding boxes of the links' shapes, see `unit_findings`."""
     corners: dict[str, list[FloatArray]] = {}
-    for one in shapes:
-        one.shape.computeLocalAABB()
-        box = one.shape.aabb_local
-        ends = np.array([box.min_, box.max_])[np.indices((2, 2, 2)).reshape(3, -1).T, range(3)]
-        T_link_joint = model.frames[link_frames[one.link]].placement.inverse().homogeneous
-        T = T_link_joint @ one.T_joint_geometry
-        corners.setdefault(one.link, []).append(ends @ T[:3, :3].T + T[:3, 3])
+    for geometry in shapes:
+        geometry.shape.computeLocalAABB()
+        box = geometry.shape.aabb_local
+        local = np.array([box.min_, box.max_])[np.indices((2, 2, 2)).reshape(3, -1).T, range(3)]
+        T_link_joint = model.frames[link_frames[geometry.link]].placement.inverse().homogeneous
+        T = T_link_joint @ geometry.T_joint_geometry
+        corners.setdefault(geometry.link, []).append(local @ T[:3, :3].T + T[:3, 3])
     joined = {link: np.concatenate(parts) for link, parts in corners.items()}
     return {link: np.array([own.min(axis=0), own.max(axis=0)]) for link, own in joined.items()}

@@ -1,6 +1,6 @@
-"""Robots given to Pinocchio joint by joint, and its work space for their model.
+"""Building the Pinocchio model of robots joint by joint, and a work space for its algorithms.
 
-What is read out of that: poses, Jacobians, inertia.
+The work space yields poses, Jacobians, gravity torques and inertias.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _POSE = 12 * _REAL
 
 
 class Kinematics(NamedTuple):
-    """Where everything is at one configuration.
+    """Joint poses and Jacobian columns at one configuration.
 
     Attributes:
         T_world_joint: (n + 1, 4, 4) pose of every Pinocchio joint, the base first.
@@ -35,12 +35,12 @@ class Kinematics(NamedTuple):
 
 
 class WorkSpace:
-    """One ``pinocchio.Data`` that serves all configurations of a model, and all threads."""
+    """One ``pinocchio.Data`` shared by all configurations of a model and all threads."""
 
     def __init__(self, model: Any) -> None:
-        """Make room for a ``pinocchio.Model``."""
+        """Allocate the data of a ``pinocchio.Model``."""
         self._model = model
-        self._weighed = model.copy()  # its gravity is set when another one is asked for
+        self._weighed = model.copy()  # its gravity is set on demand
         self._gravity = b""
         self._data = model.createData()
         self._lock = threading.Lock()
@@ -62,21 +62,21 @@ class WorkSpace:
         return Kinematics(read_only(poses), read_only(J))
 
     def gravity_torques(self, q: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return the (n,) torques that carry the links' weight at a configuration vector (nq,).
+        """Return the (n,) torques that compensate the weight at a configuration vector (nq,).
 
         Args:
             q: Pinocchio's configuration vector.
             gravity: (3,) gravitational acceleration, world axes, m/s^2.
         """
-        return self._of_weight(pin.computeGeneralizedGravity, q, gravity).reshape(-1)
+        return self._gravity_result(pin.computeGeneralizedGravity, q, gravity).reshape(-1)
 
     def gravity_rates(self, q: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return (n, n) how `gravity_torques` change with the joints' positions."""
-        rates = self._of_weight(pin.computeGeneralizedGravityDerivatives, q, gravity)
+        """Return the (n, n) derivatives of `gravity_torques` by the joint positions."""
+        rates = self._gravity_result(pin.computeGeneralizedGravityDerivatives, q, gravity)
         return rates.reshape(self._model.nv, self._model.nv)
 
-    def _of_weight(self, function: Any, q: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return what one of Pinocchio's functions of weight returns."""
+    def _gravity_result(self, function: Any, q: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Return the result of one of Pinocchio's gravity functions."""
         given = gravity.tobytes()
         with self._lock:
             if given != self._gravity:
@@ -92,7 +92,7 @@ class WorkSpace:
 
 
 def joint_motions(tree: Any) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-    """Return each joint's parent, its pose there, and the direction that it moves in.
+    """Return each joint's parent, its pose in the parent's frame, and its unit twist.
 
     Args:
         tree: `KinematicTree`, whose n movable joints have one degree of freedom each.
@@ -112,10 +112,10 @@ def joint_motions(tree: Any) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
 
 
 def _pose_columns(data: Any) -> FloatArray | None:
-    """All poses of ``data.oMi`` as one (n + 1, 3, 4) view into Pinocchio's memory.
+    """Return all poses of ``data.oMi`` as one (n + 1, 3, 4) view into Pinocchio's memory.
 
-    A look at each pose alone goes through Python objects, which takes five times as long as the
-    kinematics themselves. None if the poses do not lie one after the other as they are known to.
+    Access to single poses goes through Python objects, which takes five times as long as the
+    kinematics itself. None if the poses are not contiguous in the expected layout.
     """
     poses = data.oMi.tolist()
     start = poses[0].rotation.__array_interface__["data"][0]
@@ -142,18 +142,18 @@ _UNALIGNED = {
     "revolute": pin.JointModelRevoluteUnaligned,
     "prismatic": pin.JointModelPrismaticUnaligned,
 }
-_BEYOND_COSINES = 1.01
-"""Pinocchio's limits of a cosine and a sine, which are none."""
+_COSINE_LIMIT = 1.01
+"""Pinocchio's limits of a cosine and a sine that do not limit the angle."""
 
 
-class _Frame(NamedTuple):
-    """A frame to be added.
+class _PendingFrame(NamedTuple):
+    """A frame to be added to the model.
 
     Attributes:
         joint: Pinocchio index of the joint that carries it.
-        key: Its type and name.
-        placement: In the joint's frame.
-        above: Key of the frame that it hangs on; None: the universe.
+        key: Type and name of the frame.
+        placement: Pose in the joint's frame.
+        above: Key of the parent frame; None: the universe.
     """
 
     joint: int
@@ -167,70 +167,70 @@ def pinocchio_model(
 ) -> tuple[Any, tuple[tuple[frozenset[str], Any], ...]]:
     """Return one ``pinocchio.Model`` of robots that are fixed to the world.
 
-    Links, joints and frames come in the order of Pinocchio's own reader of URDFs: depth first, the
+    Links, joints and frames are in the order of Pinocchio's own URDF reader: depth first, the
     joints of one link by name; then frames by the joint that carries them, as `appendModel` sorts
-    them. Frames of joints are called ``joint NAME``: a joint may be called like a link.
+    them. Frames of joints are called ``joint NAME``: a joint and a link may share a name.
 
     Args:
-        robots: Each with its (4, 4) ``T_world_base``; their names must differ.
+        robots: Each robot with its (4, 4) ``T_world_base``; their names must differ.
 
     Returns:
         The model, with rotor inertias as armature; and of each robot the names of its joints and
-        frames, and the inertia of what does not move, in world axes.
+        frames, and the inertia of its fixed links, in world axes.
     """
     model = pin.Model()
     bases = tuple(
-        _Builder(model, robot, pin.SE3(np.array(T_world_base))).add()
+        _ModelBuilder(model, robot, pin.SE3(np.array(T_world_base))).add_robot()
         for robot, T_world_base in robots
     )
-    rotors = {one.name: one.rotor_inertia for robot, _ in robots for one in robot.joints}
+    rotors = {joint.name: joint.rotor_inertia for robot, _ in robots for joint in robot.joints}
     model.armature = np.array([rotors[name] for name in tuple(model.names)[1:]])
     return model, bases
 
 
-class _Builder:
-    """Adds one robot to a model."""
+class _ModelBuilder:
+    """Adds the links, joints and frames of one robot to a Pinocchio model."""
 
     def __init__(self, model: Any, robot: RobotModel, T_world_base: Any) -> None:
         self._model, self._robot, self._base = model, robot, T_world_base
         self._links = {link.name: link for link in robot.links}
         self._below: dict[str, list[RobotJoint]] = {}
-        for joint in sorted(robot.joints, key=lambda one: one.name):
+        for joint in sorted(robot.joints, key=lambda item: item.name):
             self._below.setdefault(joint.parent, []).append(joint)
-        self._frames: list[_Frame] = []
+        self._frames: list[_PendingFrame] = []
         self._fixed = pin.Inertia.Zero()
 
-    def add(self) -> tuple[frozenset[str], Any]:
-        """Add it; return its names and the inertia of what does not move."""
-        self._visit(self._links[self._robot.root], 0, pin.SE3.Identity(), None)
-        at: dict[tuple[Any, str], int] = {}
-        for frame in sorted(self._frames, key=lambda one: one.joint):
-            above = 0 if frame.above is None else at[frame.above]
+    def add_robot(self) -> tuple[frozenset[str], Any]:
+        """Add the robot; return its names and the inertia of its fixed links."""
+        self._add_subtree(self._links[self._robot.root], 0, pin.SE3.Identity(), None)
+        frame_indices: dict[tuple[Any, str], int] = {}
+        for frame in sorted(self._frames, key=lambda item: item.joint):
+            above = 0 if frame.above is None else frame_indices[frame.above]
             placement = frame.placement if frame.joint else self._base * frame.placement
             kind, name = frame.key
-            at[frame.key] = self._model.addFrame(
+            frame_indices[frame.key] = self._model.addFrame(
                 pin.Frame(name, frame.joint, above, placement, kind)
             )
         fixed = self._base.act(self._fixed)
         self._model.inertias[0] = self._model.inertias[0] + fixed
-        joints = [one.name for one in self._robot.joints if one.is_movable]
-        return frozenset([*joints, *(name for _, name in at)]), fixed
+        joints = [item.name for item in self._robot.joints if item.is_movable]
+        return frozenset([*joints, *(name for _, name in frame_indices)]), fixed
 
-    def _visit(
+    def _add_subtree(
         self, link: RobotLink, joint: int, placement: Any, above: tuple[Any, str] | None
     ) -> None:
-        """Add a link at a placement in the frame of a joint, and all below it."""
+        """Add a link at a placement in the frame of a joint, and its subtree."""
         body = (pin.FrameType.BODY, link.name)
-        self._frames.append(_Frame(joint, body, placement, above))
+        self._frames.append(_PendingFrame(joint, body, placement, above))
         if link.mass or link.inertia.any():
-            # Set one by one: its constructor refuses inertias that no rigid body has.
-            own = pin.Inertia.Zero()
-            own.mass, own.lever = link.mass, np.array(link.center_of_mass)
-            own.inertia = np.array(link.inertia)
+            # Set by attribute: the constructor refuses inertias that no rigid body can have.
+            inertia = pin.Inertia.Zero()
+            inertia.mass, inertia.lever = link.mass, np.array(link.center_of_mass)
+            inertia.inertia = np.array(link.inertia)
             if joint:
-                self._model.appendBodyToJoint(joint, own, placement)
+                self._model.appendBodyToJoint(joint, inertia, placement)
             else:
-                self._fixed = self._fixed + placement.act(own)
+                self._fixed = self._fixed + placement.act(inertia)
         for item in self._below.get(link.name, ()):
             T, child = placement * pin.SE3(np.array(item.T_parent_joint)), self._links[item.child]
             kind = pin.FrameType.JOINT if item.is_movable else pin.FrameType.FIXED_JOINT
@@ -240,13 +240,13 @@ class _Builder:
                 T = pin.SE3.Identity()
             else:
                 carrier = joint
-            self._frames.append(_Frame(carrier, frame, T, body))
-            self._visit(child, carrier, T, frame)
+            self._frames.append(_PendingFrame(carrier, frame, T, body))
+            self._add_subtree(child, carrier, T, frame)
 
     def _add_joint(self, item: RobotJoint, parent: int, placement: Any) -> int:
         ends = np.array([item.lower]), np.array([item.upper])
         if item.kind == "continuous":
-            ends = -_BEYOND_COSINES * np.ones(2), _BEYOND_COSINES * np.ones(2)
+            ends = -_COSINE_LIMIT * np.ones(2), _COSINE_LIMIT * np.ones(2)
         return self._model.addJoint(
             parent, _joint_model(item), placement, item.name,
             np.array([item.effort]), np.array([item.velocity]), *ends,
@@ -257,18 +257,18 @@ def _joint_model(item: RobotJoint) -> Any:
     for axis, kind in zip(np.eye(3), _ALIGNED[item.kind], strict=True):
         if (item.axis == axis).all():
             return kind()
-    axis = item.axis / np.abs(item.axis).max()  # whose squares are numbers
+    axis = item.axis / np.abs(item.axis).max()  # so that its squares do not overflow
     axis = axis / np.linalg.norm(axis)
-    return _unbounded(axis) if item.kind == "continuous" else _UNALIGNED[item.kind](axis)
+    return _continuous_joint(axis) if item.kind == "continuous" else _UNALIGNED[item.kind](axis)
 
 
-def _unbounded(axis: FloatArray) -> Any:
-    """Return a joint without limits about a unit vector (3,).
+def _continuous_joint(axis: FloatArray) -> Any:
+    """Return a continuous joint about a unit vector (3,).
 
-    The bindings cannot tell it its axis; Pinocchio's reader of URDFs does.
+    The bindings cannot set its axis, so that it is made by Pinocchio's URDF reader.
     """
-    words = " ".join(repr(float(one)) for one in axis)
+    axis_text = " ".join(repr(float(component)) for component in axis)
     return pin.buildModelFromXML(
         '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-        f'<parent link="a"/><child link="b"/><axis xyz="{words}"/></joint></robot>'
+        f'<parent link="a"/><child link="b"/><axis xyz="{axis_text}"/></joint></robot>'
     ).joints[1]
